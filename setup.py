@@ -1,0 +1,197 @@
+"""Build of woosh_robot_agent: an ament_python package whose protobuf modules are compiled here.
+
+``python setup.py build_proto`` puts them into the source tree (``woosh_robot_agent/pb``, which git
+ignores), so that ``python -m woosh_robot_agent.simulator`` runs from a plain checkout. A wheel or a
+regular colcon build compiles them into its own build folder and leaves the source tree alone.
+"""
+
+import contextlib
+import hashlib
+import importlib.metadata
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from setuptools import Command, find_packages, setup
+from setuptools.command.build_py import build_py
+from setuptools.command.develop import develop
+
+PACKAGE = "woosh_robot_agent"
+# colcon --symlink-install runs a symlink to this file from its build folder: resolve it.
+ROOT = Path(__file__).resolve().parent
+PROTO_ROOT = ROOT / "proto"
+# The .proto files live under this folder, which is also how they import each other. The modules
+# are named without it.
+PROTO_PREFIX = "woosh/proto"
+
+
+def proto_files():
+    return sorted((PROTO_ROOT / PROTO_PREFIX).rglob("*.proto"))
+
+
+def protoc():
+    """Return the compiler's command and its version: grpcio-tools, or the protoc on the PATH."""
+    candidates = [["protoc"]]
+    if importlib.util.find_spec("grpc_tools"):
+        import grpc_tools
+
+        # protoc's own imports (google/protobuf/any.proto) are shipped beside it.
+        include = Path(grpc_tools.__file__).parent / "_proto"
+        candidates.insert(0, [sys.executable, "-m", "grpc_tools.protoc", f"-I{include}"])
+    for command in candidates:
+        with contextlib.suppress(OSError, subprocess.CalledProcessError):
+            version = subprocess.run(
+                [*command, "--version"], capture_output=True, text=True, check=True
+            ).stdout
+            # 3.20 is the first with --pyi_out. The grpcio-tools of Debian and Ubuntu are older
+            # than that, the protoc beside them is not.
+            if [int(part) for part in re.findall(r"\d+", version)[:2]] >= [3, 20]:
+                return command, version
+    raise SystemExit(
+        "A protobuf compiler of 3.20 or later is missing: pip install grpcio-tools, or apt-get "
+        "install protobuf-compiler."
+    )
+
+
+def protobuf_requirement():
+    """Return the range of protobuf releases that can run what this grpcio-tools generates."""
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        for requirement in importlib.metadata.requires("grpcio-tools") or ():
+            if re.match(r"protobuf\b", requirement):
+                return requirement.split(";")[0].strip()
+    return "protobuf>=4.21"
+
+
+def rewrite(text, package):
+    """Make the names of generated modules relative to the package they are placed in."""
+    dotted = PROTO_PREFIX.replace("/", ".")
+    text = re.sub(rf"^from {re.escape(dotted)}\b", f"from {package}", text, flags=re.MULTILINE)
+    # The builder is told the module's name: without this, pickle would look for woosh.proto.
+    return text.replace(f"'{dotted}.", f"'{package}.")
+
+
+def generate(target, package=f"{PACKAGE}.pb"):
+    """Compile proto/ into the folder target, unless it is there already; return the files."""
+    command, version = protoc()
+    digest = hashlib.sha256(version.encode() + Path(__file__).read_bytes())
+    for source in proto_files():
+        digest.update(f"{source.relative_to(PROTO_ROOT)}\0".encode() + source.read_bytes())
+    stamp = target / ".stamp"
+    # The stamp lists what was made, so that a deleted or a stale file is noticed too.
+    if stamp.exists():
+        key, *names = stamp.read_text().splitlines()
+        files = [target / name for name in names]
+        if key == digest.hexdigest() and all(file.exists() for file in files):
+            return files
+    target.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target, prefix=".protoc") as temporary:
+        names = [str(source.relative_to(PROTO_ROOT)) for source in proto_files()]
+        subprocess.run(
+            [
+                *command,
+                f"-I{PROTO_ROOT}",
+                f"--python_out={temporary}",
+                f"--pyi_out={temporary}",
+                *names,
+            ],
+            check=True,
+        )
+        made = Path(temporary) / PROTO_PREFIX
+        for module in list(made.rglob("*_pb2.py*")):
+            module.write_text(rewrite(module.read_text(), package))
+            (module.parent / "__init__.py").touch()
+        (made / "__init__.py").touch()
+        wanted = sorted(file.relative_to(made) for file in made.rglob("*") if file.is_file())
+        for name in wanted:
+            (target / name).parent.mkdir(exist_ok=True)
+            # Replaced one by one: whoever imports meanwhile never meets half a file.
+            os.replace(made / name, target / name)
+    for file in list(target.rglob("*.py")) + list(target.rglob("*.pyi")):
+        if file.relative_to(target) not in wanted:
+            file.unlink()
+    stamp.write_text("\n".join([digest.hexdigest(), *map(str, wanted)]) + "\n")
+    return [target / name for name in wanted]
+
+
+class BuildProto(Command):
+    """Compile proto/ into the source tree, or into another folder."""
+
+    description = "compile the .proto files to Python modules"
+    user_options = [("output=", "o", f"folder of the modules (default: {PACKAGE}/pb)")]
+
+    def initialize_options(self):
+        self.output = None
+
+    def finalize_options(self):
+        self.output = Path(self.output) if self.output else ROOT / PACKAGE / "pb"
+
+    def run(self):
+        generate(self.output)
+
+
+class BuildPy(build_py):
+    """build_py that adds the protobuf modules to what it builds."""
+
+    def run(self):
+        super().run()
+        if getattr(self, "editable_mode", False):
+            generate(ROOT / PACKAGE / "pb")
+        else:
+            generate(Path(self.build_lib) / PACKAGE / "pb")
+
+    def get_outputs(self, include_bytecode=1):
+        generated = Path(self.build_lib) / PACKAGE / "pb"
+        return super().get_outputs(include_bytecode) + [
+            str(file) for file in generated.rglob("*.py*") if file.suffix in (".py", ".pyi")
+        ]
+
+
+class Develop(develop):
+    """develop (colcon build --symlink-install) with the modules in the source tree."""
+
+    def run(self):
+        generate(ROOT / PACKAGE / "pb")
+        super().run()
+
+
+def data_files(*folders):
+    for folder, pattern in folders:
+        names = sorted(str(file.relative_to(ROOT)) for file in (ROOT / folder).glob(pattern))
+        if names:
+            yield f"share/{PACKAGE}/{folder}", names
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    # pb is excluded where it is generated in the source tree: each build compiles its own.
+    packages=find_packages(
+        str(ROOT), include=[PACKAGE, f"{PACKAGE}.*"], exclude=[f"{PACKAGE}.pb", f"{PACKAGE}.pb.*"]
+    ),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        *data_files(("launch", "*.launch.py"), ("config", "*.*")),
+    ],
+    cmdclass={"build_proto": BuildProto, "build_py": BuildPy, "develop": Develop},
+    python_requires=">=3.10",
+    install_requires=["websockets>=10.4", protobuf_requirement()],
+    zip_safe=False,
+    author="woosh_robot_agent maintainers",
+    author_email="maintainers@example.com",
+    maintainer="woosh_robot_agent maintainers",
+    maintainer_email="maintainers@example.com",
+    description="ROS 2 driver for Woosh mobile robots, with a simulated chassis.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "agent = woosh_robot_agent.agent:main",
+            "simulator = woosh_robot_agent.simulator.__main__:main",
+        ],
+    },
+)

@@ -1,0 +1,74 @@
+"""Fixtures of the tests that need ROS; see `harness`."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+try:
+    import harness
+except ModuleNotFoundError as error:  # the link's tests also run where there is no ROS
+    if error.name not in ("rclpy",):
+        raise
+    collect_ignore = ["node", "test_interfaces.py"]
+else:
+    from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+    @pytest.fixture
+    def domain() -> Iterator[int]:
+        """A ROS_DOMAIN_ID of the test's own."""
+        with harness.own_domain() as number:
+            yield number
+
+    @pytest.fixture
+    def simulator() -> Iterator[SimulatorThread]:
+        """A simulated chassis, 20 times as fast as a real one."""
+        with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as running:
+            yield running
+
+    @pytest.fixture
+    def start_agent(domain: int) -> Iterator[Callable[..., harness.RunningAgent]]:
+        """Starts agents with parameters as keyword arguments."""
+        running: list[harness.RunningAgent] = []
+
+        def start(**parameters: Any) -> harness.RunningAgent:
+            running.append(harness.RunningAgent(domain, **parameters))
+            return running[-1]
+
+        yield start
+        for agent in running:
+            agent.close()
+
+    @pytest.fixture
+    def agent(
+        simulator: SimulatorThread, start_agent: Callable[..., harness.RunningAgent]
+    ) -> harness.RunningAgent:
+        """The agent, connected to the simulator."""
+        started = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
+        started.wait_connected()
+        return started
+
+    @pytest.fixture
+    def client(domain: int) -> Iterator[harness.Client]:
+        """A client of the agent."""
+        running = harness.Client(domain)
+        yield running
+        running.close()
+
+    @pytest.fixture
+    def logs() -> Iterator[harness.Collector]:
+        """What agents in this process log, as logging.LogRecord."""
+        collector = harness.Collector()
+        handler = logging.Handler()
+        handler.emit = collector.add  # type: ignore[method-assign]
+        logger = logging.getLogger("woosh_robot_agent")
+        logger.addHandler(handler)
+        yield collector
+        logger.removeHandler(handler)

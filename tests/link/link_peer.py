@@ -1,0 +1,438 @@
+"""A scripted chassis for the link's tests, and what runs an asynchronous test.
+
+It speaks the wire by itself, with nothing of the link's transports and codecs in it: frames are
+literal text, or bytes put together here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import gc
+import json
+import time
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from typing import Any
+
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
+
+try:
+    from websockets.asyncio.server import serve
+except ImportError:
+    from websockets.legacy.server import serve
+
+TIMEOUT = 5.0
+INFO = "woosh.robot.RobotInfo"
+Frame = dict[str, Any]
+
+
+def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run an asynchronous test; nothing may be left running or unnoticed after it."""
+
+    @functools.wraps(test)
+    def run(*args: Any, **kwargs: Any) -> None:
+        troubles: list[Any] = []
+
+        def note(context: dict[str, Any]) -> None:
+            # the server of websockets 10.4 stumbles when it ends in the middle of a handshake
+            if "'WebSocketServerProtocol'" not in str(context.get("exception")):
+                troubles.append(context)
+
+        async def main() -> None:
+            loop = asyncio.get_running_loop()
+            loop.set_exception_handler(lambda _, context: note(context))
+            await asyncio.wait_for(test(*args, **kwargs), TIMEOUT)
+            await eventually(lambda: not others(), f"tasks to end: {others()}", 2.0)
+            gc.collect()
+            await asyncio.sleep(0)
+
+        asyncio.run(main())
+        assert not troubles, troubles
+
+    return run
+
+
+def others() -> list[asyncio.Task[Any]]:
+    """Tasks other than the current one."""
+    return [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+
+
+async def eventually(condition: Callable[[], Any], what: str = "", timeout: float = TIMEOUT) -> Any:
+    """Wait for what no event announces."""
+    deadline = time.monotonic() + timeout
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            raise AssertionError(f"timed out waiting for {what or condition}")
+        await asyncio.sleep(0.002)
+    return value
+
+
+async def soon(work: Awaitable[Any], timeout: float = 3.0) -> Any:
+    return await asyncio.wait_for(work, timeout)
+
+
+async def turns(count: int = 20) -> None:
+    """Let everything run that can run now."""
+    for _ in range(count):
+        await asyncio.sleep(0)
+
+
+def config(port: int, **changes: Any) -> LinkConfig:
+    """A quick configuration."""
+    values: dict[str, Any] = {
+        "ip": "127.0.0.1",
+        "port": port,
+        "request_timeout": 3.0,
+        "connect_timeout": 2.0,
+        "handshake_timeout": 2.0,
+        "close_timeout": 0.3,
+        "liveness_timeout": 10.0,
+        "backoff_min": 0.01,
+        "backoff_max": 0.05,
+        "stable_after": 0.0,
+    }
+    return LinkConfig(**{**values, **changes})
+
+
+class Wire:
+    """The chassis's end of one connection."""
+
+    def __init__(self, peer: Any, transport: Any) -> None:
+        self.peer = peer
+        self.transport = transport
+        self.frames: asyncio.Queue[Frame] = asyncio.Queue()
+        self.seen: list[Frame] = []
+        self.gone = asyncio.Event()
+        self.frozen = False
+
+    async def raw(self, data: str | bytes) -> None:
+        raise NotImplementedError
+
+    async def send(self, frame: Frame) -> None:
+        raise NotImplementedError
+
+    def parse(self, data: Any) -> Frame:
+        raise NotImplementedError
+
+    async def next(self, type_name: str | None = None) -> Frame:
+        """The next frame from the client, of one type if that is given."""
+        while True:
+            frame = await soon(self.frames.get())
+            if type_name in (None, frame["type"]):
+                return frame
+
+    async def answer(
+        self, frame: Frame, body: Any = None, ok: Any = True, msg: str = "", **changes: Any
+    ) -> None:
+        reply = {"type": frame["type"], "body": {} if body is None else body, "ok": ok, "msg": msg}
+        reply["sn"] = frame["sn"]
+        await self.send({**reply, **changes})
+
+    async def push(self, type_name: str, body: Any = None) -> None:
+        await self.send({"type": type_name, "body": {} if body is None else body})
+
+    def took(self, data: Any) -> Frame:
+        frame = self.parse(data)
+        self.seen.append(frame)
+        return frame
+
+    async def serve(self, receive: Callable[[], Awaitable[Any]], ended: Any) -> None:
+        """Take frames until the connection ends."""
+        self.peer.joined(self)
+        try:
+            while True:
+                frame = self.took(await receive())
+                if self.peer.script is not None and await self.peer.script(self, frame):
+                    continue
+                if frame["type"] == INFO and self.peer.auto:
+                    await self.answer(frame, self.peer.info)
+                else:
+                    self.frames.put_nowait(frame)
+        except ended:
+            pass
+        finally:
+            self.gone.set()
+
+    def freeze(self) -> None:
+        """Read nothing more: the client hears neither answers nor pongs."""
+        self.transport.pause_reading()
+        self.frozen = True
+
+    def thaw(self) -> None:
+        self.transport.resume_reading()
+        self.frozen = False
+
+    def abort(self) -> None:
+        self.transport.abort()
+
+
+class JsonWire(Wire):
+    def __init__(self, peer: Any, socket: Any) -> None:
+        super().__init__(peer, socket.transport)
+        self.socket = socket
+
+    async def raw(self, data: str | bytes) -> None:
+        await self.socket.send(data)
+
+    async def send(self, frame: Frame) -> None:
+        await self.raw(json.dumps(frame))
+
+    def parse(self, data: Any) -> Frame:
+        assert isinstance(data, str), "JSON goes in text frames"
+        frame: Frame = json.loads(data)
+        return frame
+
+
+class Packed:
+    """woosh.commu_pack.MessagePackJson by hand."""
+
+    @staticmethod
+    def varint(value: int) -> bytes:
+        out = b""
+        while value > 127:
+            out += bytes([value % 128 + 128])
+            value //= 128
+        return out + bytes([value])
+
+    @classmethod
+    def chunk(cls, number: int, data: bytes) -> bytes:
+        return cls.varint(number * 8 + 2) + cls.varint(len(data)) + data
+
+    @classmethod
+    def pack(cls, frame: Frame) -> bytes:
+        out = cls.chunk(1, frame["type"].encode()) if frame.get("type") else b""
+        if (body := frame.get("body")) is not None:
+            body = b"" if body == {} else body
+            url = f"type.googleapis.com/{frame['type']}".encode()
+            out += cls.chunk(2, cls.chunk(1, url) + (cls.chunk(2, body) if body else b""))
+        if frame.get("ok"):
+            out += cls.varint(101 * 8) + b"\x01"
+        if frame.get("msg"):
+            out += cls.chunk(102, frame["msg"].encode())
+        if frame.get("sn"):
+            out += cls.varint(201 * 8) + cls.varint(frame["sn"])
+        return out
+
+    @classmethod
+    def fields(cls, data: bytes) -> Iterator[tuple[int, Any]]:
+        position = 0
+
+        def number() -> int:
+            nonlocal position
+            value = shift = 0
+            while True:
+                byte = data[position]
+                position += 1
+                value |= (byte & 127) << shift
+                shift += 7
+                if byte < 128:
+                    return value
+
+        while position < len(data):
+            key = number()
+            value: Any = number()
+            if key % 8 == 2:
+                position += value
+                value = data[position - value : position]
+            else:
+                assert key % 8 == 0
+            yield key // 8, value
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Frame:
+        names = {1: "type", 2: "body", 101: "ok", 102: "msg", 201: "sn"}
+        frame: Frame = {names[number]: value for number, value in cls.fields(data)}
+        frame["type"] = frame["type"].decode()
+        body = dict(cls.fields(frame.get("body", b"")))
+        frame["url"] = body.get(1, b"").decode()
+        frame["body"] = body.get(2, b"")
+        return frame
+
+
+class PackedWire(JsonWire):
+    async def send(self, frame: Frame) -> None:
+        await self.raw(Packed.pack(frame))
+
+    def parse(self, data: Any) -> Frame:
+        assert isinstance(data, bytes), "protobuf goes in binary frames"
+        return Packed.unpack(data)
+
+
+class TcpWire(Wire):
+    def __init__(self, peer: Any, reader: asyncio.StreamReader, writer: Any) -> None:
+        super().__init__(peer, writer.transport)
+        self.reader = reader
+        self.writer = writer
+
+    async def raw(self, data: str | bytes) -> None:
+        assert isinstance(data, bytes)
+        self.writer.write(data)
+        await self.writer.drain()
+
+    async def send(self, frame: Frame) -> None:
+        data = Packed.pack(frame)
+        await self.raw(Packed.varint(len(data)) + data)
+
+    def parse(self, data: Any) -> Frame:
+        return Packed.unpack(data)
+
+    async def receive(self) -> bytes:
+        size = shift = 0
+        while True:
+            byte = (await self.reader.readexactly(1))[0]
+            size |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return await self.reader.readexactly(size)
+
+
+class Peer:
+    """A chassis that does what the test says.
+
+    Args:
+        kind: `json`, `protobuf` (both on WebSocket) or `tcp`.
+        info: body of its RobotInfo.
+        auto: whether it answers RobotInfo by itself.
+        script: sees each frame first; True if it took it.
+        port: 0 takes a free one.
+    """
+
+    def __init__(
+        self,
+        kind: str = "json",
+        *,
+        info: Any = None,
+        auto: bool = True,
+        script: Callable[[Wire, Frame], Awaitable[bool]] | None = None,
+        port: int = 0,
+    ) -> None:
+        self.kind = kind
+        self.info = info
+        self.auto = auto
+        self.script = script
+        self.port = port
+        self.wires: list[Wire] = []
+        self.handlers: set[Any] = set()
+        self._server: Any = None
+        self._joined = asyncio.Event()
+
+    def config(self, **changes: Any) -> LinkConfig:
+        if self.kind != "json":
+            changes.setdefault("encoding", "protobuf")
+        if self.kind == "tcp":
+            changes.setdefault("transport", "tcp")
+        return config(self.port, **changes)
+
+    def client(self, **changes: Any) -> ChassisClient:
+        return ChassisClient(config=self.config(**changes))
+
+    def joined(self, wire: Wire) -> None:
+        self.wires.append(wire)
+        self._joined.set()
+
+    async def wire(self, number: int = 1) -> Wire:
+        """The connection with this number, from 1."""
+        while len(self.wires) < number:
+            self._joined.clear()
+            await soon(self._joined.wait())
+        return self.wires[number - 1]
+
+    async def __aenter__(self) -> Peer:
+        if self.kind == "tcp":
+            self._server = await asyncio.start_server(self._tcp, "127.0.0.1", self.port)
+        else:
+            self._server = await serve(
+                self._websocket,
+                "127.0.0.1",
+                self.port,
+                max_size=None,
+                compression=None,
+                ping_interval=None,
+                close_timeout=0.2,
+            )
+        self.port = self._server.sockets[0].getsockname()[1]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._server.close()
+        for wire in self.wires:
+            wire.abort()
+        if self.handlers:
+            await asyncio.wait(self.handlers, timeout=2)
+        await soon(self._server.wait_closed())
+
+    async def _websocket(self, socket: Any, _path: str = "") -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        wire = (JsonWire if self.kind == "json" else PackedWire)(self, socket)
+        await wire.serve(socket.recv, ConnectionClosed)
+
+    async def _tcp(self, reader: asyncio.StreamReader, writer: Any) -> None:
+        task = asyncio.current_task()
+        self.handlers.add(task)
+        wire = TcpWire(self, reader, writer)
+        try:
+            await wire.serve(wire.receive, (OSError, asyncio.IncompleteReadError))
+        finally:
+            self.handlers.discard(task)
+            writer.transport.abort()
+
+
+class RawServer:
+    """A TCP server that does with each connection what it is told."""
+
+    def __init__(self, handle: Callable[[Any, Any], Awaitable[None]]) -> None:
+        self.handle = handle
+        self.times: list[float] = []
+        self.open: list[Any] = []
+
+    async def __aenter__(self) -> RawServer:
+        self.server = await asyncio.start_server(self._handle, "127.0.0.1", 0)
+        self.port = self.server.sockets[0].getsockname()[1]
+        return self
+
+    async def _handle(self, reader: Any, writer: Any) -> None:
+        self.times.append(asyncio.get_running_loop().time())
+        self.open.append(writer)
+        try:
+            await self.handle(reader, writer)
+        except (OSError, asyncio.IncompleteReadError):
+            pass
+        finally:
+            writer.transport.abort()
+
+    async def __aexit__(self, *_: object) -> None:
+        self.server.close()
+        for writer in self.open:
+            writer.transport.abort()
+        await soon(self.server.wait_closed())
+
+
+def states(client: ChassisClient) -> list[LinkState]:
+    """A list that the client's states are added to from now on."""
+    seen: list[LinkState] = []
+    client.on_state(seen.append)
+    return seen
+
+
+def ours() -> list[str]:
+    """Names of the link's tasks."""
+    return [task.get_name() for task in others() if task.get_name().startswith("link")]
+
+
+async def error_of(client: ChassisClient) -> Any:
+    """Why the first attempt failed."""
+    client.start()
+    try:
+        return await eventually(lambda: client.last_error)
+    finally:
+        await client.close()
+
+
+async def drops(_reader: Any, _writer: Any) -> None:
+    """Accept, then drop."""
+
+
+async def silent(reader: Any, _writer: Any) -> None:
+    """Accept, then say nothing."""
+    await reader.read()

@@ -1,0 +1,173 @@
+"""Bad frames are counted, told once, and skipped."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import pytest
+import websockets
+from link_peer import Packed, Peer, aio, eventually, soon
+
+from woosh_robot_agent.link import ConnectionLostError
+from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+
+OLD = int(websockets.__version__.split(".")[0]) < 14
+
+
+async def works(client: Any, wire: Any) -> bool:
+    task = asyncio.ensure_future(client.request(Speak()))
+    await wire.answer(await wire.next("woosh.robot.Speak"))
+    return bool((await soon(task)).ok)
+
+
+@pytest.mark.parametrize(
+    ("kind", "frame", "counted"),
+    [
+        ("json", "{", "json"),
+        ("json", "[]", "envelope"),
+        ("json", '{"body":{}}', "envelope"),
+        ("json", "", "json"),
+        ("json", b"\x0a\x01x", "json"),
+        ("json", b"\xff", "utf-8"),
+        ("json", "[" * 100_000, "json"),
+        ("protobuf", "{}", "encoding"),
+        ("protobuf", b"\xff\xff", "protobuf"),
+        ("protobuf", b"", "envelope"),
+        ("tcp", b"\x02\xff\xff", "protobuf"),
+        ("tcp", b"\x00", "envelope"),
+    ],
+)
+@aio
+async def test_a_bad_frame_is_counted_told_once_and_skipped(
+    kind: str, frame: Any, counted: str
+) -> None:
+    records: list[logging.LogRecord] = []
+    handler = logging.Handler()
+    handler.emit = records.append  # type: ignore[method-assign]
+    logger = logging.getLogger("woosh_robot_agent.link")
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
+    try:
+        async with Peer(kind) as peer, peer.client() as client:
+            wire = await peer.wire()
+            for _ in range(3):
+                await wire.raw(frame)
+            assert await works(client, wire)
+            assert client.stats.bad_frames == {counted: 3}
+            assert client.stats.rx == 2
+            assert client.stats.connects == 1
+            told = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
+            assert [r.levelno for r in told] == [logging.WARNING, logging.DEBUG, logging.DEBUG]
+            wire.abort()
+            again = await peer.wire(2)
+            await client.wait_ready(2)
+            await again.raw(frame)  # another link, another time
+            await eventually(lambda: client.stats.bad_frames == {counted: 4})
+            told = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
+            assert told[-1].levelno == logging.WARNING
+            ready = [r for r in records if r.getMessage().startswith("connected to")]
+            assert [r.levelno for r in ready] == [logging.INFO] * 2
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(logging.NOTSET)
+
+
+@aio
+async def test_text_that_is_not_utf8() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        wire.transport.write(b"\x81\x02\xff\xff")
+        if OLD:  # the library ends the connection by itself
+            await peer.wire(2)
+            await client.wait_ready(2)
+            assert client.stats.connects == 2
+        else:
+            assert await works(client, wire)
+            assert client.stats.bad_frames == {"utf-8": 1}
+            assert client.stats.connects == 1
+
+
+@aio
+async def test_a_frame_over_the_limit_on_tcp_is_skipped() -> None:
+    async with Peer("tcp") as peer, peer.client(max_frame_size=100_000) as client:
+        wire = await peer.wire()
+        for size in (100_001, 5_000_000):
+            await wire.raw(Packed.varint(size) + b"\x0a" * size)
+        assert await works(client, wire)
+        assert client.stats.bad_frames == {"oversize": 2}
+        assert client.stats.connects == 1
+
+
+@aio
+async def test_a_huge_length_on_tcp_takes_no_memory() -> None:
+    async with Peer("tcp") as peer, peer.client(liveness_timeout=0.3) as client:
+        wire = await peer.wire()
+        await wire.raw(Packed.varint(2**60) + b"x" * 1000)
+        await eventually(lambda: client.last_error)
+
+
+@aio
+async def test_a_frame_over_the_limit_on_websocket_is_named_in_the_error() -> None:
+    async with Peer() as peer, peer.client(max_frame_size=1000) as client:
+        wire = await peer.wire()
+        task = asyncio.ensure_future(client.request(Speak()))
+        await wire.answer(await wire.next(), msg="x" * 2000)
+        with pytest.raises(ConnectionLostError, match=r"1009.*raise max_frame_size"):
+            await soon(task)
+        await client.wait_ready(2)
+
+
+@aio
+async def test_a_frame_of_ours_that_is_too_big_for_the_chassis_is_told_apart() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire: Any = await peer.wire()
+        task = asyncio.ensure_future(client.request(Speak()))
+        await wire.next()
+        await wire.socket.close(1009, "too big")
+        with pytest.raises(ConnectionLostError, match=r"1009 too big .*a frame of ours"):
+            await soon(task)
+
+
+@aio
+async def test_a_mistake_of_the_link_itself_ends_the_connection_but_not_the_client(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+
+        def broken(_: object) -> None:
+            raise ZeroDivisionError
+
+        client._connection._on_push = broken  # type: ignore[union-attr]
+        task = asyncio.ensure_future(client.request(Speak()))
+        await wire.next()
+        await wire.push("woosh.robot.PoseSpeed")
+        with pytest.raises(ConnectionLostError, match="internal error"):
+            await soon(task)
+        again = await peer.wire(2)
+        await client.wait_ready(2)
+        assert await works(client, again)
+
+
+def test_what_was_told_is_forgotten_when_it_is_over(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG)
+    log = LogOnce(logging.getLogger("test.once"))
+    for kind in ("a", "a", "b"):
+        log.warn(kind, kind)
+    log.clear("a")
+    log.warn("a", "100 %s")
+    log.warn("b", "b")
+    log.clear()
+    log.warn("b", "b")
+    warned = [r.message for r in caplog.records if r.levelno == logging.WARNING]
+    assert warned == ["a", "b", "100 %s", "b"]
+
+
+def test_it_does_not_remember_without_end() -> None:
+    log = LogOnce(logging.getLogger("test.once"))
+    for number in range(10_000):
+        log.warn(str(number), "text")
+    assert len(log._told) <= 200

@@ -1,0 +1,181 @@
+"""Both codecs over everything: exact both ways, and never an error that escapes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from google.protobuf import json_format
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from link_messages import messages, table_types
+
+from woosh_robot_agent.link.frames import FrameError
+from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.json_mapping import FieldError, from_json
+from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
+from woosh_robot_agent.protos import message_types
+
+TYPES = message_types()
+CODECS = [JsonCodec(), JsonCodec(defaults=True), ProtobufCodec()]
+quick = settings(
+    max_examples=25, deadline=None, suppress_health_check=list(HealthCheck), database=None
+)
+
+
+def raw(message: Any) -> bytes:
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def check_there_and_back(name: str, message: Any) -> None:
+    for codec in CODECS:
+        data = codec.encode(name, message, sn=5, ok=True, msg="ü", timestamp=6)
+        envelope = codec.decode(data)
+        assert (envelope.type, envelope.sn, envelope.ok, envelope.msg) == (name, 5, True, "ü")
+        assert raw(codec.body(envelope, TYPES[name])) == raw(message)
+
+
+@pytest.mark.parametrize("name", table_types())
+def test_each_type_of_the_table_survives_there_and_back(name: str) -> None:
+    @quick
+    @given(messages(TYPES[name]))
+    def check(message: Any) -> None:
+        check_there_and_back(name, message)
+
+    check()
+
+
+@settings(quick, max_examples=250)
+@given(st.data(), st.sampled_from(sorted(set(TYPES) - set(table_types()))))
+def test_every_other_type_survives_there_and_back(data: Any, name: str) -> None:
+    check_there_and_back(name, data.draw(messages(TYPES[name])))
+
+
+@quick
+@given(st.data(), st.sampled_from(table_types()))
+def test_the_json_is_what_protobufs_own_reader_takes(data: Any, name: str) -> None:
+    message = data.draw(messages(TYPES[name]))
+    for codec in (JsonCodec(), JsonCodec(defaults=True)):
+        text = codec.encode(name, message)
+        other = json_format.ParseDict(json.loads(text)["body"], TYPES[name]())
+        assert raw(other) == raw(message)
+
+
+def test_no_name_stands_for_two_fields() -> None:
+    for name, cls in TYPES.items():
+        owner: dict[str, str] = {}
+        for field in cls.DESCRIPTOR.fields:
+            for alias in {field.name, field.json_name}:
+                assert owner.setdefault(alias, field.name) == field.name, name
+
+
+def read(codec: Any, data: str | bytes) -> None:
+    try:
+        envelope = codec.decode(data)
+    except FrameError as error:
+        check_told(error)
+        return
+    envelope.msg.encode()
+    for cls in (PoseSpeed, RobotInfo, ScannerData, ExecTask, TYPES.get(envelope.type)):
+        try:
+            if cls is not None:
+                codec.body(envelope, cls)
+        except FrameError as error:
+            check_told(error)
+
+
+def check_told(error: FrameError) -> None:
+    assert error.kind
+    assert str(error)
+    str(error).encode()  # can be logged
+
+
+@settings(quick, max_examples=300)
+@given(st.binary(max_size=60) | st.text(max_size=60))
+def test_any_bytes_give_a_value_or_a_frame_error(data: str | bytes) -> None:
+    for codec in CODECS:
+        read(codec, data)
+
+
+surrogates = st.text(st.characters(codec=None), max_size=5)
+leaves = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.integers(-(2**70), 2**70)
+    | st.floats()
+    | surrogates
+    | st.sampled_from(["1e3", "-7", "NaN", "kAuto", "0x1", "9" * 400, "1e999", "true"])
+)
+trees = st.recursive(
+    leaves,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(surrogates, inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@settings(quick, max_examples=200)
+@given(st.dictionaries(st.sampled_from(["type", "body", "ok", "msg", "sn", "timestamp"]), trees))
+def test_any_envelope_gives_a_value_or_a_frame_error(frame: Any) -> None:
+    read(CODECS[0], json.dumps(frame))
+    read(CODECS[0], json.dumps({**frame, "type": "woosh.robot.PoseSpeed", "sn": 1}))
+
+
+@pytest.mark.parametrize("name", table_types())
+def test_any_value_in_any_field_gives_a_value_or_a_field_error(name: str) -> None:
+    cls = TYPES[name]
+    names = [field.json_name for field in cls.DESCRIPTOR.fields] or ["none"]
+
+    @quick
+    @given(st.dictionaries(st.sampled_from(names), trees | st.lists(trees, max_size=3)))
+    def check(body: Any) -> None:
+        try:
+            from_json(body, cls())
+        except FieldError as error:
+            str(error).encode()
+
+    check()
+
+
+@quick
+@given(st.data(), st.sampled_from(table_types()), st.binary(min_size=1, max_size=3))
+def test_a_damaged_binary_frame_gives_a_value_or_a_frame_error(
+    data: Any, name: str, noise: bytes
+) -> None:
+    frame = ProtobufCodec().encode(name, data.draw(messages(TYPES[name])), sn=3, ok=True)
+    at = data.draw(st.integers(0, len(frame)))
+    read(ProtobufCodec(), frame[:at] + noise + frame[at + len(noise) :])
+    read(ProtobufCodec(), frame[:at])
+
+
+@pytest.mark.parametrize("depth", [50, 300, 800, 950, 990, 5000, 200_000])
+def test_deep_nesting_gives_a_value_or_a_frame_error(depth: int) -> None:
+    for open_, close in (("[", "]"), ('{"a":', "}"), ('{"twist":', "}"), ('{"info":', "}")):
+        deep = open_ * depth + "1" + close * depth
+        for key in ("body", "msg", "sn", "timestamp", "type", "ok"):
+            read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","sn":1,"{key}":{deep}}}')
+        read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{deep}}}}}')
+        read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"twist":{deep}}}}}')
+
+
+def test_nesting_that_is_just_not_too_deep_gives_a_value_or_a_frame_error() -> None:
+    for depth in range(700, 1000):  # around what the interpreter bears
+        deep = '{"a":' * depth + "1" + "}" * depth
+        read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{deep}}}}}')
+
+
+def test_the_text_of_an_error_is_short_and_made_without_writing_out_a_map() -> None:
+    class Value:
+        written = 0
+
+        def __repr__(self) -> str:
+            Value.written += 1
+            return "x" * 10_000
+
+    with pytest.raises(FieldError) as caught:
+        from_json({"mapId": [Value()] * 1000}, PoseSpeed())
+    assert len(str(caught.value)) < 200
+    assert Value.written < 20

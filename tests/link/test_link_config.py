@@ -1,0 +1,74 @@
+"""The link's configuration: defaults, addresses, and what makes no sense."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+
+
+def test_the_defaults_are_those_of_real_chassis() -> None:
+    config = LinkConfig()
+    assert (config.ip, config.effective_port) == ("169.254.128.2", 5480)
+    assert config.address == "ws://169.254.128.2:5480"
+    assert (config.transport, config.encoding) == ("websocket", "json")
+    assert (config.backoff_min, config.backoff_max) == (0.5, 15.0)
+    assert config.liveness_timeout == 10.0
+    assert config.max_frame_size == 64 * 1024 * 1024
+
+
+def test_tcp_has_a_port_of_its_own() -> None:
+    assert LinkConfig(transport="tcp").address == "tcp://169.254.128.2:5481"
+    assert LinkConfig(transport="tcp", port=7).effective_port == 7
+
+
+@pytest.mark.parametrize(
+    ("ip", "address"),
+    [
+        ("robot-7.local", "ws://robot-7.local:5480"),
+        ("my_robot", "ws://my_robot:5480"),
+        ("robot.", "ws://robot.:5480"),
+        ("::1", "ws://[::1]:5480"),
+        ("fe80::1%eth0", "ws://[fe80::1%eth0]:5480"),
+    ],
+)
+def test_names_and_addresses_of_every_kind(ip: str, address: str) -> None:
+    assert LinkConfig(ip=ip).address == address
+
+
+@pytest.mark.parametrize(
+    "ip",
+    ["", " ", "a b", "ws://robot", "robot/x", "[::1]", "a@b", "robot:5480", "1.2.3.4:5480", "a..b",
+     ".a", "a?b", "a#b", "a%b", "x" * 64, "::1::", "a\n"],
+)  # fmt: skip
+def test_what_is_no_host_is_refused(ip: str) -> None:
+    with pytest.raises(ValueError, match="ip"):
+        LinkConfig(ip=ip)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((name, value)
+          for name in ("request_timeout", "connect_timeout", "handshake_timeout", "close_timeout",
+                       "liveness_timeout", "backoff_min", "max_frame_size", "max_in_flight",
+                       "push_queue")
+          for value in (0, -1, math.nan, math.inf)),
+        ("port", -1), ("port", 65536), ("transport", "udp"), ("encoding", "xml"),
+        ("backoff_max", 0.1), ("backoff_max", math.inf), ("backoff_max", math.nan),
+        ("stable_after", -1), ("stable_after", math.nan),
+    ],
+)  # fmt: skip
+def test_a_value_that_makes_no_sense_is_named(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=name):
+        LinkConfig(**{name: value})
+
+
+def test_the_ip_of_the_client_goes_before_the_configurations() -> None:
+    config = LinkConfig(ip="a", port=9)
+    assert ChassisClient("b", config).config.address == "ws://b:9"
+    assert ChassisClient(config=config).config is config
+    assert ChassisClient("1.2.3.4").config.address == "ws://1.2.3.4:5480"

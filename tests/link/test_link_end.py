@@ -1,0 +1,329 @@
+"""Ending, and changing over: of the client, of one connection, and of what they are made of."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from typing import Any
+
+import pytest
+from link_peer import (
+    INFO,
+    TIMEOUT,
+    Peer,
+    RawServer,
+    aio,
+    config,
+    eventually,
+    ours,
+    silent,
+    soon,
+    states,
+    turns,
+)
+
+from woosh_robot_agent.link import (
+    ChassisClient,
+    ConnectionLostError,
+    LinkState,
+    NotConnectedError,
+)
+from woosh_robot_agent.link.connection import Connection
+from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.stats import LinkStats
+from woosh_robot_agent.link.transports import open_transport
+from woosh_robot_agent.link.within import within
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+
+KINDS = ["json", "protobuf", "tcp"]
+WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("backlog", [0, 16_000_000])
+@aio
+async def test_the_close_is_bounded_even_if_the_other_end_takes_nothing(
+    kind: str, backlog: int
+) -> None:
+    async with Peer(kind) as peer:
+        client = await peer.client().__aenter__()
+        (await peer.wire()).freeze()
+        task = asyncio.ensure_future(client.request(Speak(text="x" * backlog)))
+        await turns()
+        started = time.monotonic()
+        await client.close()
+        assert time.monotonic() - started < 0.3 + 0.3
+        assert not ours()
+        with pytest.raises(ConnectionLostError, match="the link was closed"):
+            await task
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_an_orderly_close_is_quick(kind: str) -> None:
+    async with Peer(kind) as peer:
+        client = await peer.client(close_timeout=3).__aenter__()
+        started = time.monotonic()
+        await client.close()
+        assert time.monotonic() - started < 1
+        await soon((await peer.wire()).gone.wait())
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_a_close_that_is_cancelled_still_drops_the_connection(kind: str) -> None:
+    async with Peer(kind) as peer:
+        client = await peer.client(close_timeout=0.2).__aenter__()
+        wire = await peer.wire()
+        wire.freeze()
+        closing = asyncio.ensure_future(client.close())
+        await turns(3)
+        closing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await closing
+        await eventually(lambda: not ours())
+        wire.thaw()
+        await soon(wire.gone.wait())
+
+
+@pytest.mark.parametrize("pause", [1, 20])
+@aio
+async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> None:
+    async with Peer("tcp") as peer, peer.client(close_timeout=TIMEOUT) as client:
+        (await peer.wire()).freeze()
+        connection = client._connection
+        assert connection is not None
+        task = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
+        await turns()
+        closing = asyncio.ensure_future(connection.close(ConnectionLostError("test")))
+        await turns(pause)
+        closing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await closing
+        assert connection._transport.backlog() == 0
+        with pytest.raises(ConnectionLostError):
+            await task
+
+
+@pytest.mark.parametrize("pause", [0, 1, 2, 3, 5, 8, 13, 21, 34])
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_it_can_be_closed_at_any_moment_of_connecting(kind: str, pause: int) -> None:
+    async with Peer(kind) as peer:
+        client = peer.client()
+        client.start()
+        await turns(pause)
+        await soon(client.close(), 1)
+        assert client.state is LinkState.STOPPED
+        assert not ours()
+        for wire in peer.wires:
+            await soon(wire.gone.wait())
+
+
+@aio
+async def test_closing_what_was_never_started_and_closing_twice() -> None:
+    async with Peer() as peer:
+        client = peer.client()
+        await client.close()
+        assert client.state is LinkState.STOPPED
+        await client.__aenter__()
+        await asyncio.gather(client.close(), client.close())
+        await client.close()
+        assert client.state is LinkState.STOPPED
+
+
+@aio
+async def test_who_waits_for_the_link_is_told_when_it_is_closed() -> None:
+    async with RawServer(silent) as server:
+        client = ChassisClient(config=config(server.port))
+        client.start()
+        waiting = asyncio.ensure_future(client.wait_ready(30))
+        await turns()
+        await client.close()
+        with pytest.raises(NotConnectedError):
+            await soon(waiting)
+
+
+@aio
+async def test_a_closed_client_can_be_started_again() -> None:
+    async with Peer() as peer:
+        client = peer.client()
+        for _ in range(2):
+            async with client:
+                assert client.state is LinkState.READY
+        assert client.stats.connects == 2
+
+
+@aio
+async def test_starting_while_it_closes_gives_one_link() -> None:
+    async with Peer() as peer:
+        client = await peer.client().__aenter__()
+        seen = states(client)
+        closing = asyncio.ensure_future(client.close())
+        await turns(1)
+        client.start()
+        await closing
+        await client.wait_ready(2)
+        assert LinkState.STOPPED not in seen
+        assert client.state is LinkState.READY
+        assert ours().count("link to the chassis") == 1
+        await client.close()
+
+
+@aio
+async def test_a_new_configuration_moves_the_link_to_the_other_address() -> None:
+    async with Peer() as one, Peer("tcp") as two, one.client() as client:
+        wire = await one.wire()
+        seen: list[int] = []
+        client.subscribe(PoseSpeed, lambda pose: seen.append(pose.map_id))
+        await client.reconfigure(two.config())
+        await soon(wire.gone.wait())
+        await client.wait_ready(2)
+        assert client.config.transport == "tcp"
+        other = await two.wire()
+        assert [frame["type"] for frame in other.seen] == ["woosh.Subscription", INFO]
+        await other.push("woosh.robot.PoseSpeed", b"\x18\x05")
+        await eventually(lambda: seen == [5])
+        assert len(one.wires) == 1
+
+
+@aio
+async def test_many_new_configurations_at_once_leave_one_link() -> None:
+    async with Peer() as one, Peer() as two, one.client() as client:
+        await asyncio.gather(*(client.reconfigure(p.config()) for p in (two, one, two, one, two)))
+        await client.wait_ready(2)
+        await turns(50)
+        assert ours().count("link to the chassis") == 1
+        assert len([wire for wire in one.wires + two.wires if not wire.gone.is_set()]) == 1
+        assert not two.wires[-1].gone.is_set()
+
+
+@aio
+async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
+    async with Peer() as one, Peer() as two, one.client() as client:
+        (await one.wire()).freeze()
+        runners: list[int] = []
+        client.on_state(
+            lambda state: (
+                runners.append(ours().count("link to the chassis"))
+                if state is LinkState.CONNECTING
+                else None
+            )
+        )
+        await client.reconfigure(two.config())
+        await client.wait_ready(2)
+        assert runners == [0]  # besides the one that says so
+
+
+@aio
+async def test_a_new_configuration_while_it_closes_starts_nothing() -> None:
+    async with Peer() as peer:
+        client = await peer.client().__aenter__()
+        changing = asyncio.ensure_future(client.reconfigure(peer.config()))
+        await turns(1)
+        await client.close()
+        await changing
+        assert not ours()
+        await client.reconfigure(peer.config())
+        assert client.state is LinkState.STOPPED
+
+
+@aio
+async def test_a_change_of_configuration_that_is_cancelled_leaves_a_link() -> None:
+    async with Peer() as one, Peer() as two, one.client() as client:
+        (await one.wire()).freeze()
+        changing = asyncio.ensure_future(client.reconfigure(two.config()))
+        await turns(2)
+        changing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await changing
+        await two.wire()
+        await client.wait_ready(2)
+
+
+class Fake:
+    """A transport with frames that are all there already."""
+
+    peer = "fake"
+    heard = 0.0
+
+    def __init__(self, frames: int) -> None:
+        self.frames = frames
+
+    async def recv(self) -> str:
+        if not self.frames:
+            await asyncio.get_running_loop().create_future()
+        self.frames -= 1
+        return '{"type":"woosh.robot.PoseSpeed"}'
+
+    def backlog(self) -> int:
+        return 0
+
+    async def close(self, timeout: float) -> None: ...
+
+    def abort(self) -> None: ...
+
+
+def connection_over(fake: Any) -> Connection:
+    log = LogOnce(logging.getLogger("test"))
+    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, lambda _: None)
+
+
+@aio
+async def test_the_reader_lets_others_work_during_a_flood() -> None:
+    fake = Fake(50_000)
+    connection = connection_over(fake)
+    await turns(3)
+    assert fake.frames > 0
+    await connection.close(ConnectionLostError("test"))
+
+
+@aio
+async def test_a_connection_can_be_closed_before_it_began() -> None:
+    await connection_over(Fake(0)).close(ConnectionLostError("test"))
+
+
+@aio
+async def test_a_bound_lets_the_callers_cancellation_through_even_with_a_result() -> None:
+    result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    task = asyncio.ensure_future(within(5, result))
+    await turns(2)
+    result.set_result(1)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+
+
+@aio
+async def test_a_bound_cancels_what_takes_too_long() -> None:
+    ended = asyncio.Event()
+
+    async def work() -> None:
+        try:
+            await asyncio.sleep(60)
+        finally:
+            ended.set()
+
+    with pytest.raises(TimeoutError):
+        await within(0.01, work())
+    assert ended.is_set()
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_an_attempt_that_is_cancelled_with_its_success_leaves_no_socket(kind: str) -> None:
+    async with Peer(kind) as peer:
+        for pause in range(0, 60, 3):
+            opening = asyncio.ensure_future(open_transport(peer.config()))
+            await turns(pause)
+            opening.cancel()
+            try:
+                transport = await opening
+            except asyncio.CancelledError:
+                continue
+            assert opening.done()
+            await transport.close()
+        await eventually(lambda: all(wire.gone.is_set() for wire in peer.wires))

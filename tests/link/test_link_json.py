@@ -1,0 +1,373 @@
+"""JSON frames as they stand on the wire: literal in both directions."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from woosh_robot_agent.link.frames import FrameError
+from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.json_mapping import FieldError, from_json, to_json
+from woosh_robot_agent.pb.dispatch import robot_pb2 as dispatch
+from woosh_robot_agent.pb.map.mark_pb2 import Storage
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ExecTask,
+    InitRobot,
+    SetOccupancy,
+    SwitchControlMode,
+)
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    HardwareState,
+    Mode,
+    Network,
+    PoseSpeed,
+    RobotInfo,
+    ScannerData,
+    Scene,
+    TaskProc,
+)
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+
+CODEC = JsonCodec()
+
+POSE_REQUEST = '{"type":"woosh.robot.PoseSpeed","body":{},"sn":7,"timestamp":1700000000000}'
+POSE_ANSWER = (
+    '{"type":"woosh.robot.PoseSpeed","body":{"robotId":30001,"twist":{"linear":0.2,"angular":0},'
+    '"pose":{"x":-8.881,"y":0.5187,"theta":2.8966},"mapId":0,"mileage":1204},"ok":true,"msg":"",'
+    '"sn":7,"timestamp":1700000000012}'
+)
+SWITCH_REQUEST = (
+    '{"type":"woosh.robot.SwitchControlMode","body":{"mode":1},"sn":8,"timestamp":1700000000100}'
+)
+SWITCH_ANSWER = (
+    '{"type":"woosh.robot.Mode","body":{"ctrl":1,"work":2},"ok":true,"msg":"Request succeed",'
+    '"sn":8,"timestamp":1700000000104}'
+)
+SUBSCRIBE = (
+    '{"type":"woosh.Subscription","body":{"topics":["woosh.robot.PoseSpeed",'
+    '"woosh.robot.TaskProc"],"sub":true}}'
+)
+TASK_PUSH = (
+    '{"type":"woosh.robot.TaskProc","body":{"robotTaskId":"68241434201","type":1,"state":3,'
+    '"action":{"type":1,"state":1,"waitId":0},"dest":"K10","msg":"","time":1682416646}}'
+)
+FAILED = '{"type":"error","body":{},"ok":false,"msg":"robot is not initialised","sn":9}'
+
+
+def body(data: Any, message: Any) -> Any:
+    from_json(data, message)
+    return message
+
+
+# Writing
+
+
+def test_a_request_as_on_the_wire() -> None:
+    written = CODEC.encode("woosh.robot.PoseSpeed", PoseSpeed(), sn=7, timestamp=1700000000000)
+    assert written == POSE_REQUEST
+    switch = SwitchControlMode(mode=1)  # type: ignore[arg-type]
+    written = CODEC.encode("woosh.robot.SwitchControlMode", switch, sn=8, timestamp=1700000000100)
+    assert written == SWITCH_REQUEST
+
+
+def test_a_subscription_as_on_the_wire() -> None:
+    topics = ["woosh.robot.PoseSpeed", "woosh.robot.TaskProc"]
+    written = CODEC.encode("woosh.Subscription", Subscription(topics=topics, sub=True))
+    assert json.loads(written) == json.loads(SUBSCRIBE)
+
+
+def test_enums_are_written_as_numbers_and_wide_integers_as_text() -> None:
+    task = TaskProc(robot_task_id=68241434201, state=3)  # type: ignore[arg-type]
+    assert to_json(task, defaults=False) == {"robotTaskId": "68241434201", "state": 3}
+    assert to_json(Scene(version=-5, map_name="m"), defaults=False) == {
+        "version": "-5",
+        "mapName": "m",
+    }
+    assert to_json(Network.WiFi(code=2**64 - 1, list_json=b"\xff\x00"), defaults=False) == {
+        "code": "18446744073709551615",
+        "listJson": "/wA=",
+    }
+
+
+def test_repeated_enums_are_written_as_numbers() -> None:
+    state = HardwareState(motor=[1, 17])  # type: ignore[list-item]
+    assert to_json(state, defaults=False) == {"motor": [1, 17]}
+
+
+def test_names_are_lower_camel_case_and_the_misspelt_ones_stay() -> None:
+    info = RobotInfo()
+    info.genral.urdf_name = "u"
+    info.hardware_state.seanner = 1  # type: ignore[assignment]
+    assert to_json(info, defaults=False) == {
+        "genral": {"urdfName": "u"},
+        "hardwareState": {"seanner": 1},
+    }
+
+
+def test_floats_are_written_short_and_exact() -> None:
+    pose = body({"pose": {"x": -8.881, "y": 1e30, "theta": 0.1}}, PoseSpeed())
+    text = CODEC.encode("t", pose)
+    assert '"x":-8.881,"y":1e+30,"theta":0.1' in text
+
+
+def test_what_json_has_no_number_for_is_written_as_text() -> None:
+    scan = ScannerData(ranges=[math.nan, math.inf, -math.inf])
+    assert to_json(scan, defaults=False) == {"ranges": ["NaN", "Infinity", "-Infinity"]}
+    json.loads(CODEC.encode("t", scan), parse_constant=lambda name: pytest.fail(name))
+
+
+def test_defaults_are_written_where_asked_as_the_chassis_does() -> None:
+    assert to_json(Mode(), defaults=True) == {"ctrl": 0, "work": 0}
+    written = to_json(TaskProc(), defaults=True)
+    assert written["robotTaskId"] == "0"
+    assert "action" not in written
+    assert to_json(ScannerData(), defaults=True)["ranges"] == []
+
+
+def test_text_is_written_as_utf8() -> None:
+    assert "机器人" in CODEC.encode("t", TaskProc(msg="机器人"))
+
+
+def test_a_foreign_type_in_an_any_is_a_field_error() -> None:
+    message = dispatch.DESCRIPTOR.message_types_by_name
+    name = next(
+        one.full_name
+        for one in message.values()
+        if any(f.message_type and f.message_type.name == "Any" for f in one.fields)
+    )
+    holder: Any = getattr(dispatch, name.rpartition(".")[2])()
+    holder.info.type_url = "type.googleapis.com/no.such.Type"
+    holder.info.value = b"\x08\x01"
+    with pytest.raises(FieldError, match=r"no\.such\.Type"):
+        to_json(holder, defaults=False)
+
+
+# Reading
+
+
+def test_an_answer_as_on_the_wire() -> None:
+    envelope = CODEC.decode(POSE_ANSWER)
+    assert (envelope.type, envelope.ok, envelope.msg) == ("woosh.robot.PoseSpeed", True, "")
+    assert (envelope.sn, envelope.timestamp) == (7, 1700000000012)
+    pose = CODEC.body(envelope, PoseSpeed)
+    assert (pose.robot_id, pose.mileage, pose.map_id) == (30001, 1204, 0)
+    assert pose.pose.x == pytest.approx(-8.881)
+    assert pose.twist.linear == pytest.approx(0.2)
+
+
+def test_an_answer_of_another_type_as_on_the_wire() -> None:
+    envelope = CODEC.decode(SWITCH_ANSWER)
+    mode = CODEC.body(envelope, Mode)
+    assert (envelope.type, envelope.msg, envelope.sn) == ("woosh.robot.Mode", "Request succeed", 8)
+    assert (mode.ctrl, mode.work) == (1, 2)
+
+
+def test_a_push_as_on_the_wire() -> None:
+    envelope = CODEC.decode(TASK_PUSH)
+    task = CODEC.body(envelope, TaskProc)
+    assert (envelope.sn, envelope.ok, envelope.timestamp) == (0, None, None)
+    assert (task.robot_task_id, task.state, task.dest) == (68241434201, 3, "K10")
+    assert task.action.type == 1
+
+
+def test_a_failed_answer_as_on_the_wire() -> None:
+    envelope = CODEC.decode(FAILED)
+    assert (envelope.ok, envelope.sn) == (False, 9)
+    assert envelope.msg == "robot is not initialised"
+
+
+def test_unknown_fields_are_skipped() -> None:
+    data = {"mapId": 3, "news": {"a": [1, {"b": None}]}, "pose": {"x": 1, "w": [[]]}}
+    pose = body(data, PoseSpeed())
+    assert (pose.map_id, pose.pose.x) == (3, 1)
+    envelope = CODEC.decode('{"type":"t","extra":{"a":1},"sn":4}')
+    assert envelope.sn == 4
+
+
+def test_snake_case_names_are_taken() -> None:
+    assert body({"robot_task_id": "5"}, TaskProc()).robot_task_id == 5
+    assert body({"angle_min": -2.2}, ScannerData()).angle_min == pytest.approx(-2.2)
+
+
+def test_enum_names_are_taken_and_unknown_ones_skipped() -> None:
+    assert body({"ctrl": "kAuto", "work": "kTaskMode"}, Mode()) == body(
+        {"ctrl": 1, "work": 2}, Mode()
+    )
+    assert body({"ctrl": "kNewerThanThis", "work": 2}, Mode()) == body({"work": 2}, Mode())
+    lengths = body({"motor": ["kFatal", "kNewer", 1]}, HardwareState())
+    assert list(lengths.motor) == [17, 0, 1]
+
+
+def test_enum_numbers_are_taken_in_every_form() -> None:
+    for value in (1, "1", 1.0):
+        assert body({"ctrl": value}, Mode()).ctrl == 1
+    assert body({"ctrl": 77}, Mode()).ctrl == 77
+
+
+@pytest.mark.parametrize("value", [1000, "1000", 1e3, "1e3", "1000.0"])
+def test_wide_integers_are_taken_in_every_form(value: Any) -> None:
+    assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 1000
+
+
+def test_wide_integers_keep_every_digit() -> None:
+    for value in (2**63 - 1, str(2**63 - 1)):
+        assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 2**63 - 1
+
+
+def test_null_is_the_default() -> None:
+    pose = body({"mapId": None, "pose": None, "twist": {"linear": None}}, PoseSpeed())
+    assert pose.map_id == 0
+    assert not pose.HasField("pose")
+    assert pose.HasField("twist")
+    assert CODEC.body(CODEC.decode('{"type":"t","body":null}'), PoseSpeed) == PoseSpeed()
+    assert CODEC.body(CODEC.decode('{"type":"t"}'), PoseSpeed) == PoseSpeed()
+
+
+def test_null_in_a_list_keeps_the_places_of_the_others() -> None:
+    ranges = list(body({"ranges": [1.5, None, 2.5]}, ScannerData()).ranges)
+    assert math.isnan(ranges.pop(1))
+    assert ranges == [1.5, 2.5]
+    assert list(body({"motor": [1, None]}, HardwareState()).motor) == [1, 0]
+    history = body({"taskHistory": {"tes": [{"time": 1}, None]}}, RobotInfo()).task_history
+    assert [task.time for task in history.tes] == [1, 0]
+    assert list(body({"topics": ["a", None]}, Subscription()).topics) == ["a", ""]
+
+
+def test_nan_and_infinity_are_taken_as_numbers_and_as_text() -> None:
+    text = '{"type":"t","body":{"ranges":[NaN,Infinity,-Infinity,"NaN","Infinity","-Infinity"]}}'
+    ranges = list(CODEC.body(CODEC.decode(text), ScannerData).ranges)
+    assert [math.isnan(value) for value in ranges] == [True, False, False] * 2
+    assert ranges[1:3] == ranges[4:6] == [math.inf, -math.inf]
+
+
+def test_numbers_as_text_are_taken() -> None:
+    assert body({"pose": {"x": "1.5"}, "mapId": "7"}, PoseSpeed()).pose.x == 1.5
+
+
+@pytest.mark.parametrize("value", [True, "true", 1, 1.0])
+def test_true_is_taken_in_every_form(value: Any) -> None:
+    assert body({"occupy": value}, SetOccupancy()).occupy is True
+
+
+@pytest.mark.parametrize("value", [False, "false", 0])
+def test_false_is_taken_in_every_form(value: Any) -> None:
+    assert body({"occupy": value}, SetOccupancy()).occupy is False
+
+
+@pytest.mark.parametrize("text", ["/wA=", "/wA", "_wA=", "_wA"])
+def test_base64_is_taken_in_both_alphabets_and_without_padding(text: str) -> None:
+    assert body({"listJson": text}, Network.WiFi()).list_json == b"\xff\x00"
+
+
+def test_the_later_of_two_members_of_a_oneof_stays() -> None:
+    storage = body({"rack": {}, "charger": {}}, Storage())
+    assert storage.WhichOneof("category") == "charger"
+
+
+def test_the_later_of_two_equal_keys_stays() -> None:
+    text = '{"type":"t","body":{"mapId":1,"mapId":2,"map_id":3},"sn":1,"sn":2}'
+    envelope = CODEC.decode(text)
+    assert envelope.sn == 2
+    assert CODEC.body(envelope, PoseSpeed).map_id == 3
+
+
+@pytest.mark.parametrize(
+    ("cls", "data", "path"),
+    [
+        (PoseSpeed, {"mapId": 2**32}, "map_id"),
+        (PoseSpeed, {"mapId": -1}, "map_id"),
+        (PoseSpeed, {"mapId": 10**400}, "map_id"),
+        (PoseSpeed, {"mapId": "9" * 5000}, "map_id"),
+        (PoseSpeed, {"mapId": "1e999"}, "map_id"),
+        (PoseSpeed, {"mapId": 1.5}, "map_id"),
+        (PoseSpeed, {"mapId": True}, "map_id"),
+        (PoseSpeed, {"mapId": math.nan}, "map_id"),
+        (PoseSpeed, {"mapId": "x"}, "map_id"),
+        (PoseSpeed, {"mapId": {}}, "map_id"),
+        (PoseSpeed, {"pose": {"x": "far"}}, "pose.x"),
+        (PoseSpeed, {"pose": {"x": True}}, "pose.x"),
+        (PoseSpeed, {"pose": {"x": 10**400}}, "pose.x"),
+        (PoseSpeed, {"pose": 3}, "pose"),
+        (PoseSpeed, [], ""),
+        (TaskProc, {"robotTaskId": 2**63}, "robot_task_id"),
+        (TaskProc, {"dest": 5}, "dest"),
+        (TaskProc, {"dest": "\ud800"}, "dest"),
+        (Mode, {"ctrl": 2**40}, "ctrl"),
+        (Mode, {"ctrl": True}, "ctrl"),
+        (Mode, {"ctrl": []}, "ctrl"),
+        (SetOccupancy, {"occupy": "yes"}, "occupy"),
+        (SetOccupancy, {"occupy": 2}, "occupy"),
+        (ScannerData, {"ranges": 1.5}, "ranges"),
+        (ScannerData, {"ranges": [1, "x"]}, "ranges[1]"),
+        (Network.WiFi, {"listJson": "ä"}, "list_json"),
+        (Network.WiFi, {"listJson": "/wA=="[:1]}, "list_json"),
+        (RobotInfo, {"taskHistory": {"tes": [{}, {"time": "x"}]}}, "task_history.tes[1].time"),
+        (ExecTask, {"taskId": []}, "task_id"),
+        (InitRobot, {"pose": {"x": []}}, "pose.x"),
+    ],
+)
+def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: str) -> None:
+    with pytest.raises(FieldError) as caught:
+        from_json(data, cls())
+    assert caught.value.path == path
+    envelope = CODEC.decode('{"type":"t","sn":1}')
+    envelope.body = data
+    with pytest.raises(FrameError) as failed:
+        CODEC.body(envelope, cls)
+    assert failed.value.kind == "body"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("", "json"),
+        ("{", "json"),
+        ("[1]", "envelope"),
+        ("7", "envelope"),
+        ("null", "envelope"),
+        ("{}", "envelope"),
+        ('{"body":{}}', "envelope"),
+        ('{"type":5}', "envelope"),
+        ('{"type":""}', "envelope"),
+        ('{"type":"t","sn":"x"}', "envelope"),
+        ('{"type":"t","sn":7.5}', "envelope"),
+        ('{"type":"t","sn":true}', "envelope"),
+        ('{"type":"t","sn":[]}', "envelope"),
+        ('{"type":"t","sn":1e999}', "envelope"),
+        ('{"type":"t","body":{"x":' + "9" * 5000 + "}}", "json"),
+        (b'{"type":"t\xff"}', "utf-8"),
+    ],
+)
+def test_what_is_no_frame_is_an_error_of_its_kind(text: str | bytes, kind: str) -> None:
+    with pytest.raises(FrameError) as caught:
+        CODEC.decode(text)
+    assert caught.value.kind == kind
+
+
+def test_an_answer_without_a_type_is_still_an_answer() -> None:
+    assert CODEC.decode('{"sn":3,"ok":true}').type == ""
+
+
+@pytest.mark.parametrize("value", ["7", 7.0])
+def test_the_sn_is_taken_in_every_form(value: Any) -> None:
+    assert CODEC.decode(json.dumps({"type": "t", "sn": value})).sn == 7
+
+
+@pytest.mark.parametrize(("value", "ok"), [(True, True), (1, True), ("true", True), (0, False)])
+def test_ok_is_taken_in_every_form(value: Any, ok: bool) -> None:
+    assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "ok": value})).ok is ok
+
+
+@pytest.mark.parametrize("value", ["soon", [], {"a": 1}, True, 1e999, None])
+def test_a_timestamp_that_makes_no_sense_spoils_nothing(value: Any) -> None:
+    assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "timestamp": value})).timestamp is None
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(None, ""), (5, "5"), ({"a": 1}, ""), ("机", "机"), ("a\ud800b", "a?b")]
+)
+def test_msg_is_text_that_can_be_logged(value: Any, text: str) -> None:
+    assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "msg": value})).msg == text

@@ -1,0 +1,315 @@
+"""The life of the link: coming up, going down and coming back."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from typing import Any
+
+import pytest
+from link_peer import (
+    INFO,
+    Frame,
+    Peer,
+    RawServer,
+    Wire,
+    aio,
+    config,
+    drops,
+    error_of,
+    eventually,
+    ours,
+    silent,
+    soon,
+    states,
+    turns,
+)
+
+from woosh_robot_agent.link import (
+    ChassisClient,
+    ConnectionLostError,
+    HandshakeError,
+    LinkState,
+    NotConnectedError,
+    RequestTimeoutError,
+)
+from woosh_robot_agent.link.backoff import Backoff
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+
+KINDS = ["json", "protobuf", "tcp"]
+WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
+
+
+@aio
+async def test_ready_comes_with_the_first_robot_info_and_not_before() -> None:
+    async with Peer(auto=False) as peer:
+        client = peer.client()
+        seen = states(client)
+        client.start()
+        wire = await peer.wire()
+        frame = await wire.next(INFO)
+        assert client.state is LinkState.CONNECTING
+        with pytest.raises(NotConnectedError):
+            await client.request(Speak())
+        await wire.answer(frame)
+        await client.wait_ready(2)
+        await client.close()
+        assert seen == [
+            LinkState.CONNECTING,
+            LinkState.READY,
+            LinkState.WAITING,
+            LinkState.STOPPED,
+        ]
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_a_chassis_that_does_not_answer_is_left_after_the_handshake_timeout(
+    kind: str,
+) -> None:
+    async with Peer(kind, auto=False) as peer:
+        error = await error_of(peer.client(handshake_timeout=0.05))
+        assert isinstance(error, RequestTimeoutError)
+        assert "woosh.robot.RobotInfo within 0.05 s" in str(error)
+
+
+@aio
+async def test_a_robot_info_that_cannot_be_read_costs_the_first_values_only() -> None:
+    async with Peer(info={"state": []}) as peer, peer.client() as client:
+        assert client.state is LinkState.READY
+        assert client.stats.bad_frames == {"body": 1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"ok": False, "msg": "still booting"}, "still booting"),
+        ({"type": "woosh.robot.Mode"}, "another type"),
+        ({"type": "woosh.New"}, "unknown type"),
+    ],
+)
+@aio
+async def test_a_chassis_that_does_not_give_its_robot_info_is_none(changes: Any, told: str) -> None:
+    async def script(wire: Wire, frame: Frame) -> bool:
+        await wire.answer(frame, **changes)
+        return True
+
+    async with Peer(script=script) as peer:
+        error = await error_of(peer.client())
+        assert isinstance(error, HandshakeError)
+        assert told in str(error)
+
+
+@pytest.mark.parametrize("transport", ["websocket", "tcp"])
+@aio
+async def test_a_refused_connection(transport: str) -> None:
+    async with RawServer(drops) as server:
+        port = server.port
+    error = await error_of(ChassisClient(config=config(port, transport=transport)))
+    assert isinstance(error, NotConnectedError)
+    assert "Connect call failed" in str(error)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        WHOLE_HTTP,
+        b"\x00\xff garbage \r\n\r\n",
+        b"",
+        b"SSH-2.0-OpenSSH_9\r\n",
+        b"HTTP/1.1 200 OK\r\n\r\n",
+    ],
+)
+@aio
+async def test_a_server_that_is_no_websocket(said: bytes) -> None:
+    async def handle(reader: Any, writer: Any) -> None:
+        if said:
+            await reader.readuntil(b"\r\n\r\n")
+        writer.write(said)
+        await writer.drain()
+
+    async with RawServer(handle) as server:
+        error = await error_of(ChassisClient(config=config(server.port)))
+        assert isinstance(error, HandshakeError | NotConnectedError)
+        assert str(error)
+
+
+@aio
+async def test_a_404_is_told() -> None:
+    async def handle(reader: Any, writer: Any) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(WHOLE_HTTP)
+        await writer.drain()
+
+    async with RawServer(handle) as server:
+        error = await error_of(ChassisClient(config=config(server.port)))
+        assert "404" in str(error)
+        assert str(error).startswith("not a WebSocket server")
+
+
+@aio
+async def test_a_server_that_never_says_a_word_is_left_after_the_connect_timeout() -> None:
+    async with RawServer(silent) as server:
+        client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=1))
+        started = time.monotonic()
+        error = await error_of(client)
+        assert time.monotonic() - started < 0.8  # whatever the library waits for by itself
+        assert isinstance(error, NotConnectedError)
+        assert "within 0.05 s" in str(error)
+        await eventually(lambda: all(writer.transport.is_closing() for writer in server.open))
+
+
+@aio
+async def test_a_web_server_on_the_tcp_port() -> None:
+    async def handle(_reader: Any, writer: Any) -> None:
+        writer.write(WHOLE_HTTP)
+        await writer.drain()
+
+    async with RawServer(handle) as server:
+        error = await error_of(ChassisClient(config=config(server.port, transport="tcp")))
+        assert isinstance(error, ConnectionLostError)
+
+
+@aio
+async def test_a_length_that_is_none_ends_the_attempt() -> None:
+    async def handle(reader: Any, writer: Any) -> None:
+        writer.write(b"\xff" * 40)
+        await reader.read()
+
+    async with RawServer(handle) as server:
+        error = await error_of(ChassisClient(config=config(server.port, transport="tcp")))
+        assert "not our format" in str(error)
+
+
+@aio
+async def test_a_host_name_that_nobody_knows() -> None:
+    error = await error_of(ChassisClient(config=config(1, ip="no-such-host.invalid")))
+    assert isinstance(error, NotConnectedError)
+
+
+@aio
+async def test_a_host_name_is_resolved() -> None:
+    async with Peer() as peer, peer.client(ip="localhost") as client:
+        assert client.state is LinkState.READY
+
+
+@aio
+async def test_entering_gives_up_when_the_chassis_is_not_there_and_leaves_nothing() -> None:
+    async with RawServer(drops) as server:
+        port = server.port
+    client = ChassisClient(config=config(port, connect_timeout=0.05, handshake_timeout=0.05))
+    with pytest.raises(NotConnectedError, match=rf"127\.0\.0\.1:{port}.*Connect call failed"):
+        await client.__aenter__()
+    assert client.state is LinkState.STOPPED
+    assert not ours()
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_entering_can_be_cancelled(kind: str) -> None:
+    async with Peer(kind, auto=False) as peer:
+        client = peer.client()
+        entering = asyncio.ensure_future(client.__aenter__())
+        wire = await peer.wire()
+        await wire.next(INFO)
+        entering.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await entering
+        assert not ours()
+        await soon(wire.gone.wait())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_lost_link_comes_back(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        seen = states(client)
+        (await peer.wire()).abort()
+        await peer.wire(2)
+        await client.wait_ready(2)
+        await eventually(lambda: len(seen) == 3)
+        assert seen == [LinkState.WAITING, LinkState.CONNECTING, LinkState.READY]
+        assert client.stats.connects == 2
+        assert client.last_error is None
+
+
+@aio
+async def test_the_end_is_known_before_the_close_is_through() -> None:
+    async with Peer() as peer, peer.client(close_timeout=2, liveness_timeout=0.1) as client:
+        (await peer.wire()).freeze()
+        await eventually(lambda: client.state is not LinkState.READY)
+        assert client.state is LinkState.WAITING
+        assert isinstance(client.last_error, ConnectionLostError)
+        with pytest.raises(NotConnectedError, match="nothing was heard"):
+            await client.request(Speak())
+        with pytest.raises(NotConnectedError):
+            await client.wait_ready(0.01)
+
+
+def test_pauses_double_up_to_the_longest_and_differ() -> None:
+    backoff = Backoff(0.5, 15.0)
+    pauses = [backoff.next() for _ in range(8)]
+    for pause, full in zip(pauses, [0.5, 1, 2, 4, 8, 15, 15, 15], strict=True):
+        assert 0.8 * full <= pause <= full
+    assert len({pause / 15 for pause in pauses[5:]}) == 3
+    backoff.reset()
+    assert backoff.next() <= 0.5
+
+
+@aio
+async def test_a_server_that_accepts_and_drops_makes_it_pause_ever_longer() -> None:
+    async with RawServer(drops) as server:
+        client = ChassisClient(config=config(server.port, backoff_min=0.04, backoff_max=5))
+        client.start()
+        await eventually(lambda: len(server.times) == 5)
+        await client.close()
+    pauses = [b - a for a, b in zip(server.times, server.times[1:], strict=False)]
+    for pause, full in zip(pauses, [0.04, 0.08, 0.16, 0.32], strict=True):
+        assert pause >= 0.8 * full
+
+
+@pytest.mark.parametrize(("stable_after", "grows"), [(5.0, True), (0.0, False)])
+@aio
+async def test_pauses_start_small_again_only_after_a_stable_link(
+    stable_after: float, grows: bool
+) -> None:
+    async with Peer() as peer:
+        times: list[float] = []
+
+        async def script(wire: Wire, frame: Frame) -> bool:  # ready, then dropped
+            times.append(time.monotonic())
+            await wire.answer(frame)
+            await turns()
+            wire.abort()
+            return True
+
+        peer.script = script
+        client = peer.client(backoff_min=0.02, backoff_max=5, stable_after=stable_after)
+        client.start()
+        await eventually(lambda: len(times) == 6)
+        await client.close()
+        assert client.stats.connects >= 4
+    assert (times[5] - times[0] >= 0.8 * 0.02 * 31) is grows
+
+
+@aio
+async def test_failures_are_told_once_and_the_recovery_too(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
+    async with RawServer(drops) as server:
+        port = server.port
+    client = ChassisClient(config=config(port))
+    client.start()
+    await eventually(lambda: len([r for r in caplog.records if "cannot connect" in r.message]) >= 4)
+    async with Peer(port=port):
+        await client.wait_ready(3)
+    await client.close()
+    told = [r.levelno for r in caplog.records if "cannot connect" in r.message]
+    assert told[0] == logging.WARNING
+    assert set(told[1:]) == {logging.DEBUG}
+    ready = [
+        r.levelno for r in caplog.records if r.message == f"connected to {client.config.address}"
+    ]
+    assert ready == [logging.INFO]

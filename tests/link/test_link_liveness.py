@@ -1,0 +1,182 @@
+"""Who is alive, and who is given up."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+from link_peer import (
+    INFO,
+    Frame,
+    Peer,
+    Wire,
+    aio,
+    eventually,
+    soon,
+    states,
+)
+
+from woosh_robot_agent.link import (
+    ConnectionLostError,
+)
+from woosh_robot_agent.link.liveness import Liveness
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+
+KINDS = ["json", "protobuf", "tcp"]
+WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_half_open_connection_is_noticed_in_time(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
+        wire = await peer.wire()
+        wire.freeze()
+        started = time.monotonic()
+        await eventually(lambda: client.last_error)
+        assert 0.2 < time.monotonic() - started < 0.8
+        assert "nothing was heard for 0.3 s" in str(client.last_error)
+        await peer.wire(2)
+        await client.wait_ready(2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_chassis_that_has_nothing_to_say_stays_connected(kind: str) -> None:
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == "woosh.robot.RobotState":
+            await wire.answer(frame)
+        return frame["type"] == "woosh.robot.RobotState"
+
+    async with Peer(kind, script=script) as peer, peer.client(liveness_timeout=0.15) as client:
+        wire = await peer.wire()
+        seen = states(client)
+        asked = [frame for frame in wire.seen if frame["type"] != INFO]
+        await asyncio.sleep(0.5)
+        asked = [frame["type"] for frame in wire.seen if frame["type"] != INFO]
+        assert seen == []
+        if kind == "tcp":  # which has no ping
+            assert set(asked) == {"woosh.robot.RobotState"}
+        else:
+            assert asked == []
+
+
+@aio
+async def test_a_tcp_peer_that_answers_nothing_is_given_up() -> None:
+    async with Peer("tcp") as peer, peer.client(liveness_timeout=0.15) as client:
+        await eventually(lambda: client.last_error)
+        assert "nothing was heard" in str(client.last_error)
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_it_asks_for_a_sign_of_life_only_when_idle(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=0.25) as client:
+        wire = await peer.wire()
+        pings = 0
+        transport = client._connection._transport  # type: ignore[union-attr]
+        ping = transport.ping
+
+        async def counted() -> bool:
+            nonlocal pings
+            pings += 1
+            return await ping()
+
+        transport.ping = counted  # type: ignore[method-assign]
+        for _ in range(30):  # never 0.1 s of silence
+            await wire.push("woosh.robot.PoseSpeed", {} if kind == "json" else b"")
+            await asyncio.sleep(0.01)
+        assert pings == 0
+        await eventually(lambda: pings > 0)
+
+
+@aio
+async def test_bad_frames_are_no_sign_of_life() -> None:
+    async with Peer("tcp") as peer, peer.client(liveness_timeout=0.2) as client:
+        wire = await peer.wire()
+
+        async def babble() -> None:
+            while True:
+                await wire.raw(b"\x02\xff\xff")
+                await asyncio.sleep(0.01)
+
+        babbling = asyncio.ensure_future(babble())
+        await eventually(lambda: client.last_error)
+        babbling.cancel()
+        await asyncio.wait([babbling])
+        assert "nothing was heard" in str(client.last_error)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=0.25) as client:
+        wire = await peer.wire()
+        wire.freeze()  # no pongs: a pong waits behind the big frame
+        seen = states(client)
+        taken: list[Any] = []
+        client.subscribe(Speak, taken.append)
+        size = 2 * 1024 * 1024
+        body = b'{"type":"woosh.robot.Speak","body":{"text":"%s"}}' % (b"x" * size)
+        if kind == "json":
+            frame = b"\x81\x7f" + len(body).to_bytes(8, "big") + body
+        else:
+            from link_peer import Packed
+
+            body = Packed.pack({"type": "woosh.robot.Speak", "body": Packed.chunk(1, b"x" * size)})
+            frame = b"\x82\x7f" + len(body).to_bytes(8, "big") + body
+            if kind == "tcp":
+                frame = Packed.varint(len(body)) + body
+        step = len(frame) // 8 + 1
+        for at in range(0, len(frame), step):
+            wire.transport.write(frame[at : at + step])
+            await asyncio.sleep(0.08)
+        await eventually(lambda: taken)
+        assert seen == []
+        assert len(taken[0].text) == size
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+@aio
+async def test_a_chassis_that_talks_but_takes_nothing_is_given_up(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
+        wire = await peer.wire()
+        wire.freeze()
+        task = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
+
+        async def talk() -> None:
+            while True:
+                await wire.push("woosh.robot.PoseSpeed", {} if kind == "json" else b"")
+                await asyncio.sleep(0.01)
+
+        talking = asyncio.ensure_future(talk())
+        with pytest.raises(ConnectionLostError, match=r"taken nothing for 0\.3 s"):
+            await soon(task)
+        talking.cancel()
+        await asyncio.wait([talking])
+
+
+@aio
+async def test_a_chassis_that_takes_a_big_frame_slowly_is_alive() -> None:
+    class Slow:
+        heard = 0.0
+        left = 0
+
+        def backlog(self) -> int:
+            return self.left
+
+    async def never() -> None:
+        await asyncio.get_running_loop().create_future()
+
+    slow: Any = Slow()
+    liveness = Liveness(slow, 0.2, never, lambda: 0)
+    watching = asyncio.ensure_future(liveness.watch())
+    slow.left = 24
+    while slow.left:
+        await asyncio.sleep(0.03)
+        slow.left -= 1
+        assert not watching.done()
+    with pytest.raises(ConnectionLostError, match="nothing was heard"):
+        await soon(watching)

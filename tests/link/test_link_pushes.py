@@ -1,0 +1,348 @@
+"""Subscriptions and pushes: what is asked for, what arrives, and in which order."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from typing import Any
+
+import pytest
+from google.protobuf.any_pb2 import Any as AnyMessage
+from link_peer import INFO, Frame, Packed, Peer, Wire, aio, eventually, soon, turns
+
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link.pushes import LATEST_DEPTH, PushQueue
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
+
+KINDS = ["json", "protobuf", "tcp"]
+POSE = "woosh.robot.PoseSpeed"
+TASK = "woosh.robot.TaskProc"
+
+
+def topics(frame: Frame) -> tuple[list[str], bool]:
+    """What a subscribe frame asks for."""
+    assert frame["type"] == "woosh.Subscription"
+    assert "sn" not in frame
+    if isinstance(frame["body"], bytes):
+        body = Subscription.FromString(frame["body"])
+        return list(body.topics), body.sub
+    assert "ok" not in frame
+    return frame["body"]["topics"], frame["body"].get("sub", False)
+
+
+def pose(kind: str, map_id: int) -> Any:
+    return {"mapId": map_id} if kind == "json" else PoseSpeed(map_id=map_id).SerializeToString()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_what_is_subscribed_before_comes_first_and_is_renewed(kind: str) -> None:
+    async with Peer(kind) as peer:
+        client = peer.client()
+        seen: list[int] = []
+        client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
+        client.subscribe(TaskProc, print)
+        client.subscribe(Battery, print)()  # and taken back
+        async with client:
+            for number in (1, 2):
+                wire = await peer.wire(number)
+                await client.wait_ready(2)
+                assert topics(wire.seen[0]) == ([POSE, TASK], True)
+                assert [frame["type"] for frame in wire.seen[1:]] == [INFO]
+                await wire.push(POSE, pose(kind, number))
+                await eventually(lambda number=number: len(seen) == number)  # type: ignore[misc]
+                wire.abort()
+        assert seen == [1, 2]
+
+
+@aio
+async def test_the_literal_push_of_a_task() -> None:
+    async with Peer() as peer, peer.client() as client:
+        seen: list[TaskProc] = []
+        client.subscribe(TaskProc, seen.append)
+        await (await peer.wire()).raw(
+            '{"type":"woosh.robot.TaskProc","body":{"robotTaskId":"68241434201","type":1,'
+            '"state":3,"action":{"type":1,"state":1,"waitId":0},"dest":"K10","msg":"",'
+            '"time":1682416646}}'
+        )
+        await eventually(lambda: seen)
+        assert seen[0].robot_task_id == 68241434201
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_subscribing_and_unsubscribing_while_connected(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        first: list[int] = []
+        second: list[int] = []
+        stop_first = client.subscribe(PoseSpeed, lambda message: first.append(message.map_id))
+        assert topics(await wire.next()) == ([POSE], True)
+        stop_second = client.subscribe(PoseSpeed, lambda message: second.append(message.map_id))
+        await wire.push(POSE, pose(kind, 1))
+        await eventually(lambda: second)
+        stop_first()
+        stop_first()
+        await wire.push(POSE, pose(kind, 2))
+        await eventually(lambda: len(second) == 2)
+        stop_second()
+        frame = await wire.next()  # one frame for the first and one for the last, none between
+        assert topics(frame) == ([POSE], False)
+        await wire.push(POSE, pose(kind, 3))
+        await eventually(lambda: client.stats.rx == 4)
+        await turns()
+        assert (first, second) == ([1], [1, 2])
+
+
+@aio
+async def test_one_callback_subscribed_twice_is_two_subscriptions() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        seen: list[Any] = []
+        stop = client.subscribe(PoseSpeed, seen.append)
+        client.subscribe(PoseSpeed, seen.append)
+        stop()
+        stop()
+        await wire.push(POSE)
+        await eventually(lambda: seen)
+        await turns()
+        assert len(seen) == 1
+
+
+@aio
+async def test_what_is_subscribed_during_the_handshake_is_asked_for() -> None:
+    async with Peer(auto=False) as peer:
+        client = peer.client()
+        client.start()
+        wire = await peer.wire()
+        info = await wire.next(INFO)
+        client.subscribe(PoseSpeed, print)
+        assert topics(await wire.next()) == ([POSE], True)
+        await wire.answer(info)
+        await client.wait_ready(2)
+        await client.close()
+
+
+def test_what_the_chassis_does_not_have_cannot_be_subscribed() -> None:
+    client = ChassisClient()
+    with pytest.raises(ValueError, match=r"google\.protobuf\.Any"):
+        client.subscribe(AnyMessage, print)
+    client.subscribe(MessagePackJson, print)
+
+
+@aio
+async def test_the_snapshot_stands_in_its_place_among_the_pushes() -> None:
+    seen: list[Any] = []
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != INFO:
+            return False
+        await wire.push(POSE, {"mapId": 1})
+        await wire.answer(frame, {"scene": {"mapName": "hall"}})
+        await wire.push(POSE, {"mapId": 2})
+        return True
+
+    async with Peer(script=script) as peer:
+        client = peer.client()
+        client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
+        client.on_snapshot(lambda info: seen.append(info.scene.map_name))
+        async with client:
+            await eventually(lambda: len(seen) == 3)
+            assert seen == [1, "hall", 2]
+            (await peer.wire()).abort()
+            await eventually(lambda: len(seen) == 6)
+            assert seen == [1, "hall", 2] * 2
+
+
+@aio
+async def test_a_robot_info_that_is_asked_for_later_is_no_snapshot() -> None:
+    async with Peer() as peer, peer.client() as client:
+        seen: list[RobotInfo] = []
+        client.on_snapshot(seen.append)
+        await client.request(RobotInfo())
+        await turns()
+        assert seen == []
+
+
+@aio
+async def test_a_callback_that_raises_ends_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        seen: list[Any] = []
+
+        def fail(_: object) -> None:
+            raise ZeroDivisionError
+
+        def cancelled(_: object) -> None:
+            raise asyncio.CancelledError
+
+        for callback in (fail, cancelled, seen.append):
+            client.subscribe(PoseSpeed, callback)
+            client.on_state(callback)
+        for _ in range(2):
+            await wire.push(POSE)
+        await eventually(lambda: len(seen) == 2)
+        wire.abort()
+        await eventually(lambda: client.stats.connects == 2)
+        assert len([r for r in caplog.records if r.message == "a callback failed"]) >= 4
+
+
+@aio
+async def test_a_push_that_cannot_be_read_is_counted_and_told_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        seen: list[Any] = []
+        client.subscribe(PoseSpeed, seen.append)
+        for body in ({"mapId": "x"}, {"mapId": "y"}, {"mapId": 3}):
+            await wire.push(POSE, body)
+        await eventually(lambda: seen)
+        assert client.stats.bad_frames == {"body": 2}
+        levels = [r.levelno for r in caplog.records if "skipped a push" in r.message]
+        assert levels == [logging.WARNING, logging.DEBUG]
+
+
+@aio
+async def test_pushes_that_nobody_wants_are_ignored() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        await wire.push("woosh.New", {"a": 1})
+        await wire.push(POSE, {"mapId": "not even read"})
+        await eventually(lambda: client.stats.rx == 3)
+        await turns()
+        assert not client.stats.bad_frames
+        assert client.stats.connects == 1
+
+
+@aio
+async def test_an_error_that_answers_nothing_is_told_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        for _ in range(2):
+            await wire.raw('{"type":"error","ok":false,"msg":"odd"}')
+        await eventually(lambda: client.stats.rx == 3)
+        levels = [r.levelno for r in caplog.records if r.message == "the chassis reports: odd"]
+        assert levels == [logging.WARNING, logging.DEBUG]
+
+
+@aio
+async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        codes: list[int] = []
+        poses: list[int] = []
+        client.subscribe(StatusCode, lambda message: codes.append(message.code))
+        client.subscribe(PoseSpeed, lambda message: poses.append(message.map_id))
+        for number in range(1, 501):
+            await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
+            await wire.push(POSE, {"mapId": number})
+        await eventually(lambda: len(codes) == 500 and poses and poses[-1] == 500)
+        assert codes == list(range(1, 501))
+        assert poses == sorted(poses)
+        assert client.stats.dropped_pushes == Counter(
+            {POSE: 500 - len(poses)} if len(poses) < 500 else {}
+        )
+
+
+@aio
+async def test_a_slow_consumer_does_not_hold_up_answers() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        loop = asyncio.get_running_loop()
+        seen: list[int] = []
+
+        def slow(message: StatusCode) -> None:
+            end = loop.time() + 0.01
+            while loop.time() < end:
+                pass
+            seen.append(message.code)
+
+        client.subscribe(StatusCode, slow)
+        for number in range(40):
+            await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
+        await eventually(lambda: seen)
+        task = asyncio.ensure_future(client.request(Speak()))
+        await wire.answer(await wire.next("woosh.robot.Speak"))
+        await soon(task)
+        assert len(seen) < 40  # the answer did not wait for all of them
+
+
+@aio
+async def test_a_flood_does_not_hold_up_answers_and_consumers() -> None:
+    async with Peer("tcp") as peer, peer.client() as client:
+        wire = await peer.wire()
+        seen: list[Any] = []
+        client.subscribe(StatusCode, seen.append)
+        one = Packed.pack({"type": "woosh.robot.count.StatusCode", "body": b"\x08\x01"})
+        await wire.raw((Packed.varint(len(one)) + one) * 20_000)
+        await eventually(lambda: seen)
+        assert client.stats.rx < 20_000
+        await eventually(lambda: client.stats.rx == 20_001)
+        await eventually(
+            lambda: (
+                len(seen) + client.stats.dropped_pushes["woosh.robot.count.StatusCode"] == 20_000
+            )
+        )
+
+
+# The queue
+
+
+async def taken(queue: PushQueue, count: int) -> None:
+    for _ in range(count):
+        (await soon(queue.get(), 1))()
+
+
+@aio
+async def test_of_a_state_the_newest_stay_and_of_the_counted_as_many_as_fit() -> None:
+    dropped: Counter[str] = Counter()
+    queue = PushQueue({"counted": 20}, dropped)
+    seen: list[tuple[str, int]] = []
+    fits = []
+    for number in range(30):
+        for name in ("state", "counted"):
+            item = (name, number)
+            fits.append(queue.put(name, lambda item=item: seen.append(item)))  # type: ignore[misc]
+    assert dropped == {"state": 30 - LATEST_DEPTH, "counted": 10}
+    assert fits.count(False) == sum(dropped.values())
+    await taken(queue, LATEST_DEPTH + 20)
+    assert [n for name, n in seen if name == "state"] == list(range(30 - LATEST_DEPTH, 30))
+    assert [n for name, n in seen if name == "counted"] == list(range(10, 30))
+    assert seen == sorted(seen, key=lambda one: (one[1], one[0] == "counted"))
+    queue.put("state", lambda: seen.clear())
+    await taken(queue, 1)  # and there is room again
+    assert not seen
+    assert dropped["state"] == 30 - LATEST_DEPTH
+
+
+@aio
+async def test_an_empty_queue_waits() -> None:
+    queue = PushQueue({}, Counter())
+    waiting = asyncio.ensure_future(queue.get())
+    await turns()
+    assert not waiting.done()
+    queue.put("a", print)
+    assert await soon(waiting) is print
+
+
+@aio
+async def test_drops_are_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    async with Peer() as peer, peer.client(push_queue=3) as client:
+        client.subscribe(StatusCode, print)
+        envelope = client._connection._codec.decode(  # type: ignore[union-attr]
+            '{"type":"woosh.robot.count.StatusCode"}'
+        )
+        for _ in range(9):
+            client._connection._on_push(envelope)  # type: ignore[union-attr]
+        assert client.stats.dropped_pushes == {"woosh.robot.count.StatusCode": 6}
+        told = [r for r in caplog.records if "comes faster than it is taken" in r.message]
+        assert [r.levelno for r in told] == [logging.WARNING]

@@ -1,0 +1,452 @@
+"""Requests: which answer belongs to which, and what becomes of those that get none."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import pytest
+from link_peer import INFO, Frame, Peer, TcpWire, Wire, aio, eventually, others, soon, turns
+
+from woosh_robot_agent.link import (
+    Answer,
+    ChassisClient,
+    ConnectionLostError,
+    NotConnectedError,
+    RequestTimeoutError,
+    TooManyRequestsError,
+)
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchControlMode, SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, RobotState
+
+KINDS = ["json", "protobuf", "tcp"]
+
+
+def ask(client: ChassisClient, message: Any, **options: Any) -> asyncio.Task[Answer]:
+    return asyncio.ensure_future(client.request(message, **options))
+
+
+def pending(client: ChassisClient) -> int:
+    connection = client._connection
+    return 0 if connection is None else len(connection._pending) + len(connection._outbox)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_request_and_its_answer(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        answer = ask(client, SwitchControlMode(mode=1))  # type: ignore[arg-type]
+        frame = await wire.next()
+        assert frame["type"] == "woosh.robot.SwitchControlMode"
+        assert 1 <= frame["sn"] < 2**31
+        assert "ok" not in frame
+        body: Any = b"\x08\x01\x10\x02"
+        if kind == "json":
+            assert frame["body"] == {"mode": 1}
+            assert isinstance(frame["timestamp"], int)
+            body = {"ctrl": 1, "work": 2}
+        await wire.answer(frame, body, type="woosh.robot.Mode", msg="Request succeed")
+        expected = Mode(ctrl=1, work=2)  # type: ignore[arg-type]
+        assert await soon(answer) == Answer(True, "Request succeed", expected, "woosh.robot.Mode")
+
+
+@aio
+async def test_the_sn_of_each_request_is_another() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        tasks = [ask(client, Speak()) for _ in range(20)]
+        frames = [await wire.next() for _ in tasks]
+        assert len({frame["sn"] for frame in frames} | {wire.seen[0]["sn"]}) == 21
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(*tasks))
+
+
+@aio
+async def test_sns_start_again_at_one_and_pass_over_those_in_use() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        first = ask(client, Speak())
+        used = (await wire.next())["sn"]
+        assert client._connection is not None
+        client._connection._next_sn = 2**31 - 1
+        others_ = [ask(client, Speak()) for _ in range(used + 1)]
+        sns = [(await wire.next())["sn"] for _ in others_]
+        assert sns[:2] == [2**31 - 1, 1]
+        assert used not in sns
+        for task in (first, *others_):
+            task.cancel()
+        await asyncio.wait([first, *others_])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_answers_may_come_in_any_order(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        tasks = [ask(client, Speak(text=str(i))) for i in range(5)]
+        frames = [await wire.next() for _ in tasks]
+        for i in (3, 0, 4, 2, 1):
+            await wire.answer(frames[i], msg=f"answer {i}")
+        assert [answer.msg for answer in await soon(asyncio.gather(*tasks))] == [
+            f"answer {i}" for i in range(5)
+        ]
+
+
+@aio
+async def test_late_and_duplicate_and_wrong_answers_are_counted_and_harm_nothing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        with pytest.raises(RequestTimeoutError):
+            await client.request(Speak(), timeout=0.02)
+        late = await wire.next()
+        await wire.answer(late)
+        task = ask(client, Speak())
+        frame = await wire.next()
+        for sn in (99999, -4, 2**31, 2**70):
+            await wire.answer(frame, sn=sn)
+        await wire.answer(frame, msg="first")
+        await wire.answer(frame, msg="second")
+        assert (await soon(task)).msg == "first"
+        await eventually(lambda: client.stats.late_answers == 6)
+        told = [r for r in caplog.records if "nobody waits" in r.message]
+        assert len(told) == 6
+        assert {record.levelno for record in told} == {logging.DEBUG}
+        assert not client.stats.bad_frames
+
+
+@aio
+async def test_an_answer_of_another_or_an_unknown_type() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
+            task = ask(client, Speak())
+            await wire.answer(await wire.next(), {"power": 5}, type=type_name, msg="m")
+            answer = await soon(task)
+            assert (answer.ok, answer.msg, answer.body) == (True, "m", body)
+            assert bool(answer.defect) == (body is None)
+
+
+@pytest.mark.parametrize("changes", [{"type": "error"}, {"type": "error", "body": None}, {}])
+@aio
+async def test_a_refusal_is_an_answer_with_the_chassis_own_text(changes: Any) -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, Speak())
+        await wire.answer(await wire.next(), ok=False, msg="未初始化", **changes)
+        answer = await soon(task)
+        assert (answer.ok, answer.msg) == (False, "未初始化")
+
+
+@aio
+async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, Speak())
+        sn = (await wire.next())["sn"]
+        await wire.raw(f'{{"sn":{sn}}}')
+        answer = await soon(task)
+        assert (answer.ok, answer.msg, answer.body) == (False, "", None)
+        assert answer.defect
+
+
+@pytest.mark.parametrize("ok", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_body_that_cannot_be_read_is_told_and_counted(kind: str, ok: bool) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, PoseSpeed())
+        body: Any = {"mapId": "x"} if kind == "json" else b"\xff"
+        await wire.answer(await wire.next(), body, ok=ok, msg="m")
+        answer = await soon(task)
+        assert (answer.ok, answer.msg, answer.body) == (ok, "m", None)
+        assert "PoseSpeed" in answer.defect
+        assert client.stats.bad_frames == {"body": 1}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_no_answer_in_time_names_the_message_and_the_time(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        with pytest.raises(RequestTimeoutError, match=r"woosh\.robot\.Speak within 0\.05 s"):
+            await client.request(Speak(), timeout=0.05)
+        assert pending(client) == 0
+        await wire.next("woosh.robot.Speak")
+
+
+@aio
+async def test_the_configured_time_is_the_default() -> None:
+    async with Peer() as peer, peer.client(request_timeout=0.04) as client:
+        with pytest.raises(RequestTimeoutError, match=r"0\.04 s"):
+            await client.request(Speak())
+
+
+@aio
+async def test_cancellation_passes_through_and_leaves_nothing() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, Speak())
+        frame = await wire.next()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert pending(client) == 0
+        await wire.answer(frame)
+        await eventually(lambda: client.stats.late_answers == 1)
+
+
+@aio
+async def test_cancellation_wins_over_an_answer_that_comes_with_it() -> None:
+    async with Peer() as peer, peer.client() as client:
+        task = ask(client, Speak())
+        await turns(3)
+        assert client._connection is not None
+        (future,) = client._connection._pending.values()
+        future.set_result(Answer(True, "", None))
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert pending(client) == 0
+
+
+@aio
+async def test_more_requests_than_allowed_fail_at_once_and_are_not_sent() -> None:
+    async with Peer() as peer, peer.client(max_in_flight=2) as client:
+        wire = await peer.wire()
+        tasks = [ask(client, Speak()), ask(client, Speak())]
+        frames = [await wire.next() for _ in tasks]
+        with pytest.raises(TooManyRequestsError, match=r"woosh\.robot\.Battery.*max_in_flight"):
+            await client.request(Battery())
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(*tasks))
+        task = ask(client, Speak())  # there is room again
+        await wire.answer(await wire.next("woosh.robot.Speak"))
+        await soon(task)
+        assert not [frame for frame in wire.seen if frame["type"] == "woosh.robot.Battery"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_the_end_of_the_connection_fails_all_that_waits_and_nothing_is_sent_again(
+    kind: str,
+) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        tasks = [ask(client, Speak(text=str(i))) for i in range(3)]
+        for _ in tasks:
+            await wire.next()
+        wire.abort()
+        results = await soon(asyncio.gather(*tasks, return_exceptions=True))
+        assert [type(result) for result in results] == [ConnectionLostError] * 3
+        assert len({str(result) for result in results}) == 1
+        assert "internal" not in str(results[0])
+        assert len({id(result) for result in results}) == 3
+        again = await peer.wire(2)
+        await client.wait_ready(2)
+        task = ask(client, Battery())
+        frame = await again.next()
+        assert frame["type"] == "woosh.robot.Battery"
+        await again.answer(frame, {} if kind == "json" else b"")
+        await soon(task)
+        assert {frame["type"] for frame in again.seen} == {INFO, "woosh.robot.Battery"}
+
+
+@aio
+async def test_a_request_that_was_not_sent_yet_is_not_sent_after_a_reconnect() -> None:
+    async with Peer() as peer, peer.client(liveness_timeout=0.4) as client:
+        wire = await peer.wire()
+        wire.freeze()
+        big = "x" * 16_000_000
+        tasks = [ask(client, Speak(text=big)), ask(client, Speak(text="small"))]
+        results = await soon(asyncio.gather(*tasks, return_exceptions=True))
+        assert [type(result) for result in results] == [ConnectionLostError] * 2
+        again = await peer.wire(2)
+        await client.wait_ready(2)
+        await turns()
+        assert [frame["type"] for frame in again.seen] == [INFO]
+
+
+@aio
+async def test_the_first_cause_is_the_one_that_is_told() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, Speak())
+        await wire.next()
+        await wire.socket.close(4001, "out of order")  # type: ignore[attr-defined]
+        with pytest.raises(ConnectionLostError, match="4001 out of order"):
+            await soon(task)
+
+
+@aio
+async def test_without_a_link_a_request_says_so_and_why() -> None:
+    async with Peer() as peer:
+        client = peer.client(backoff_min=5, backoff_max=5)
+        with pytest.raises(NotConnectedError, match="no attempt has ended yet"):
+            await client.request(Speak())
+        async with client:
+            wire = await peer.wire()
+            wire.abort()
+            await wire.gone.wait()
+            await eventually(lambda: client.last_error)
+            with pytest.raises(NotConnectedError, match=rf"127\.0\.0\.1:{peer.port}.*broke off"):
+                await client.request(Speak())
+
+
+@aio
+async def test_a_request_on_a_dead_connection_was_not_sent() -> None:
+    async with Peer() as peer, peer.client() as client:
+        connection = client._connection
+        assert connection is not None
+        connection.subscribe(["woosh.robot.Mode"], on=True)
+        connection._fail(ConnectionLostError("gone"))
+        connection._fail(ConnectionLostError("a consequence"))
+        assert not connection._outbox
+        with pytest.raises(NotConnectedError, match="was not sent: gone"):
+            await connection.request(Speak())
+
+
+@aio
+async def test_the_very_moment_of_a_loss_is_told_as_any_other() -> None:
+    async with Peer() as peer, peer.client() as client:
+        assert client._connection is not None
+        client._connection._fail(ConnectionLostError("gone"))
+        with pytest.raises(
+            NotConnectedError, match=rf"not connected to ws://127\.0\.0\.1:{peer.port} since.*gone"
+        ):
+            await client.request(Speak())
+
+
+@aio
+async def test_the_links_own_requests_name_the_robot() -> None:
+    async with Peer("tcp") as peer, peer.client(robot_id=7, liveness_timeout=0.3):
+        wire = await peer.wire()
+        await wire.next("woosh.robot.RobotState")  # the probe of a link that is quiet
+        asked = {frame["type"]: frame["body"] for frame in wire.seen if frame["sn"]}
+        assert asked == {
+            "woosh.robot.RobotInfo": RobotInfo(robot_id=7).SerializeToString(),
+            "woosh.robot.RobotState": RobotState(robot_id=7).SerializeToString(),
+        }
+
+
+@aio
+async def test_what_nobody_waits_for_any_more_does_not_pile_up_unsent() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        wire.freeze()
+        first = ask(client, Speak(text="x" * 16_000_000))  # fills every buffer on the way
+        await turns()
+        for _ in range(30):
+            with pytest.raises(RequestTimeoutError):
+                await client.request(Speak(text="late"), timeout=0.001)
+        assert client._connection is not None
+        assert not client._connection._outbox
+        task = ask(client, Speak(text="now"))
+        await turns()
+        wire.thaw()
+        frames = [await wire.next() for _ in range(2)]
+        assert frames[1]["body"] == {"text": "now"}
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(first, task))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
+    picture = "z" * (8 * 1024 * 1024)
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, Speak(text=picture))
+        frame = await wire.next()
+        assert len(frame["body"]["text"] if kind == "json" else frame["body"]) >= len(picture)
+        await wire.answer(frame, frame["body"])
+        answer = await soon(task)
+        assert isinstance(answer.body, Speak)
+        assert answer.body.text == picture
+
+
+@aio
+async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> None:
+    async with Peer() as peer, peer.client(max_frame_size=100_000) as client:
+        wire = await peer.wire()
+        task = ask(client, SwitchMap())
+        await wire.answer(await wire.next(), msg="x" * 99_000)
+        assert len((await soon(task)).msg) == 99_000
+    assert peer.client()._config.max_frame_size == 64 * 1024 * 1024
+
+
+@aio
+async def test_two_clients_of_one_loop_know_nothing_of_each_other() -> None:
+    async with Peer() as one, Peer("tcp") as two, one.client() as first, two.client() as second:
+        tasks = [ask(first, Speak(text="1")), ask(second, Speak(text="2"))]
+        wires: list[Wire] = [await one.wire(), await two.wire()]
+        assert isinstance(wires[1], TcpWire)
+        for wire in wires:
+            await wire.answer(await wire.next(), msg=wire.peer.kind)
+        assert [answer.msg for answer in await soon(asyncio.gather(*tasks))] == ["json", "tcp"]
+        await first.close()
+        task = ask(second, Speak())
+        await wires[1].answer(await wires[1].next())
+        assert (await soon(task)).ok
+
+
+@aio
+async def test_a_tap_sees_the_answer_in_its_place_among_the_pushes() -> None:
+    seen: list[Any] = []
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != "woosh.robot.Speak":
+            return False
+        await wire.push("woosh.robot.PoseSpeed", {"mapId": 1})
+        await wire.answer(frame, msg="answer")
+        await wire.push("woosh.robot.PoseSpeed", {"mapId": 2})
+        return True
+
+    async with Peer(script=script) as peer, peer.client() as client:
+        client.subscribe(PoseSpeed, lambda pose: seen.append(pose.map_id))
+        await client.request(Speak(), tap=lambda answer: seen.append(answer.msg))
+        await eventually(lambda: len(seen) == 3)
+    assert seen == [1, "answer", 2]
+
+
+@aio
+async def test_no_tap_is_lost_however_many_wait() -> None:
+    seen: list[Any] = []
+    async with Peer() as peer, peer.client(push_queue=1) as client:
+        wire = await peer.wire()
+        tasks = [ask(client, Speak(), tap=seen.append) for _ in range(40)]
+        frames = [await wire.next() for _ in tasks]
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(*tasks))
+        await eventually(lambda: len(seen) == 40)
+
+
+@aio
+async def test_the_round_trip_is_measured() -> None:
+    async with Peer() as peer, peer.client() as client:
+        assert client.stats.round_trip is not None
+        assert 0 < client.stats.round_trip < 2
+        assert (client.stats.connects, client.stats.rx, client.stats.tx) == (1, 1, 1)
+
+
+@aio
+async def test_a_closed_client_leaves_no_task_behind() -> None:
+    async with Peer() as peer:
+        before = set(others())
+        client = peer.client()
+        async with client:
+            task = ask(client, RobotInfo())
+            await soon(task)
+        wire = await peer.wire()
+        await wire.gone.wait()
+        left = [one for one in others() if one not in before and one.get_coro() is not None]
+        assert not [one for one in left if "woosh" in repr(one) or "link" in one.get_name()]

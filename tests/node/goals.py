@@ -1,0 +1,104 @@
+"""Goals, and what the tests of the actions look for in their ends."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from harness import Client, GoalClient
+
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
+from woosh_robot_msgs.action import ExecTask
+from woosh_ros_msgs.action import LiftControl, LiftControl3, MoveBase, StepControl
+from woosh_ros_msgs.msg import StepControlStep
+
+SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
+ABORTED = GoalStatus.STATUS_ABORTED
+CANCELED = GoalStatus.STATUS_CANCELED
+
+CANCEL, EXECUTE, PAUSE, RESUME = range(4)
+EXECUTING, PAUSED, COMPLETED, TASK_CANCELED, FAILED = 3, 4, 7, 8, 9
+STEP = "woosh.ros.action.StepControl"
+
+EXEC_TASK = "woosh.robot.ExecTask"
+ACTION_ORDER = "woosh.robot.ActionOrder"
+CALL_ACTION = "woosh.ros.CallAction"
+TASK_PROC = "woosh.robot.TaskProc"
+FEEDBACKS = "woosh.ros.Feedbacks"
+
+
+START = (4.23, -6.67, -0.26)
+"""Where the simulated robot starts: x, y and theta."""
+
+
+def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
+    """A task that drives to a mark."""
+    goal = ExecTask.Goal()
+    goal.arg.mark_no = mark
+    goal.arg.type.value = 1
+    goal.arg.task_id = task_id
+    return client.send_goal(ExecTask, "robot/ExecTask", goal)
+
+
+def short_task(client: Client, ahead: float, task_id: int = 0) -> GoalClient:
+    """A task that drives to a place some m ahead of the start."""
+    goal = ExecTask.Goal()
+    goal.arg.task_id = task_id
+    x, y, theta = START
+    goal.arg.pose.x = x + ahead * math.cos(theta)
+    goal.arg.pose.y = y + ahead * math.sin(theta)
+    goal.arg.pose.theta = theta
+    goal.arg.has_field = ExecTask.Goal().arg.POSE_FIELD_SET
+    return client.send_goal(ExecTask, "robot/ExecTask", goal)
+
+
+def step_goal(value: float, action: int = EXECUTE) -> Any:
+    goal = StepControl.Goal()
+    goal.arg.action.value = action
+    if value:
+        step = StepControlStep(value=value, speed=0.5)
+        step.mode.value = 2
+        goal.arg.steps = [step]
+    return goal
+
+
+def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClient:
+    """A turn by `value` rad at 0.5 rad/s, which nothing can block, or an order about it."""
+    return client.send_goal(StepControl, "ros/StepControl", step_goal(value, action))
+
+
+def lift(client: Client, mode: int = 1) -> GoalClient:
+    goal = LiftControl.Goal()
+    goal.arg.action.value = EXECUTE
+    goal.arg.execute_mode.value = mode
+    return client.send_goal(LiftControl, "ros/LiftControl", goal)
+
+
+def lift3(client: Client, height: float, speed: float = 0.0) -> GoalClient:
+    goal = LiftControl3.Goal()
+    goal.arg.action.value = EXECUTE
+    goal.arg.execute_mode.value = 1
+    goal.arg.height = height
+    goal.arg.speed = speed
+    return client.send_goal(LiftControl3, "ros/LiftControl3", goal)
+
+
+def move_base(client: Client, ahead: float, action: int = CANCEL) -> GoalClient:
+    """A way to a place some m ahead of the start; without an action, as the documents have it."""
+    goal = MoveBase.Goal()
+    x, y, theta = START
+    goal.arg.target_pose.x = x + ahead * math.cos(theta)
+    goal.arg.target_pose.y = y + ahead * math.sin(theta)
+    goal.arg.target_pose.theta = theta
+    goal.arg.action.value = action
+    return client.send_goal(MoveBase, "ros/MoveBase", goal)
+
+
+def proc(task_id: int, state: int, msg: str = "") -> TaskProc:
+    return TaskProc(robot_task_id=task_id, state=state, msg=msg, time=1)
+
+
+def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
+    return Feedbacks(fbs=[Feedback(action=action, state=state, msg=msg)])

@@ -1,0 +1,301 @@
+"""The actions of woosh.ros.CallAction: steps, lifts and ways, and orders about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from goals import (
+    ABORTED,
+    CALL_ACTION,
+    CANCEL,
+    EXECUTE,
+    FEEDBACKS,
+    PAUSE,
+    RESUME,
+    START,
+    STEP,
+    SUCCEEDED,
+    feedbacks,
+    lift,
+    lift3,
+    move_base,
+    step,
+    step_goal,
+)
+from harness import Client, GoalClient
+
+from woosh_common_msgs.msg import Pose2D
+from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import RobotState
+from woosh_ros_msgs.action import MoveBase, StepControl
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+
+def running(client: Client, value: float = 20.0) -> GoalClient:
+    """A long step that has begun."""
+    goal = step(client, value)
+    goal.feedback.wait(lambda fb: fb.state.value == 2)
+    return goal
+
+
+@pytest.mark.parametrize(
+    ("start", "name"),
+    [
+        (lambda client: step(client, 0.3), "StepControl"),
+        (lift, "LiftControl"),
+        (lambda client: lift3(client, 0.1), "LiftControl3"),
+        (lambda client: move_base(client, 0.5, EXECUTE), "MoveBase"),
+    ],
+)
+def test_succeeds(client: Client, start: Callable[[Client], GoalClient], name: str) -> None:
+    goal = start(client)
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (SUCCEEDED, 1)
+    assert ret.action == f"woosh.ros.action.{name}"
+    assert ret.msg
+    assert [fb.state.value for fb in goal.feedback.messages][::-1][0] == 1
+    assert 2 in [fb.state.value for fb in goal.feedback.messages]
+
+
+@pytest.mark.parametrize(("state", "status"), [(1, SUCCEEDED), (-1, ABORTED), (5, ABORTED)])
+def test_ends_with_the_chassiss_state_and_text(
+    client: Client, simulator: SimulatorThread, state: int, status: int
+) -> None:
+    goal = running(client)
+    simulator.push(feedbacks(state, "as it is"))
+    ended, ret = goal.result()
+    assert (ended, ret.state.value, ret.msg, ret.action) == (status, state, "as it is", STEP)
+
+
+def test_what_is_no_end_is_feedback(client: Client, simulator: SimulatorThread) -> None:
+    goal = running(client)
+    for state in (3, 4, 10, 2):
+        simulator.push(feedbacks(state, f"state {state}"))
+        goal.feedback.wait(lambda fb, state=state: fb.msg == f"state {state}")
+    assert not goal.done
+
+
+def test_reports_of_no_action_or_another_are_not_its_own(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = running(client)
+    simulator.push(feedbacks(100, "wifi"))
+    simulator.push(feedbacks(101, "{}"))
+    simulator.push(feedbacks(-1, "failed", "woosh.ros.action.MoveBase"))
+    simulator.push(feedbacks(1, "the end"))
+    assert goal.result()[1].msg == "the end"
+    assert not {"wifi", "{}", "failed"} & {fb.msg for fb in goal.feedback.messages}
+
+
+def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
+    simulator.refuse(CALL_ACTION, "the lift is locked")
+    status, ret = lift(client).result()
+    assert (status, ret.state.value, ret.msg) == (ABORTED, -1, "the lift is locked")
+    assert ret.action == "woosh.ros.action.LiftControl"
+
+
+def test_nan_is_not_sent(client: Client, simulator: SimulatorThread) -> None:
+    status, ret = step(client, math.nan).result()
+    assert (status, ret.state.value) == (ABORTED, -1)
+    assert "arg.steps[0].value" in ret.msg
+    assert "nothing was sent" in ret.msg
+    assert simulator.counts[CALL_ACTION] == 0
+
+
+def test_documented_move_base_without_action_executes(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    assert move_base(client, 0.5).result()[0] == SUCCEEDED
+    assert simulator.last(CALL_ACTION).move_base.action == EXECUTE
+
+
+def test_poses_alone_are_a_command(client: Client, simulator: SimulatorThread) -> None:
+    goal = MoveBase.Goal()
+    x, y, theta = START
+    goal.arg.poses = [Pose2D(x=x + ahead, y=y, theta=theta) for ahead in (0.2, 0.4)]
+    assert client.send_goal(MoveBase, "ros/MoveBase", goal).result()[0] == SUCCEEDED
+
+
+def test_empty_command_cancels_what_runs(client: Client, simulator: SimulatorThread) -> None:
+    goal = running(client)
+    status, ret = step(client, action=CANCEL).result()
+    assert (status, ret.state.value) == (SUCCEEDED, 1)
+    assert simulator.last(CALL_ACTION).step_control.action == CANCEL
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (ABORTED, -2), "its own client did not ask for it"
+
+
+def test_cancel_of_what_does_not_run_is_refused(client: Client) -> None:
+    status, ret = step(client, action=CANCEL).result()
+    assert (status, ret.state.value) == (ABORTED, -1)
+    assert "not running" in ret.msg
+
+
+def test_pause_and_resume_leave_the_goal_in_charge(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = running(client, 3.0)
+    for order, reported in ((PAUSE, 3), (RESUME, 2)):
+        count = len(goal.feedback.messages)
+        ordering = step(client, action=order)
+        assert ordering.result()[0] == SUCCEEDED
+        assert not ordering.feedback.messages
+        goal.feedback.wait_count(count + 1)
+        assert goal.feedback.messages[count].state.value == reported
+        assert not goal.done
+    assert goal.result()[0] == SUCCEEDED
+    sent = [each.message for each in simulator.received if each.type == CALL_ACTION]
+    assert [call.step_control.action for call in sent] == [EXECUTE, PAUSE, RESUME]
+
+
+def test_pause_of_what_does_not_run_is_refused(client: Client) -> None:
+    status, ret = step(client, action=PAUSE).result()
+    assert (status, "not running" in ret.msg) == (ABORTED, True)
+
+
+def test_cancel_is_not_held_up_by_an_unanswered_pause(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = running(client)
+    simulator.mute(CALL_ACTION)
+    step(client, action=PAUSE)
+    simulator.wait_received(CALL_ACTION, 2)
+    goal.cancel()
+    assert goal.result(timeout=5)[1].state.value == -2, "long before the pause's poll_timeout"
+
+
+def test_newer_goal_replaces_the_older(client: Client, simulator: SimulatorThread) -> None:
+    old = running(client)
+    new = step(client, 0.4)
+    status, ret = old.result()
+    assert (status, ret.msg) == (ABORTED, REPLACED)
+    assert new.result()[0] == SUCCEEDED
+    assert -2 not in [fb.state.value for fb in new.feedback.messages]
+
+
+def test_older_goals_end_that_comes_late_is_not_the_newer_ones(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    old = running(client)
+    remove = simulator.intercept(lambda out: [] if out.type == FEEDBACKS else [out])
+    new = step(client, 19.0)
+    assert old.result()[1].msg == REPLACED
+    remove()
+    simulator.push(feedbacks(2, "still the old one"))
+    simulator.push(feedbacks(-2, "the old one's end"))
+    new.feedback.wait(lambda fb: fb.msg.startswith("step 1"))
+    assert not new.done
+
+
+def test_end_of_what_another_program_ran_is_not_the_goals(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """As after a restart of the agent, too."""
+    request = CallAction()
+    request.step_control.steps.add(mode=1, value=30.0, speed=0.5)
+    request.step_control.action = EXECUTE
+    simulator.call(lambda sim: dispatched(sim, request))
+    goal = step(client, 0.4)
+    assert goal.result()[0] == SUCCEEDED
+
+
+@pytest.mark.parametrize("end", [-2, -1, 1])
+def test_last_reports_of_what_another_program_ran_are_not_the_goals(
+    client: Client, simulator: SimulatorThread, end: int
+) -> None:
+    """They come between the goal and its answer."""
+    simulator.delay(CALL_ACTION, 0.1)
+    simulator.call(freeze_steps)
+    goal = step(client, 0.4)
+    simulator.wait_received(CALL_ACTION)
+    simulator.push(feedbacks(2, "on its way"))
+    simulator.push(feedbacks(end, "its end"))
+    goal.feedback.wait(lambda fb: fb.msg == "on its way")
+    client.call(RobotState, "robot/RobotState")
+    assert not goal.done
+    simulator.accept(CALL_ACTION)
+    client.call(RobotState, "robot/RobotState")
+    simulator.push(feedbacks(1, "the goal's"))
+    assert goal.result()[1].msg == "the goal's"
+
+
+def test_refused_newer_goal_leaves_the_older_in_charge(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    old = running(client, 2.0)
+    goal = step_goal(1.0)
+    goal.arg.steps[0].mode.value = 9
+    status, ret = client.send_goal(StepControl, "ros/StepControl", goal).result()
+    assert (status, "mode" in ret.msg) == (ABORTED, True)
+    assert old.result()[0] == SUCCEEDED
+
+
+def test_lost_end_is_found_by_asking(
+    client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    simulator.intercept(
+        lambda out: (
+            [] if out.type == FEEDBACKS and not out.sn and out.body.fbs[0].state == 1 else [out]
+        )
+    )
+    assert step(client, 0.3).result()[0] == SUCCEEDED
+    # the second ends in the very same words
+    assert step(client, 0.3).result()[0] == SUCCEEDED
+
+
+def test_chassis_that_refuses_to_be_asked(
+    client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(GoalRun, "poll_period", 0.05)
+    simulator.refuse(FEEDBACKS, "unknown type")
+    goal = running(client)
+    simulator.wait_received(FEEDBACKS, 2)
+    simulator.push(feedbacks(1, "the end"))
+    assert goal.result()[1].msg == "the end"
+
+
+def test_end_that_is_known_from_before_is_not_believed_at_once(
+    client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The chassis took the goal, and when asked still tells how the one before ended."""
+    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    assert step(client, 0.3).result()[0] == SUCCEEDED
+    dropped = simulator.intercept(lambda out: [] if out.type == FEEDBACKS and not out.sn else [out])
+    simulator.call(freeze_steps)
+    goal = step(client, 0.3)
+    simulator.wait_received(FEEDBACKS, 1)
+    dropped()
+    simulator.push(feedbacks(2, "on its way"))
+    goal.feedback.wait(lambda fb: fb.msg == "on its way")
+    assert not goal.done
+
+
+def dispatched(sim: object, request: CallAction) -> None:
+    from woosh_robot_agent.simulator.dispatch import dispatch
+
+    dispatch(sim.chassis, request)  # type: ignore[attr-defined]
+
+
+def freeze_steps(sim: object) -> None:
+    """The chassis takes actions, and does nothing about them for the time being."""
+    sim.chassis.actions.tick = lambda dt: None  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2])
+@pytest.mark.parametrize("count", [3, 8])
+def test_of_goals_in_a_burst_the_last_one_counts(
+    client: Client, simulator: SimulatorThread, count: int, late: float
+) -> None:
+    """The ends of all that it replaces come before the chassis's answer to the last one."""
+    simulator.delay(CALL_ACTION, late)
+    goals = [step(client, 6.0) for _ in range(count)]  # longer than the answers are late
+    status, ret = goals[-1].result()
+    assert (status, ret.state.value) == (SUCCEEDED, 1)
+    assert [goal.result()[0] for goal in goals[:-1]] == [ABORTED] * (count - 1)
+    assert simulator.counts[CALL_ACTION] == count

@@ -1,0 +1,306 @@
+"""Cancelling goals, in every order of the client's wish, the chassis's answers and its reports."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import pytest
+from action_msgs.srv import CancelGoal
+from goals import (
+    ABORTED,
+    ACTION_ORDER,
+    CALL_ACTION,
+    CANCEL,
+    CANCELED,
+    COMPLETED,
+    EXEC_TASK,
+    EXECUTE,
+    EXECUTING,
+    SUCCEEDED,
+    TASK_CANCELED,
+    TASK_PROC,
+    lift,
+    lift3,
+    move_base,
+    proc,
+    short_task,
+    step,
+    task,
+)
+from harness import Client, GoalClient, wait_until
+
+from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.hooks import Outgoing
+from woosh_robot_msgs.srv import RobotState
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftControl3")
+
+
+def begun(goal: GoalClient, state: int) -> GoalClient:
+    goal.feedback.wait(lambda fb: fb.state.value == state)
+    return goal
+
+
+def without(*types: str, state: int | None = None) -> Callable[[Outgoing], list[Outgoing]]:
+    """Loses pushes of some types, those with one state only if it is given."""
+
+    def pass_on(out: Outgoing) -> list[Outgoing]:
+        lost = out.type in types and not out.sn and state in (None, getattr(out.body, "state", 0))
+        return [] if lost else [out]
+
+    return pass_on
+
+
+def cancel_everything(client: Client, name: str) -> CancelGoal.Response:
+    return client.call(CancelGoal, f"{name}/_action/cancel_goal")
+
+
+def test_task(client: Client, simulator: SimulatorThread) -> None:
+    goal = begun(task(client), EXECUTING)
+    assert len(goal.cancel().goals_canceling) == 1
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (CANCELED, TASK_CANCELED)
+    assert simulator.counts[ACTION_ORDER] == 1
+    assert simulator.last(ACTION_ORDER).order == util_action_pb2.kCancel
+
+
+@pytest.mark.parametrize(
+    ("start", "member"),
+    [
+        (lambda client: step(client, 20.0), "step_control"),
+        (lambda client: move_base(client, 4.0, EXECUTE), "move_base"),
+        (lift, "lift_control"),
+        (lambda client: lift3(client, 0.4), "lift_control3"),
+    ],
+)
+def test_action(
+    client: Client,
+    simulator: SimulatorThread,
+    start: Callable[[Client], GoalClient],
+    member: str,
+) -> None:
+    goal = begun(start(client), 2)
+    goal.cancel()
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (CANCELED, -2)
+    sent = [each.message for each in simulator.received if each.type == CALL_ACTION]
+    assert [getattr(call, member).action for call in sent] == [EXECUTE, CANCEL]
+
+
+def test_action_of_which_nothing_was_heard_before(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
+    goal = step(client, 20.0)
+    simulator.wait_received(CALL_ACTION)
+    goal.cancel()
+    assert goal.result(timeout=GoalRun.poll_period - 1)[0] == CANCELED, "without asking"
+
+
+def test_it_is_the_chassis_that_ends_it(client: Client, simulator: SimulatorThread) -> None:
+    simulator.intercept(without(TASK_PROC, state=TASK_CANCELED))
+    goal = begun(task(client, task_id=4), EXECUTING)
+    goal.cancel()
+    simulator.wait_received(ACTION_ORDER)
+    assert not goal.done
+    simulator.push(proc(4, COMPLETED, "had just arrived"))
+    assert goal.result()[0] == SUCCEEDED
+
+
+def test_refused_goes_on_and_can_be_asked_again(client: Client, simulator: SimulatorThread) -> None:
+    simulator.refuse(ACTION_ORDER, "not on the lift")
+    goal = begun(task(client), EXECUTING)
+    goal.cancel()
+    simulator.wait_received(ACTION_ORDER)
+    simulator.accept(ACTION_ORDER)
+    assert not goal.done
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[ACTION_ORDER] == 2
+
+
+def test_asked_again_before_the_first_answer(client: Client, simulator: SimulatorThread) -> None:
+    simulator.refuse(ACTION_ORDER, "not on the lift")
+    simulator.delay(ACTION_ORDER, 0.2)
+    goal = begun(task(client), EXECUTING)
+    goal.cancel()
+    simulator.wait_received(ACTION_ORDER)
+    simulator.accept(ACTION_ORDER)
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[ACTION_ORDER] == 2
+
+
+def test_refused_goes_on_to_its_end(client: Client, simulator: SimulatorThread) -> None:
+    simulator.refuse(ACTION_ORDER, "not on the lift")
+    goal = begun(task(client), EXECUTING)
+    goal.cancel()
+    assert goal.result()[0] == SUCCEEDED
+
+
+def test_before_the_chassis_answered_the_start(client: Client, simulator: SimulatorThread) -> None:
+    """Nothing is known of the goal yet: a cancel might hit another."""
+    answered = threading.Event()
+
+    def hold(out: Outgoing) -> list[Outgoing]:
+        return [out] if answered.is_set() or out.type != TASK_PROC else []
+
+    simulator.intercept(hold)
+    simulator.mute(EXEC_TASK)
+    goal = task(client, task_id=4)
+    simulator.wait_received(EXEC_TASK)
+    goal.cancel()
+    assert client_is_served(client)
+    assert simulator.counts[ACTION_ORDER] == 0
+    answered.set()
+    simulator.push(proc(4, EXECUTING))  # says as much as the answer would
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[ACTION_ORDER] == 1
+
+
+def test_of_a_goal_that_is_refused_cancels_nothing(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    other = begun(task(client), EXECUTING)
+    simulator.refuse(EXEC_TASK, "busy")
+    simulator.delay(EXEC_TASK, 0.2)
+    goal = task(client, mark="U5")
+    goal.cancel()
+    assert goal.result()[1].msg == "busy"
+    assert other.result()[0] == SUCCEEDED
+    assert simulator.counts[ACTION_ORDER] == 0
+
+
+def test_of_the_older_goal_does_not_hit_the_newer(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    old = begun(task(client), EXECUTING)
+    remove = simulator.intercept(without(TASK_PROC))
+    simulator.delay(EXEC_TASK, 0.2)
+    new = task(client, mark="U5")
+    old.cancel()
+    assert old.result()[1].msg == REPLACED
+    remove()
+    assert new.result()[0] == SUCCEEDED
+    assert simulator.counts[ACTION_ORDER] == 0
+
+
+@pytest.mark.parametrize("turn", range(5))
+def test_races_with_the_end(client: Client, simulator: SimulatorThread, turn: int) -> None:
+    goal = short_task(client, 0.05)
+    if turn:
+        goal.feedback.wait_count(turn)
+    goal.cancel()
+    status, ret = goal.result()
+    ends = {SUCCEEDED: COMPLETED, CANCELED: TASK_CANCELED}
+    assert ret.state.value == ends[status]
+    assert short_task(client, 0.1).result()[0] == SUCCEEDED, "nothing of it is left over"
+
+
+def test_after_the_end_changes_nothing(client: Client, simulator: SimulatorThread) -> None:
+    goal = short_task(client, 0.05)
+    assert goal.result()[0] == SUCCEEDED
+    assert not goal.cancel().goals_canceling
+    assert simulator.counts[ACTION_ORDER] == 0
+
+
+def test_unanswered_cancel_is_done_when_the_reports_say_so(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.mute(ACTION_ORDER)
+    goal = begun(task(client), EXECUTING)
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+
+
+def test_lost_report_of_the_cancel_is_found_by_asking(
+    client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    goal = begun(task(client), EXECUTING)
+    simulator.intercept(without(TASK_PROC))
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[ACTION_ORDER] == 1
+
+
+def test_while_the_link_is_down_is_sent_once_when_it_is_back(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = begun(task(client, mark="A23"), EXECUTING)
+    simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))
+    simulator.stop_listening()
+    wait_until(lambda: simulator.connections == 0)
+    goal.cancel()
+    simulator.listen()
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[ACTION_ORDER] == 1
+
+
+def test_while_the_link_is_down_of_an_action(client: Client, simulator: SimulatorThread) -> None:
+    goal = begun(step(client, 100.0), 2)
+    simulator.stop_listening()
+    goal.cancel()
+    simulator.listen()
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[CALL_ACTION] == 2
+
+
+def test_answered_cancel_is_not_sent_again_after_a_lost_link(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """A refusal is an answer: to ask again is up to the client."""
+    goal = begun(task(client), EXECUTING)
+    simulator.refuse(ACTION_ORDER, "later")
+    goal.cancel()
+    simulator.wait_received(ACTION_ORDER)
+    client_is_served(client)
+    connected = simulator.counts["woosh.robot.RobotInfo"]
+    simulator.drop()
+    simulator.wait_received("woosh.robot.RobotInfo", connected + 1)
+    assert goal.result()[0] == SUCCEEDED
+    assert simulator.counts[ACTION_ORDER] == 1
+
+
+def test_everything_of_one_action(client: Client, simulator: SimulatorThread) -> None:
+    goal = begun(task(client), EXECUTING)
+    assert len(cancel_everything(client, "robot/ExecTask").goals_canceling) == 1
+    assert goal.result()[0] == CANCELED
+    assert not cancel_everything(client, "robot/ExecTask").goals_canceling
+
+
+def test_everything_of_every_action(client: Client, simulator: SimulatorThread) -> None:
+    goals = [
+        begun(step(client, 20.0), 2),
+        begun(lift(client), 2),
+        begun(lift3(client, 0.4), 2),
+    ]
+    for name in ACTIONS:
+        cancel_everything(client, name)
+    assert [goal.result()[0] for goal in goals] == [CANCELED] * 3
+    assert simulator.counts[ACTION_ORDER] == 0
+
+
+def test_everything_with_a_replaced_goal_under_way(
+    client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(GoalRun, "poll_period", 0.5)
+    old = begun(task(client), EXECUTING)
+    simulator.delay(EXEC_TASK, 0.2)
+    remove = simulator.intercept(without(TASK_PROC))
+    new = task(client, mark="U5")
+    assert len(cancel_everything(client, "robot/ExecTask").goals_canceling) == 2
+    assert old.result()[0] == ABORTED
+    remove()
+    assert new.result()[0] == CANCELED
+    assert simulator.counts[ACTION_ORDER] == 1
+
+
+def client_is_served(client: Client) -> bool:
+    """A round trip through the agent and the chassis, so that what came before it has been done."""
+    return client.call(RobotState, "robot/RobotState") is not None

@@ -1,0 +1,127 @@
+"""The table is that of the facts, is served whole, and no endpoint of it is without a test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from harness import Client, wait_until
+from ros2_commands import documented
+
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
+from woosh_robot_msgs.srv import ExecTask, PlanPath, RobotWiFi, SetIdentity, Setting
+
+FACTS = yaml.safe_load((Path(__file__).parents[1] / "facts/endpoints.yaml").read_text())
+TWICE = "setting/SetIdentity"
+"""The second name of setting/Identity; the facts name it in a comment only."""
+
+
+def test_table_is_that_of_the_facts():
+    queries = {e.name: {"srv": e.srv, "request": e.request} for e in QUERIES}
+    assert queries == FACTS["info_services"]
+    commands = {}
+    for e in COMMANDS:
+        commands[e.name] = {"srv": e.srv, "request": e.request}
+        if e.answer:
+            commands[e.name]["answer"] = e.answer
+    assert commands.pop(TWICE) == commands["setting/Identity"]
+    assert commands == FACTS["command_services"]
+    topics = {e.name: {"msg": e.msg, "push": e.push} for e in TOPICS}
+    assert topics == FACTS["topics"]
+    assert {e.name: (e.action, e.feedback) for e in ACTIONS} == {
+        name: (fact["action"], fact["feedback"].replace("Feedbacks", "Feedback"))
+        for name, fact in FACTS["actions"].items()
+    }
+    for e in ACTIONS:
+        fact = FACTS["actions"][e.name]["request"]
+        assert fact == (f"woosh.ros.CallAction{{{e.member}}}" if e.member else e.arg)
+    assert (len(QUERIES) + len(COMMANDS) - 1, len(TOPICS), len(ACTIONS)) == (48, 15, 5)
+
+
+@pytest.mark.parametrize("namespace", ["/woosh_robot", "", "/site/robot_7"])
+def test_all_is_there_at_once_without_a_chassis(namespace, start_agent, domain):
+    start_agent(ip="127.0.0.1", port=1, namespace=namespace)
+    watcher = Client(domain, namespace)
+    try:
+        check_graph(watcher, namespace)
+    finally:
+        watcher.close()
+
+
+def check_graph(watcher: Client, namespace: str) -> None:
+    node = watcher.node
+    wait_until(lambda: ("agent", namespace or "/") in node.get_node_names_and_namespaces())
+
+    def offered(names_and_types: Any) -> dict[str, str]:
+        """What the agent offers, by relative name, without what every node has."""
+        prefix = f"{namespace}/"
+        return {
+            name.removeprefix(prefix): types[0]
+            for name, types in names_and_types("agent", namespace or "/")
+            if "woosh_" in types[0] and "/_action/" not in name
+        }
+
+    services = {e.name: e.srv.replace("/", "/srv/") for e in (*QUERIES, *COMMANDS)}
+    wait_until(lambda: offered(node.get_service_names_and_types_by_node) == services, "services")
+    topics = {e.name: e.msg.replace("/", "/msg/") for e in TOPICS}
+    wait_until(lambda: offered(node.get_publisher_names_and_types_by_node) == topics, "topics")
+    for action in ACTIONS:
+        feedback = f"{namespace}/{action.name}/_action/feedback"
+        assert node.count_publishers(feedback) == 1
+
+
+def test_it_connects_when_the_chassis_appears(simulator, start_agent, client):
+    simulator.stop_listening()
+    where = {"ip": "127.0.0.1", "port": simulator.port}
+    agent = start_agent(**where, backoff_min=0.05, backoff_max=0.1)
+    wait_until(lambda: agent.agent._chassis.last_error, "an attempt in vain")
+    assert not client.call(SetIdentity, "setting/Identity").ok
+    simulator.listen()
+    agent.wait_connected()
+    assert client.call(SetIdentity, "setting/Identity").ok
+
+
+# What the document does not show
+
+
+def plan_path(client: Any) -> None:
+    arg = ExecTask.Request().arg
+    arg.mark_no = "A2"
+    assert client.call(ExecTask, "robot/ExecTask", arg=arg).ok
+    wait_until(lambda: client.call(PlanPath, "robot/PlanPath").plan_path.plan_path, "a path")
+
+
+def robot_wifi(client: Any) -> None:
+    arg = RobotWiFi.Request().arg
+    arg.order.value = arg.order.K_WI_FI_LIST
+    response = client.call(RobotWiFi, "robot/RobotWiFi", arg=arg)
+    assert response.ok
+    assert response.ret.order == arg.order
+    assert b"woosh-guest" in bytes(response.ret.content)
+
+
+def set_identity(client: Any) -> None:
+    arg = SetIdentity.Request().arg
+    arg.name = "second"
+    assert client.call(SetIdentity, TWICE, arg=arg).ret.name == "second"
+    assert client.call(Setting, "robot/Setting").info.identity.name == "second"
+
+
+MORE = {"robot/PlanPath": plan_path, "robot/RobotWiFi": robot_wifi, TWICE: set_identity}
+
+
+@pytest.mark.parametrize("name", MORE)
+def test_what_the_document_does_not_show(name, agent, client):
+    MORE[name](client)
+
+
+def test_no_endpoint_is_left_out():
+    """test_documented_commands calls all that the document shows; the rest is above."""
+    shown = {(command.verb, command.name) for command in documented()}
+    shown |= {("service call", name) for name in MORE}
+    table = {("service call", e.name) for e in (*QUERIES, *COMMANDS)}
+    table |= {("topic echo", e.name) for e in TOPICS}
+    table |= {("action send_goal", e.name) for e in ACTIONS}
+    assert shown == table

@@ -1,0 +1,200 @@
+"""Every command that the maker's document shows, in its order, does what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+from harness import Client, wait_until
+from ros2_commands import Command, documented, parse
+
+from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_msgs.msg import DeviceStateSoftwareBit as Software
+from woosh_robot_msgs.srv import RobotInfo
+
+SUCCEEDED = 4
+PAUSED, COMPLETED = 4, 7
+FOLLOWING = 7
+
+# Which example is wrong as it is printed, and what the tool says to it.
+WRONG = {
+    """ros2 service call /woosh_robot/robot/ChangeNavPath woosh_robot_msgs/srv/ChangeNavPath "{arg:{paths:{plan_path:[{target:{x: 1.23, y: 2.34, theta: 1.57}, path:[{x: 0.0, y: 0.0, theta: 0.0}, {x: 1.23, y: 2.34, theta: 1.57}]}}}" """: yaml.YAMLError,  # noqa: E501
+    """ros2 service call /woosh_robot/robot/Speak woosh_robot_msgs/srv/Speak "{arg:{text: "Hello world"}}" """: ValueError,  # noqa: E501
+    """ros2 service call /woosh_robot/setting/Server woosh_robot_msgs/srv/SetServer "{arg:{name: "woow"}}" """: AttributeError,  # noqa: E501
+    """ros2 action send_goal /woosh_robot/ros/StepControl woosh_ros_msgs/action/StepControl "{arg:{action:{value: 1}, steps:[{mode:{value: 1}}, speed: 0.5, value: 2}]}}" --feedback""": yaml.YAMLError,  # noqa: E501
+}
+
+
+class Robot:
+    """What the robot says by ROS, and what only its simulation knows."""
+
+    def __init__(self, client: Client, simulator: SimulatorThread) -> None:
+        self.client = client
+        self.simulator = simulator
+
+    @property
+    def info(self) -> Any:
+        return self.client.call(RobotInfo, "robot/RobotInfo").info
+
+    def software(self, bit: int) -> bool:
+        return bool(self.info.device_state.software & bit)
+
+    def stands_at(self, pose: Any) -> bool:
+        here = self.info.pose_speed.pose
+        wanted = pytest.approx((pose.x, pose.y, pose.theta), abs=0.01)
+        return bool((here.x, here.y, here.theta) == wanted)
+
+
+def init_robot(robot: Robot, arg: Any) -> bool:
+    return robot.info.state.value == 2 and (arg.is_record or robot.stands_at(arg.pose))
+
+
+def change_nav_path(robot: Robot, arg: Any) -> bool:
+    # the robot is paused: it plans anew, and says so, when it goes on
+    stops = robot.simulator.call(lambda inner: list(inner.chassis.navigation._stops))
+    wanted = [xy for pose in arg.paths.plan_path[0].path.poses for xy in (pose.x, pose.y)]
+    found = [xy for stop in stops for xy in (stop.x, stop.y)]
+    return found[: len(wanted)] == pytest.approx(wanted)
+
+
+def twist(robot: Robot, arg: Any) -> bool:
+    now = robot.info.pose_speed.twist  # it gathers speed, and slows down when no more comes
+    return 0 < now.linear <= arg.linear + 1e-6 and 0 < now.angular <= arg.angular + 1e-6
+
+
+# What is true of the robot after a command with this argument, soon if not at once.
+EFFECTS: dict[str, Callable[[Robot, Any], Any]] = {
+    "robot/InitRobot": init_robot,
+    "robot/SetRobotPose": lambda robot, arg: robot.stands_at(arg.pose),
+    "robot/SetOccupancy": lambda robot, arg: robot.software(Software.K_OCCUPANCY) == arg.occupy,
+    "robot/SetMuteCall": lambda robot, arg: robot.software(Software.K_MUTE_CALL) == arg.mute,
+    "robot/SetProgramMute": lambda robot, arg: robot.software(Software.K_PROGRAM_MUTE) == arg.mute,
+    "robot/SwitchControlMode": lambda robot, arg: robot.info.mode.ctrl == arg.mode,
+    "robot/SwitchWorkMode": lambda robot, arg: robot.info.mode.work == arg.mode,
+    "robot/SwitchFootPrint": lambda robot, arg: robot.info.model.type == arg.type,
+    "robot/SwitchMap": lambda robot, arg: robot.info.scene.scene_name == arg.scene_name,
+    "robot/ExecPreTask": lambda robot, arg: (
+        robot.info.task_proc.robot_task_id // 100 == arg.task_set_id
+    ),
+    "robot/ExecTask": lambda robot, arg: robot.info.task_proc.dest == arg.mark_no,
+    "robot/ActionOrder": lambda robot, arg: robot.info.task_proc.state.value == PAUSED,
+    "robot/ChangeNavPath": change_nav_path,
+    "robot/Speak": lambda robot, arg: robot.simulator.state.spoken[-1] == arg.text,
+    "robot/Twist": twist,
+    "robot/Follow": lambda robot, arg: robot.info.state.value == FOLLOWING,
+    "setting/Identity": lambda robot, arg: robot.info.setting.identity.name == arg.name,
+    "setting/Server": lambda robot, arg: robot.info.setting.server == arg,
+    "setting/AutoCharge": lambda robot, arg: robot.info.setting.allow.auto_charge == arg.allow,
+    "setting/AutoPark": lambda robot, arg: robot.info.setting.allow.auto_park == arg.allow,
+    "setting/GoodsCheck": lambda robot, arg: robot.info.setting.allow.goods_check == arg.allow,
+    "setting/Power": lambda robot, arg: robot.info.setting.power == arg,
+    "setting/Sound": lambda robot, arg: robot.info.setting.sound == arg,
+}
+
+
+# What a command's answer holds beside ok, and a query's.
+ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
+    "robot/SwitchControlMode": lambda arg, answer: answer.ret.ctrl == arg.mode,
+    "robot/SwitchWorkMode": lambda arg, answer: answer.ret.work == arg.mode,
+    "robot/SwitchFootPrint": lambda arg, answer: answer.ret.type == arg.type,
+    "robot/ScannerData": lambda arg, answer: len(answer.ret.ranges) > 100,
+    "robot/ChangeNavMode": lambda arg, answer: "no effect" not in answer.msg,
+    "setting/Identity": lambda arg, answer: answer.ret.name == arg.name,
+    "setting/Server": lambda arg, answer: answer.ret.ip == arg.ip,
+    "setting/Power": lambda arg, answer: answer.ret.full == arg.full,
+    "setting/Sound": lambda arg, answer: answer.ret.volume == arg.volume,
+    "robot/RobotInfo": lambda arg, answer: answer.info.genral.serial_number == 30001,
+    "robot/General": lambda arg, answer: answer.info.serial_number == 30001,
+    "robot/HardwareState": lambda arg, answer: len(answer.info.motor) == 2,
+    "robot/Model": lambda arg, answer: len(answer.info.model) >= 4,
+    "map/SceneDataEasy": lambda arg, answer: answer.info.name == "scenex",
+    "task/RepeatTasks": lambda arg, answer: answer.info.repeat_tasks,
+    "task/CallTasks": lambda arg, answer: answer.info.call_tasks,
+}
+
+
+@pytest.fixture
+def simulator() -> Any:
+    """As fast as a real one, so that a task is still far from its end at the next command."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as running:
+        yield running
+
+
+def hurry(simulator: SimulatorThread) -> None:
+    """Let simulated time run fast from here on."""
+    simulator.call(lambda inner: setattr(inner, "speed", 50.0))
+
+
+def echo(client: Client, name: str) -> Any:
+    """Subscribe as the tool does, to the type that the graph names."""
+    types = wait_until(lambda: dict(client.node.get_topic_names_and_types()).get(client.path(name)))
+    package, _, short = types[0].split("/")
+    return client.echo(ros_type(f"{package}/{short}", "msg"), name)
+
+
+def call(robot: Robot, command: Command) -> None:
+    request = command.filled()
+    arg = getattr(request, "arg", None)
+    fields = {} if arg is None else {"arg": arg}
+    answer = robot.client.call(command.cls, command.name, **fields)
+    assert getattr(answer, "ok", True), f"{command.line}: {answer.msg}"
+    assert ANSWERS.get(command.name, lambda arg, answer: True)(arg, answer), command.line
+    effect = EFFECTS.get(command.name, lambda robot, arg: True)
+    wait_until(lambda: effect(robot, arg), f"the effect of {command.line}")
+
+
+def run(robot: Robot, command: Command) -> None:
+    before = robot.simulator.state
+    goal = robot.client.send_goal(command.cls, command.name, command.filled())
+    status, ret = goal.result(30.0)
+    assert status == SUCCEEDED, f"{command.line}: {ret}"
+    assert goal.feedback.messages, command.line
+    after, arg = robot.simulator.state, command.filled().arg
+    if command.name == "robot/ExecTask":
+        assert (ret.state.value, ret.dest) == (COMPLETED, arg.mark_no)
+    elif command.name == "ros/StepControl" and arg.steps[0].mode.value == 1:
+        assert after.odometer - before.odometer == pytest.approx(arg.steps[0].value, abs=0.01)
+    elif command.name == "ros/StepControl":
+        assert after.odometer == pytest.approx(before.odometer, abs=0.01)
+        assert abs(after.pose.theta - before.pose.theta) == pytest.approx(3.14, abs=0.01)
+    elif command.name == "ros/LiftControl":
+        up = arg.execute_mode.value == arg.execute_mode.K_UP
+        assert (after.jack > before.jack) is up
+    elif command.name == "ros/LiftControl3":
+        start = before.column if arg.execute_mode.value == arg.execute_mode.K_RELATIVE else 0.0
+        assert after.column == pytest.approx(start + arg.height, abs=0.01)
+    else:
+        assert robot.stands_at(arg.target_pose)
+
+
+def test_in_the_document_s_order(simulator, agent, client):
+    robot = Robot(client, simulator)
+    commands = documented()
+    echoes = {}
+    for command in commands:
+        if command.verb == "topic echo":
+            echoes[command.name] = echo(client, command.name)
+        elif command.verb == "service call":
+            call(robot, command)
+        else:
+            hurry(simulator)
+            run(robot, command)
+    for name, seen in echoes.items():
+        assert seen.wait_count(1), name
+    settings = echoes["robot/Setting"].wait(lambda m: m.sound.volume == 50 and m.power.full == 100)
+    assert settings.identity.name == "woow"
+    assert echoes["robot/Scene"].wait(lambda m: m.scene_name == "scenex")
+    assert echoes["robot/TaskProc"].wait(lambda m: m.dest == "A2" and m.state.value == COMPLETED)
+    assert echoes["robot/NavPath"].wait(lambda m: m.path.poses)
+    assert echoes["robot/PoseSpeed"].wait(lambda m: m.twist.linear > 0)
+    assert echoes["robot/OperationState"].wait(lambda m: m.robot & 1)
+    assert echoes["robot/DeviceState"].wait(lambda m: m.software & Software.K_MUTE_CALL)
+
+
+@pytest.mark.parametrize(("line", "error"), WRONG.items())
+def test_examples_that_are_wrong_as_printed(line, error):
+    with pytest.raises(error):
+        parse(line.strip()).filled()

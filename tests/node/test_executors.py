@@ -1,0 +1,190 @@
+"""Both executors do the same: services, topics, goals, their cancel, and the end."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+
+import pytest
+from goals import (
+    ABORTED,
+    CALL_ACTION,
+    CANCELED,
+    EXECUTING,
+    START,
+    SUCCEEDED,
+    lift,
+    lift3,
+    move_base,
+    short_task,
+    step,
+    task,
+)
+from harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
+
+from woosh_robot_agent.actions.run import REPLACED, STOPPING
+from woosh_robot_agent.agent import _spin_once
+from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
+from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
+from woosh_robot_msgs.srv import Mode, PoseSpeed
+
+
+@pytest.fixture(params=EXECUTORS)
+def agent(
+    request: pytest.FixtureRequest,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+) -> RunningAgent:
+    started = start_agent(
+        ip="127.0.0.1",
+        port=simulator.port,
+        backoff_min=0.1,
+        executor=request.param,
+        result_timeout=1,
+        goal_link_timeout=0.5,
+    )
+    started.wait_connected()
+    return started
+
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+
+def test_services_many_at_a_time(client: Client) -> None:
+    calls = [client.call_async(Mode, "robot/Mode") for _ in range(200)]
+    calls += [client.call_async(PoseSpeed, "robot/PoseSpeed") for _ in range(40)]
+    for call in calls:
+        assert wait_future(call) is not None
+
+
+def test_deferred_replies_overtake_each_other(client: Client, simulator: SimulatorThread) -> None:
+    simulator.delay("woosh.robot.Mode", 0.3)
+    slow = client.call_async(Mode, "robot/Mode")
+    client.call(PoseSpeed, "robot/PoseSpeed")
+    assert not slow.done()
+    assert wait_future(slow).info.ctrl.value == 1
+
+
+def test_topics(client: Client, simulator: SimulatorThread) -> None:
+    poses = client.echo(PoseSpeedMsg, "robot/PoseSpeed")
+    tasks = client.echo(TaskProcMsg, "robot/TaskProc")
+    poses.wait_count(1)
+    goal = short_task(client, 0.3)
+    assert goal.result()[0] == SUCCEEDED
+    tasks.wait(lambda proc: proc.state.value == EXECUTING)
+    poses.wait(lambda pose: pose.pose.x > START[0] + 0.28)
+
+
+def test_goals(client: Client) -> None:
+    assert short_task(client, 0.3).result()[0] == SUCCEEDED
+    goals = [step(client, 0.3), lift(client)]
+    assert [goal.result()[0] for goal in goals] == [SUCCEEDED, SUCCEEDED]
+    assert move_base(client, 0.5).result()[0] == SUCCEEDED
+    assert all(goal.feedback.messages for goal in goals)
+
+
+def test_cancel(client: Client, simulator: SimulatorThread) -> None:
+    goals = [step(client, 30.0), lift(client)]
+    for goal in goals:
+        goal.feedback.wait_count(1)
+        assert len(goal.cancel().goals_canceling) == 1
+    assert [goal.result()[0] for goal in goals] == [CANCELED, CANCELED]
+    simulator.refuse("woosh.robot.ActionOrder", "no")
+    refused = short_task(client, 0.3)
+    refused.cancel()
+    assert refused.result()[0] == SUCCEEDED
+
+
+def test_refusal_and_replacement(client: Client) -> None:
+    assert task(client, mark="nowhere").result()[0] == ABORTED
+    old, new = task(client), task(client, mark="U5")
+    assert old.result()[1].msg == REPLACED
+    assert new.result()[0] == SUCCEEDED
+
+
+def test_lost_link(client: Client, simulator: SimulatorThread) -> None:
+    goal = task(client, mark="A23")
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    simulator.stop_listening()
+    status, ret = goal.result()
+    assert (status, "link was lost" in ret.msg) == (ABORTED, True)
+    simulator.listen()
+    wait_until(lambda: "not connected" not in step(client, 0.1).result()[1].msg)
+
+
+def test_result_is_kept_for_a_late_client_and_not_for_ever(client: Client) -> None:
+    goal = step(client, 0.2)
+    assert goal.result()[0] == SUCCEEDED
+
+    def ask_again() -> int:
+        return int(wait_future(goal.handle.get_result_async()).status)
+
+    assert ask_again() == SUCCEEDED
+    wait_until(lambda: ask_again() == 0, "the result to expire")
+    assert step(client, 0.2).result()[0] == SUCCEEDED
+
+
+def test_clients_that_vanish(client: Client, simulator: SimulatorThread, domain: int) -> None:
+    """With goals under way, results and answers outstanding."""
+    simulator.delay("woosh.robot.Mode", 0.2)
+    gone = Client(domain)
+    step(gone, 3.0)
+    gone.call_async(Mode, "robot/Mode")
+    gone.close()
+    status, ret = step(client, 0.2).result()
+    assert status == SUCCEEDED, ret
+    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+
+
+def test_goal_that_comes_during_the_end(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    agent.agent._thread.run(agent.agent._actions.stop(), TIMEOUT)
+    status, ret = step(client, 0.2).result()
+    assert (status, ret.msg) == (ABORTED, STOPPING)
+    assert simulator.counts[CALL_ACTION] == 0
+
+
+def test_end_with_open_goals_and_a_new_start(
+    agent: RunningAgent,
+    client: Client,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+) -> None:
+    goals = [step(client, 100.0), lift3(client, 0.4, speed=0.001)]
+    for goal in goals:
+        goal.feedback.wait_count(1)
+    agent.close()
+    for goal in goals:
+        status, ret = goal.result()
+        assert (status, "stopping" in ret.msg) == (ABORTED, True)
+    wait_until(lambda: simulator.connections == 0)
+    start_agent(ip="127.0.0.1", port=simulator.port, executor=agent.agent.settings.executor)
+
+    def status_of_the_old_goal() -> int | None:
+        """What the new agent says of it, or None if it has not been discovered yet."""
+        asked = goals[0].handle.get_result_async()
+        with contextlib.suppress(AssertionError):
+            return int(wait_future(asked, 0.5).status)
+        return None
+
+    wait_until(lambda: status_of_the_old_goal() == 0)
+    wait_until(lambda: client.call(Mode, "robot/Mode").info.ctrl.value)
+    status, ret = step(client, 0.2).result()
+    assert status == SUCCEEDED, ret
+
+
+def test_mistake_in_a_callback_does_not_end_the_program(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger("woosh_robot_agent"), "propagate", True)
+
+    class Failing:
+        def spin_once(self, timeout_sec: float) -> None:
+            raise RuntimeError("mistake")
+
+    _spin_once(Failing(), 0.0)
+    assert "mistake" in caplog.text

@@ -1,0 +1,282 @@
+"""Goals whose link, or whose answer, is lost on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from goals import (
+    ABORTED,
+    CALL_ACTION,
+    EXEC_TASK,
+    EXECUTING,
+    FEEDBACKS,
+    STEP,
+    SUCCEEDED,
+    TASK_PROC,
+    feedbacks,
+    move_base,
+    proc,
+    short_task,
+    step,
+    task,
+)
+from harness import Client, GoalClient, RunningAgent, wait_until
+
+from woosh_robot_agent.actions.run import GoalRun
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+
+@pytest.fixture
+def agent(simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]) -> RunningAgent:
+    """As everywhere, but with little patience."""
+    started = start_agent(
+        ip="127.0.0.1",
+        port=simulator.port,
+        backoff_min=0.1,
+        backoff_max=0.1,
+        goal_link_timeout=0.8,
+        poll_timeout=300,
+    )
+    started.wait_connected()
+    return started
+
+
+@pytest.fixture(autouse=True)
+def haste(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GoalRun, "poll_period", 0.6)
+
+
+def pause(simulator: SimulatorThread) -> None:
+    simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))
+
+
+def switch_off(simulator: SimulatorThread) -> None:
+    simulator.stop_listening()
+    wait_until(lambda: simulator.connections == 0)
+
+
+# The link goes and comes back
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> None:
+    goal = task(client) if kind == "task" else step(client, 8.0)
+    goal.feedback.wait_count(3)
+    known = simulator.counts["woosh.robot.RobotInfo"]
+    simulator.drop()
+    simulator.wait_received("woosh.robot.RobotInfo", known + 1)
+    count = len(goal.feedback.messages)
+    goal.feedback.wait_count(count + 1)
+    assert goal.result()[0] == SUCCEEDED
+    assert simulator.counts[EXEC_TASK] + simulator.counts[CALL_ACTION] == 1, "nothing is replayed"
+
+
+def test_lost_again_and_again(client: Client, simulator: SimulatorThread) -> None:
+    goal = task(client)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    pause(simulator)
+    for _ in range(4):
+        known = simulator.counts[TASK_PROC]
+        simulator.drop()
+        simulator.wait_received(TASK_PROC, known + 1)
+    simulator.call(lambda sim: sim.chassis.tasks.resume())
+    assert goal.result()[0] == SUCCEEDED
+
+
+def test_task_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -> None:
+    goal = short_task(client, 1.0)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    switch_off(simulator)
+    wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active))
+    simulator.listen()
+    assert goal.result()[0] == SUCCEEDED
+
+
+def test_task_that_ended_with_another_after_it(client: Client, simulator: SimulatorThread) -> None:
+    goal = task(client, task_id=5)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    switch_off(simulator)
+    simulator.call(lambda sim: sim.chassis.tasks.cancel("at the screen"))
+    simulator.call(lambda sim: setattr(sim.chassis.tasks, "proc", proc(6, EXECUTING)))
+    simulator.listen()
+    status, ret = goal.result()
+    assert (status, ret.robot_task_id, ret.msg) == (ABORTED, 5, "at the screen")
+    assert simulator.counts["woosh.robot.TaskHistory"] == 1
+
+
+def test_action_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -> None:
+    goal = step(client, 2.0)
+    goal.feedback.wait(lambda fb: fb.state.value == 2)
+    switch_off(simulator)
+    wait_until(lambda: simulator.call(lambda sim: sim.chassis.actions.last[STEP].state == 1))
+    simulator.listen()
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (SUCCEEDED, 1)
+
+
+def test_another_chassis_in_its_place(client: Client, simulator: SimulatorThread) -> None:
+    goal = task(client)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    port = simulator.port
+    switch_off(simulator)
+    with SimulatorThread(SimulatorConfig(port=port, tcp_port=0)):
+        status, ret = goal.result()
+    assert status == ABORTED
+    assert "does not know the task" in ret.msg
+
+
+def test_action_that_the_chassis_does_not_know_any_more(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = move_base(client, 4.0)
+    goal.feedback.wait(lambda fb: fb.state.value == 2)
+    port = simulator.port
+    switch_off(simulator)
+    with SimulatorThread(SimulatorConfig(port=port, tcp_port=0)):
+        status, ret = goal.result()
+    assert (status, ret.state.value) == (ABORTED, -1)
+    assert "link was lost" in ret.msg
+
+
+def test_chassis_that_refuses_to_be_asked_and_reports_again(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.refuse(FEEDBACKS, "unknown type")
+    goal = step(client, 15.0)
+    goal.feedback.wait(lambda fb: fb.state.value == 2)
+    simulator.drop()
+    assert goal.result()[0] == SUCCEEDED
+
+
+# The link does not come back
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) -> None:
+    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
+    goal.feedback.wait_count(3)
+    simulator.stop_listening()
+    status, ret = goal.result()
+    assert status == ABORTED
+    assert "link was lost" in ret.msg
+    assert "0.8 s" in ret.msg
+    assert ret.state.value == (9 if kind == "task" else -1)
+
+
+def test_new_goal_without_a_link(client: Client, simulator: SimulatorThread) -> None:
+    switch_off(simulator)
+    status, ret = task(client).result()
+    assert status == ABORTED
+    assert "not connected to ws://127.0.0.1" in ret.msg
+    simulator.listen()
+    simulator.wait_received("woosh.robot.RobotInfo", 2)
+    assert simulator.counts[EXEC_TASK] == 0
+
+
+# The answer to the start is lost
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_unanswered_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> None:
+    simulator.mute(EXEC_TASK)
+    simulator.mute(CALL_ACTION)
+    goal = task(client) if kind == "task" else step(client, 10.0)
+    assert goal.result()[0] == SUCCEEDED
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_unanswered_goal_of_which_no_push_tells(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    simulator.mute(EXEC_TASK)
+    simulator.mute(CALL_ACTION)
+    simulator.intercept(lambda out: [out] if out.sn else [])
+    goal = task(client) if kind == "task" else step(client, 8.0)
+    assert goal.result()[0] == SUCCEEDED
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_goal_that_never_arrived(client: Client, simulator: SimulatorThread, kind: str) -> None:
+    for name in (EXEC_TASK, CALL_ACTION):
+        simulator.refuse(name, "")  # so that nothing is done
+        simulator.mute(name)
+    status, ret = (task(client) if kind == "task" else step(client, 1.0)).result()
+    assert status == ABORTED
+    assert "no answer to the goal" in ret.msg
+    assert "did not answer" in ret.msg
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_goal_that_never_arrived_is_not_taken_for_the_one_before(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    """It has the same name, and what the chassis tells of that name is how the other one ended."""
+
+    def start() -> GoalClient:
+        return short_task(client, 0.2, task_id=3) if kind == "task" else step(client, 0.3)
+
+    assert start().result()[0] == SUCCEEDED
+    for name in (EXEC_TASK, CALL_ACTION):
+        simulator.refuse(name, "")
+        simulator.mute(name)
+    status, ret = start().result()
+    assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
+
+
+def test_newer_action_that_never_arrived_leaves_the_older_in_charge(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    old = step(client, 100.0)
+    old.feedback.wait(lambda fb: fb.state.value == 2)
+    simulator.refuse(CALL_ACTION, "")
+    simulator.mute(CALL_ACTION)
+    status, ret = step(client, 1.0).result()
+    assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
+    assert not old.done
+    simulator.push(feedbacks(1, "the end"))
+    assert old.result()[0] == SUCCEEDED
+
+
+def test_nothing_is_asked_before_the_answer(
+    client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the chassis tells then may be of the goal before; nor does the wait keep it busy."""
+    monkeypatch.setattr(GoalRun, "poll_period", 0.02)
+    ticks = []
+    look = GoalRun._look_at_the_time
+    monkeypatch.setattr(
+        GoalRun, "_look_at_the_time", lambda run: ticks.append(run._answered) or look(run)
+    )
+    simulator.mute(CALL_ACTION)
+    simulator.intercept(lambda out: [out] if out.sn else [])
+    goal = step(client, 8.0)
+    wait_until(lambda: ticks.count(False) > 5)
+    assert simulator.counts[FEEDBACKS] == 0
+    assert goal.result()[0] == SUCCEEDED
+    assert ticks.count(False) < 50
+    assert simulator.counts[FEEDBACKS] > 0
+
+
+def test_link_lost_before_the_answer(client: Client, simulator: SimulatorThread) -> None:
+    simulator.mute(EXEC_TASK)
+    simulator.intercept(lambda out: [] if out.type == TASK_PROC and not out.sn else [out])
+    goal = task(client)
+    simulator.wait_received(EXEC_TASK)
+    simulator.drop()
+    assert goal.result()[0] == SUCCEEDED
+    assert simulator.counts[EXEC_TASK] == 1
+
+
+def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
+    """Neither an answer nor an end of the connection."""
+    goal = short_task(client, 1.0)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    simulator.freeze()
+    new = short_task(client, 2.0)
+    status, ret = new.result()
+    assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
+    simulator.thaw()
+    assert goal.done or goal.result()

@@ -1,0 +1,213 @@
+"""Parameters: what they are, what is refused and why, and what a change does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from goals import EXEC_TASK, EXECUTING, SUCCEEDED, step, task
+from harness import Client, RunningAgent, wait_until
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter
+
+from woosh_robot_agent.parameters import PARAMETERS
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_msgs.srv import Mode, Speak
+
+MODE = "woosh.robot.Mode"
+ROBOT_INFO = "woosh.robot.RobotInfo"
+DEFAULTS = {
+    "ip": "169.254.128.2",
+    "port": 0,
+    "transport": "websocket",
+    "encoding": "json",
+    "poll_timeout": 10000,
+    "robot_id": 0,
+    "goal_link_timeout": 5.0,
+    "result_timeout": 60,
+    "executor": "single_threaded",
+}
+
+
+def messages(values: dict[str, Any]) -> list[ParameterMsg]:
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+def change(client: Client, **values: Any) -> tuple[bool, str]:
+    """Set several at once; whether that was done, and why not."""
+    response = client.call(
+        SetParametersAtomically, "agent/set_parameters_atomically", parameters=messages(values)
+    )
+    return response.result.successful, response.result.reason
+
+
+def value(client: Client, name: str) -> Any:
+    (found,) = client.call(GetParameters, "agent/get_parameters", names=[name]).values
+    return Parameter.from_parameter_msg(ParameterMsg(name=name, value=found)).value
+
+
+@pytest.fixture
+def unconnected(start_agent: Callable[..., RunningAgent]) -> RunningAgent:
+    return start_agent(ip="127.0.0.1", port=1)
+
+
+@pytest.mark.usefixtures("unconnected")
+def test_each_is_described_with_its_range(client: Client) -> None:
+    names = [parameter.name for parameter in PARAMETERS]
+    listed = client.call(ListParameters, "agent/list_parameters").result.names
+    assert set(names) <= set(listed)
+    described = client.call(DescribeParameters, "agent/describe_parameters", names=names)
+    for parameter, descriptor in zip(PARAMETERS, described.descriptors, strict=True):
+        assert descriptor.description
+        ranges = [*descriptor.integer_range, *descriptor.floating_point_range]
+        assert len(ranges) == (not isinstance(parameter.default, str))
+
+
+def test_defaults(start_agent: Callable[..., RunningAgent], client: Client) -> None:
+    start_agent()
+    for name, default in DEFAULTS.items():
+        assert value(client, name) == default
+
+
+BAD = [
+    ({"port": 65536}, "port"),
+    ({"port": -1}, "port"),
+    ({"port": "5480"}, "type"),
+    ({"ip": ""}, "ip"),
+    ({"ip": "a b"}, "ip"),
+    ({"ip": "http://robot/"}, "ip"),
+    ({"transport": "udp"}, "transport"),
+    ({"encoding": "xml"}, "encoding"),
+    ({"poll_timeout": 0}, "poll_timeout"),
+    ({"poll_timeout": 1.5}, "type"),
+    ({"robot_id": 2**32}, "robot_id"),
+    ({"goal_link_timeout": -1.0}, "goal_link_timeout"),
+    ({"goal_link_timeout": float("nan")}, "goal_link_timeout"),
+    ({"goal_link_timeout": float("inf")}, "goal_link_timeout"),
+    ({"goal_link_timeout": "long"}, "goal_link_timeout"),
+    ({"goal_link_timeout": True}, "goal_link_timeout"),
+    ({"backoff_min": 5.0, "backoff_max": 1.0}, "backoff"),
+    ({"max_frame_size": 0}, "max_frame_size"),
+    ({"max_in_flight": 0}, "max_in_flight"),
+    ({"executor": "fast"}, "executor"),
+    ({"executor": "events"}, "read-only"),
+    ({"result_timeout": 5}, "read-only"),
+]
+
+
+@pytest.mark.usefixtures("unconnected")
+def test_bad_value_is_refused_with_the_reason(client: Client) -> None:
+    for values, reason in BAD:
+        before = {name: value(client, name) for name in values}
+        successful, told = change(client, **values)
+        assert not successful, values
+        assert reason in told, values
+        assert {name: value(client, name) for name in values} == before
+
+
+@pytest.mark.parametrize(
+    ("parameter", "reason"),
+    [({"ip": "a b"}, "ip"), ({"executor": "fast"}, "executor"), ({"encoding": "xml"}, "encoding")],
+)
+def test_bad_value_at_the_start(
+    start_agent: Callable[..., RunningAgent], parameter: dict[str, Any], reason: str
+) -> None:
+    with pytest.raises(ValueError, match=reason):
+        start_agent(**parameter)
+
+
+def test_whole_number_for_a_fractional_one(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
+    start_agent(goal_link_timeout=3)
+    assert value(client, "goal_link_timeout") == 3
+    assert change(client, goal_link_timeout=4) == (True, "")
+
+
+@pytest.mark.parametrize("transport", ["websocket", "tcp"])
+def test_change_of_the_address_reconnects(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread, transport: str
+) -> None:
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as other:
+        port = other.port if transport == "websocket" else other.tcp_port
+        assert change(client, port=port, transport=transport) == (True, "")
+        other.wait_received(ROBOT_INFO)
+        wait_until(lambda: simulator.connections == 0)
+        agent.wait_connected()
+        client.call(Mode, "robot/Mode")
+        assert (other.counts[MODE], simulator.counts[MODE]) == (1, 0)
+
+
+def test_change_of_ip_reconnects(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    assert change(client, ip="localhost") == (True, "")
+    simulator.wait_received(ROBOT_INFO, 2)
+    agent.wait_connected()
+    client.call(Mode, "robot/Mode")
+    assert simulator.counts[MODE] == 1
+
+
+def test_change_to_a_wrong_address_and_back(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    assert change(client, port=1) == (True, "")
+    wait_until(lambda: simulator.connections == 0)
+    assert "ws://127.0.0.1:1" in step(client, 1.0).result()[1].msg
+    assert change(client, port=simulator.port) == (True, "")
+    agent.wait_connected()
+    assert step(client, 0.2).result()[0] == SUCCEEDED
+
+
+def test_goal_outlives_a_change_that_reconnects(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    goal = task(client)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    assert change(client, ip="localhost") == (True, "")
+    assert goal.result()[0] == SUCCEEDED
+    assert simulator.counts[EXEC_TASK] == 1
+
+
+def test_change_of_what_is_not_the_links_does_not_reconnect(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    assert change(client, poll_timeout=200, goal_link_timeout=1.0) == (True, "")
+    assert change(client, port=simulator.port) == (True, ""), "the same as before"
+    simulator.mute("woosh.robot.Speak")
+    assert "within 0.2 s" in client.call(Speak, "robot/Speak").msg, "it counts at once"
+    assert simulator.counts[ROBOT_INFO] == 1
+
+
+def test_another_robot_id_is_another_robot(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    assert change(client, robot_id=5) == (True, "")
+    agent.wait_connected(2)
+    assert simulator.last(ROBOT_INFO).robot_id == 5
+    client.call(Mode, "robot/Mode")
+    assert simulator.last(MODE).robot_id == 5
+
+
+def test_several_changes_at_once_are_one(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    """The tools of ROS set one after the other: each on its own must make sense."""
+    response = client.call(
+        SetParameters,
+        "agent/set_parameters",
+        parameters=messages({"backoff_min": 0.2, "backoff_max": 0.1, "poll_timeout": 2000}),
+    )
+    assert [result.successful for result in response.results] == [True, False, True]
+    assert "backoff_max" in response.results[1].reason
+    agent.wait_connected()
+    assert agent.agent.settings.link.request_timeout == 2.0
+    assert agent.agent.settings.link.backoff_max == 15.0

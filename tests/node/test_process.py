@@ -1,0 +1,247 @@
+"""The agent as a program: how it starts, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from goals import ABORTED, EXECUTING, lift3, step, task
+from harness import NAMESPACE, TIMEOUT, Client, wait_until
+
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import Twist as TwistMsg
+from woosh_robot_msgs.srv import Twist
+
+TWIST = "woosh.robot.Twist"
+LIMIT = 3.0
+
+
+class Program:
+    """The agent in a process of its own."""
+
+    def __init__(self, domain: int, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "woosh_robot_agent.agent"),
+                *("--ros-args", "-r", f"__ns:={NAMESPACE}", *arguments),
+            ],
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.lines.append(line)
+
+    @property
+    def output(self) -> str:
+        return "".join(self.lines)
+
+    def wait_says(self, text: str) -> None:
+        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
+
+    def end(self, number: int = signal.SIGINT) -> float:
+        """Send a signal and wait; returns the s that it took to end, in good order."""
+        begun = time.monotonic()
+        self.process.send_signal(number)
+        status = self.process.wait(TIMEOUT)
+        taken = time.monotonic() - begun
+        self._reader.join(TIMEOUT)
+        assert status == 0, self.output
+        assert "Traceback" not in self.output, self.output
+        return taken
+
+    def wait_refused(self) -> str:
+        """Wait for it to end with a complaint; returns that."""
+        assert self.process.wait(TIMEOUT) not in (0, None)
+        self._reader.join(TIMEOUT)
+        return self.output
+
+
+@pytest.fixture
+def start_program(domain: int) -> Iterator[Callable[..., Program]]:
+    programs: list[Program] = []
+
+    def start(*arguments: str) -> Program:
+        programs.append(Program(domain, *arguments))
+        return programs[-1]
+
+    yield start
+    for program in programs:
+        program.process.kill()
+        program.process.wait()
+
+
+@pytest.fixture
+def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -> Program:
+    """The program, connected to the simulator."""
+    started = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+    started.wait_says("connected to")
+    return started
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executor", ["single_threaded", "events"])
+def test_ends_by_a_signal(
+    simulator: SimulatorThread, start_program: Callable[..., Program], number: int, executor: str
+) -> None:
+    program = start_program(
+        *("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}", "-p", f"executor:={executor}")
+    )
+    program.wait_says("connected to")
+    assert program.end(number) < LIMIT
+    wait_until(lambda: simulator.connections == 0)
+    assert simulator.counts[TWIST] == 0
+
+
+def test_ends_with_a_frozen_chassis(program: Program, simulator: SimulatorThread) -> None:
+    simulator.freeze()
+    assert program.end() < LIMIT
+
+
+def test_ends_while_driving_a_frozen_chassis_with_an_open_goal(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    """The slowest of all: every step of the end runs into its limit."""
+    goal = lift3(client, 0.4, speed=0.001)
+    goal.feedback.wait_count(1)
+    drive(client)
+    simulator.freeze()
+    assert program.end() < LIMIT
+    assert goal.result()[0] == ABORTED
+
+
+def test_ends_without_a_chassis(start_program: Callable[..., Program]) -> None:
+    program = start_program("-p", "ip:=127.0.0.1", "-p", "port:=1")
+    program.wait_says("cannot connect")
+    assert program.end() < LIMIT
+
+
+def test_ends_while_connecting(start_program: Callable[..., Program]) -> None:
+    """Something listens, and never says a word."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={silent.getsockname()[1]}")
+        silent.settimeout(TIMEOUT)
+        connection, _ = silent.accept()
+        with connection:
+            assert program.end() < LIMIT
+
+
+@pytest.mark.parametrize("loaded", ["", "_rclpy_pybind11", "librmw_fastrtps_cpp"])
+def test_ends_while_starting(start_program: Callable[..., Program], loaded: str) -> None:
+    program = start_program("-p", "ip:=127.0.0.1", "-p", "port:=1")
+    process = Path(f"/proc/{program.process.pid}")
+
+    def ready() -> bool:
+        caught = re.search(r"SigCgt:\s*(\w+)", (process / "status").read_text())
+        assert caught is not None
+        taken = int(caught[1], 16) >> (signal.SIGTERM - 1) & 1
+        return bool(taken) and loaded in (process / "maps").read_text()
+
+    wait_until(ready)
+    assert program.end(signal.SIGTERM) < LIMIT
+
+
+def test_signals_while_ending(program: Program, simulator: SimulatorThread, client: Client) -> None:
+    drive(client)
+    simulator.freeze()
+    program.process.send_signal(signal.SIGINT)
+    with pytest.raises(subprocess.TimeoutExpired):
+        program.process.wait(0.4)
+    program.process.send_signal(signal.SIGINT)
+    assert program.end(signal.SIGTERM) < LIMIT
+
+
+def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:
+    goals = [task(client, mark="A23"), step(client, 100.0)]
+    goals[1].result()  # refused, as a task runs: an ended goal is no open one
+    goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    assert program.end() < LIMIT
+    status, ret = goals[0].result()
+    assert status == ABORTED
+    assert "stopping" in ret.msg
+    assert simulator.call(lambda sim: sim.chassis.tasks.active), "the task is the robot's own"
+
+
+def test_robot_that_the_agent_drove_is_stopped(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    drive(client)
+    assert program.end() < LIMIT
+    twists = [each.message for each in simulator.received if each.type == TWIST]
+    assert [twist.linear for twist in twists] == pytest.approx([0.2, 0.0])
+
+
+def test_stopped_while_somebody_goes_on_driving(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    stop = threading.Event()
+
+    def repeat() -> None:
+        while not stop.wait(0.02):
+            client.call_async(Twist, "robot/Twist", arg=TwistMsg(linear=0.2))
+
+    driving = threading.Thread(target=repeat)
+    drive(client)
+    task(client, mark="nowhere")
+    driving.start()
+    try:
+        simulator.wait_received(TWIST, 10)
+        assert program.end() < LIMIT
+    finally:
+        stop.set()
+        driving.join()
+    assert not simulator.last(TWIST).ListFields()
+
+
+def test_robot_that_stands_is_left_alone(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    drive(client)
+    drive(client, 0.0)
+    assert program.end() < LIMIT
+    assert simulator.counts[TWIST] == 2
+
+
+@pytest.mark.parametrize(
+    ("argument", "complaint"),
+    [
+        ("port:=65536", "port"),
+        ("port:=abc", "port"),
+        ("transport:=udp", "transport"),
+        ("goal_link_timeout:=.nan", "goal_link_timeout"),
+    ],
+)
+def test_bad_parameter_ends_it_with_one_line(
+    start_program: Callable[..., Program], argument: str, complaint: str
+) -> None:
+    said = start_program("-p", argument).wait_refused()
+    assert len(said.strip().splitlines()) == 1, said
+    assert re.search(rf"\b{complaint}\b", said), said
+
+
+def test_malformed_arguments_end_it_with_one_line(start_program: Callable[..., Program]) -> None:
+    said = start_program("-p", "port").wait_refused().splitlines()
+    assert [line for line in said if line.startswith("agent: ")] == said[-1:]
+    assert len(said) <= 2, "rcl complains too"
+
+
+def drive(client: Client, linear: float = 0.2) -> Any:
+    response = client.call(Twist, "robot/Twist", arg=TwistMsg(linear=linear))
+    assert response.ok
+    return response

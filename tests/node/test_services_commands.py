@@ -1,0 +1,234 @@
+"""Command services: what is sent, and what is answered, by the chassis or in its place."""
+
+from __future__ import annotations
+
+import ctypes
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from harness import wait_future, wait_until
+from random_messages import blank, carried, item_type, random_proto, random_ros
+from rclpy.task import Future
+from table import field_class
+
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.endpoints import COMMANDS
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.services import ros_type
+from woosh_robot_msgs.msg import InitRobot as InitRobotMsg
+from woosh_robot_msgs.msg import Speak as SpeakMsg
+from woosh_robot_msgs.msg import SwitchControlMode as ControlModeMsg
+from woosh_robot_msgs.srv import InitRobot, Mode, SetSound, Speak, SwitchControlMode
+
+SPEAK = "woosh.robot.Speak"
+
+
+def srv_of(command: Any) -> Any:
+    return ros_type(command.srv, "srv")
+
+
+def arg_class(command: Any) -> Any:
+    return field_class(srv_of(command).Request, "arg")
+
+
+def answer_with(simulator: Any, **changes: Any) -> Any:
+    """Answer every request so; the chassis does nothing."""
+    for command in COMMANDS:
+        simulator.refuse(command.request, "not done")
+    return simulator.intercept(lambda f: [replace(f, **changes) if f.request else f])
+
+
+@pytest.mark.parametrize("ok", [True, False])
+def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
+    rng = random.Random(7)
+    for command in COMMANDS:
+        arg = random_ros(rng, arg_class(command))
+        msg = "请求失败: \n\u00e9 🤖" + command.name
+        changes = {"ok": ok, "msg": msg, "type": command.answer or command.request, "body": None}
+        if command.answer:
+            ret_class = field_class(srv_of(command).Response, "ret")
+            proto_class = message_type(command.answer)
+            changes["body"] = random_proto(rng, proto_class, ret_class)
+        undo = answer_with(simulator, **changes)
+        response = client.call(srv_of(command), command.name, arg=arg)
+        undo()
+        sent = simulator.last(command.request)
+        assert sent == converter(type(arg), type(sent)).to_proto(carried(arg)), command.name
+        assert (response.ok, response.msg) == (ok, msg)
+        if command.answer:
+            ret = converter(ret_class, proto_class).to_ros(changes["body"])
+            assert response.ret == ret, command.name
+
+
+@pytest.mark.parametrize("kind", ["woosh.robot.Battery", "woosh.robot.Unheard", "error"])
+def test_what_the_answer_says_counts_even_with_a_body_of_another_type(
+    kind, simulator, agent, client
+):
+    answer_with(simulator, ok=True, msg="done", type=kind, body=None)
+    response = client.call(SwitchControlMode, "robot/SwitchControlMode")
+    assert (response.ok, response.msg) == (True, "done")
+    assert response.ret == blank(response.ret)
+    assert client.call(Speak, "robot/Speak").ok
+
+
+def test_without_a_link(start_agent, client):
+    agent = start_agent(ip="127.0.0.1", port=1, poll_timeout=60_000)
+    wait_until(lambda: agent.agent._chassis.last_error, "the first attempt")
+    for command in COMMANDS:
+        response = client.call(srv_of(command), command.name)
+        assert not response.ok
+        assert "not connected to ws://127.0.0.1:1 since 2" in response.msg, command.name
+        assert "Connect call failed" in response.msg or "refused" in response.msg
+
+
+def test_without_an_answer_in_time(simulator, start_agent, client):
+    start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=500).wait_connected()
+    for command in COMMANDS:
+        simulator.mute(command.request)
+    calls = {c: client.call_async(srv_of(c), c.name) for c in COMMANDS}
+    for command, call in calls.items():
+        response = wait_future(call)
+        assert not response.ok
+        assert f"did not answer {command.request} within 0.5 s" in response.msg
+
+
+def test_link_that_breaks_before_the_answer(simulator, agent, client):
+    simulator.mute(SPEAK)
+    call = client.call_async(Speak, "robot/Speak")
+    simulator.wait_received(SPEAK)
+    simulator.drop()
+    wait_until(call.done, "an answer")
+    response = call.result()
+    assert not response.ok
+    assert f"lost the link to ws://127.0.0.1:{simulator.port}" in response.msg
+    assert SPEAK in response.msg
+
+
+def test_nothing_is_repeated_after_the_link_is_back(simulator, agent, client):
+    test_link_that_breaks_before_the_answer(simulator, agent, client)
+    agent.wait_connected(2)
+    simulator.accept(SPEAK)
+    assert client.call(Speak, "robot/Speak", arg=SpeakMsg(text="new")).ok
+    assert [r.message.text for r in simulator.received if r.type == SPEAK] == ["", "new"]
+
+
+# Values that the robot must not get
+
+
+def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
+    """Paths of the fields of these types below a message; the first item of each list."""
+    for name, kind in cls.get_fields_and_field_types().items():
+        of = item_type(kind)
+        where = f"{path}{name}" + ("[0]" if of else "")
+        if (of or kind) in kinds:
+            yield where
+        elif "/" in kind:
+            yield from leaves(ros_type(of or kind, "msg"), kinds, where + ".")
+
+
+def message_with(cls: Any, path: str, value: Any) -> Any:
+    """A message with `value` at `path`."""
+    message = cls()
+    step, _, rest = path.partition(".")
+    name = step.removesuffix("[0]")
+    kind = cls.get_fields_and_field_types()[name]
+    if rest:
+        value = message_with(ros_type(item_type(kind) or kind, "msg"), rest, value)
+    setattr(message, name, [value] if item_type(kind) else value)
+    return message
+
+
+BAD = [(("float",), float("nan")), (("float",), float("-inf")), (("string",), "a\ufffd")]
+
+
+@pytest.mark.parametrize(("kinds", "value"), BAD)
+def test_bad_values_are_named_and_not_sent(kinds, value, simulator, agent, client):
+    for command in COMMANDS:
+        for path in leaves(arg_class(command), kinds):
+            arg = message_with(arg_class(command), path, value)
+            response = client.call(srv_of(command), command.name, arg=arg)
+            assert not response.ok
+            assert response.msg.startswith(f"arg.{path} is "), command.name
+        assert not simulator.counts[command.request]
+
+
+class CString(ctypes.Structure):
+    """rosidl_runtime_c__String, which is also all that a request to speak holds."""
+
+    _fields_ = [
+        ("data", ctypes.c_char_p),
+        ("size", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+    ]
+
+
+def speak_bytes(client: Any, text: bytes) -> Any:
+    """Send as a client in C can; one in Python has its texts checked."""
+    service = client.service(Speak, "robot/Speak")
+    request, number = CString(text, len(text), len(text) + 1), ctypes.c_int64()
+    send = ctypes.CDLL("librcl.so").rcl_send_request
+    with service.handle, service._lock:  # the answer waits until it is expected
+        where = ctypes.c_void_p(service.handle.pointer)
+        assert send(where, ctypes.byref(request), ctypes.byref(number)) == 0
+        future = service._pending_requests[number.value] = Future()
+    return wait_future(future)
+
+
+def test_bytes_that_are_no_utf_8(simulator, agent, client):
+    assert speak_bytes(client, "谢谢".encode()).ok
+    response = speak_bytes(client, b"ab\xff\xc3ef")
+    assert not response.ok
+    assert response.msg == "arg.text is not valid UTF-8 text; nothing was sent"
+    assert [r.message.text for r in simulator.received if r.type == SPEAK] == ["谢谢"]
+
+
+# Which robot is meant, and clients of old
+
+
+def test_robot_id(simulator, start_agent, client):
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, robot_id=4_000_000_000)
+    agent.wait_connected()
+    own = SetSound.Request().arg
+    own.request.which = own.request.REQUEST_ROBOT_ID_SET
+    for arg, robot_id in ((SetSound.Request().arg, 4_000_000_000), (own, 0)):
+        client.call(SetSound, "setting/Sound", arg=arg)
+        sent = simulator.last("woosh.robot.setting.Sound")
+        assert (sent.WhichOneof("request"), sent.robot_id) == ("robot_id", robot_id)
+    client.call(Mode, "robot/Mode")
+    assert simulator.last("woosh.robot.Mode").robot_id == 4_000_000_000
+
+
+def test_no_robot_id_unless_it_is_given(simulator, agent, client):
+    client.call(SetSound, "setting/Sound")
+    assert simulator.last("woosh.robot.setting.Sound").WhichOneof("request") is None
+
+
+def test_old_client_that_sets_only_the_choice(simulator, agent, client):
+    arg = SetSound.Request().arg
+    arg.request.request_choice = arg.request.REQUEST_ROBOT_ID_SET
+    arg.request.robot_id = 5
+    client.call(SetSound, "setting/Sound", arg=arg)
+    assert simulator.last("woosh.robot.setting.Sound").robot_id == 5
+
+
+def test_member_that_does_not_exist(simulator, agent, client):
+    arg = SetSound.Request().arg
+    arg.request.which = 9
+    response = client.call(SetSound, "setting/Sound", arg=arg)
+    assert (response.ok, response.msg.partition(",")[0]) == (False, "arg.request.which is 9")
+
+
+def test_field_whose_presence_bit_is_clear_is_not_sent(simulator, agent, client):
+    for bits, sent in ((255, True), (InitRobotMsg.POSE_FIELD_SET, True), (0, False)):
+        client.call(InitRobot, "robot/InitRobot", arg=InitRobotMsg(has_field=bits))
+        assert simulator.last("woosh.robot.InitRobot").HasField("pose") is sent
+
+
+def test_value_of_an_enum_that_nobody_knows(simulator, agent, client):
+    arg = ControlModeMsg()
+    arg.mode.value = -77
+    client.call(SwitchControlMode, "robot/SwitchControlMode", arg=arg)
+    assert simulator.last("woosh.robot.SwitchControlMode").mode == -77

@@ -1,0 +1,210 @@
+"""Info services: they ask each time, and fall back on what the chassis last said."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from harness import RunningAgent, wait_until
+from random_messages import blank
+from table import field_class
+
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.endpoints import QUERIES
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotState
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.services import ros_type
+from woosh_robot_msgs.msg import TaskProc
+from woosh_robot_msgs.srv import Battery as BatterySrv
+from woosh_robot_msgs.srv import NavPath, PlanPath, RobotInfo
+from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
+
+BATTERY = "woosh.robot.Battery"
+FALLBACK = "robot/Battery answers with the last known value"
+
+
+@pytest.fixture
+def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
+    """An agent that does not wait long for answers, and does not come back soon."""
+    where = {"ip": "127.0.0.1", "port": simulator.port}
+    agent = start_agent(**where, poll_timeout=300, backoff_min=30.0, backoff_max=60.0)
+    agent.wait_connected()
+    return agent
+
+
+def ask(client: Any, query: Any) -> Any:
+    """The only field of a query's response."""
+    response = client.call(ros_type(query.srv, "srv"), query.name)
+    (name,) = response.get_fields_and_field_types()
+    return getattr(response, name)
+
+
+def lose_link(simulator: Any, agent: RunningAgent) -> None:
+    simulator.stop_listening()
+    wait_until(lambda: agent.agent._chassis.state.value == "waiting", "the link's end")
+
+
+def known(agent: RunningAgent, name: str) -> Any:
+    return agent.agent._services.known.get(name)
+
+
+def messages(logs: Any, text: str) -> list[tuple[str, str]]:
+    return [(r.levelname, r.getMessage()) for r in logs.messages if text in r.getMessage()]
+
+
+def test_each_gives_what_the_chassis_answers_now(simulator, agent, client):
+    answers = {}
+
+    def see(frame: Any) -> Any:
+        answers[frame.request] = frame.body
+        return [frame]
+
+    simulator.intercept(see)
+    for query in QUERIES:
+        cls = field_class(ros_type(query.srv, "srv").Response)
+        pack = converter(cls, message_type(query.request)).to_proto
+        asked = simulator.counts[query.request]
+        for count in (1, 2):
+            assert pack(ask(client, query)) == answers[query.request], query.name
+            assert simulator.counts[query.request] == asked + count, query.name
+
+
+def test_names_of_the_fields_that_are_not_info(agent, client):
+    assert client.call(NavPath, "robot/NavPath").nav_path is not None
+    assert client.call(PlanPath, "robot/PlanPath").plan_path is not None
+
+
+def test_task_progress_is_asked_for_with_its_argument(simulator, agent, client):
+    client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
+    sent = simulator.last("woosh.robot.TaskProc")
+    assert (sent.robot_task_id, sent.dest) == (17, "A2")
+
+
+def test_text_that_is_no_utf_8_is_not_sent_even_in_a_query(simulator, agent, client, logs):
+    client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(dest="a\ufffd"))
+    assert "arg.dest is not valid UTF-8" in messages(logs, "robot/TaskProc answers")[0][1]
+    assert not simulator.counts["woosh.robot.TaskProc"]
+
+
+def test_zero_and_no_presence_bit_while_nothing_is_known(start_agent, client, logs):
+    start_agent(ip="127.0.0.1", port=1, poll_timeout=60_000)
+    for query in QUERIES:
+        info = ask(client, query)
+        assert info == blank(info), query.name
+        (warning,) = messages(logs, f"{query.name} answers with the last known value: ")
+        assert warning[0] == "WARNING"
+        assert "not connected to ws://127.0.0.1:1 since 2" in warning[1]
+
+
+def test_without_a_link_what_was_last_answered_or_pushed(simulator, hasty, client):
+    answers = {query.name: ask(client, query) for query in QUERIES}
+    simulator.push(RobotState(state=6))
+    simulator.push(Battery(power=7, temp_max=9))
+    wait_until(lambda: known(hasty, BATTERY).power == 7, "the pushes")
+    lose_link(simulator, hasty)
+    for query in QUERIES:
+        if query.name not in ("robot/Battery", "robot/RobotState", "robot/RobotInfo"):
+            assert ask(client, query) == answers[query.name], query.name
+    battery = client.call(BatterySrv, "robot/Battery").info
+    assert (battery.power, battery.temp_max) == (7, 9)
+    info = client.call(RobotInfo, "robot/RobotInfo").info
+    assert info.battery == battery
+    assert info.state.value == 6
+    assert info.genral == answers["robot/General"]
+
+
+def test_without_a_link_the_parts_of_the_first_robot_info(simulator, hasty, client):
+    wait_until(lambda: known(hasty, BATTERY), "the first values")
+    lose_link(simulator, hasty)
+    info = client.call(RobotInfo, "robot/RobotInfo").info
+    assert info.genral.serial_number == 30001
+    fields = {cls: name for name, cls in info.get_fields_and_field_types().items()}
+    compared = 0
+    for query in QUERIES:
+        cls = re.sub("/srv/", "/", query.srv)
+        if cls in fields:
+            assert ask(client, query) == getattr(info, fields[cls]), query.name
+            compared += 1
+        elif query.name == "robot/RobotState":
+            assert ask(client, query).state == info.state
+    assert compared == 15
+
+
+def refuse(simulator: Any) -> str:
+    simulator.refuse(BATTERY, "电池没电")
+    return "the chassis refused: 电池没电"
+
+
+def refuse_as_type_error(simulator: Any) -> str:
+    simulator.intercept(on_battery(type="error", body=None, ok=False, msg="not now"))
+    return "the chassis refused: not now"
+
+
+def mute(simulator: Any) -> str:
+    simulator.mute(BATTERY)
+    return f"did not answer {BATTERY} within 0.3 s"
+
+
+def be_late(simulator: Any) -> str:
+    simulator.delay(BATTERY, 0.6)
+    return f"did not answer {BATTERY} within 0.3 s"
+
+
+def answer_another_type(simulator: Any) -> str:
+    simulator.intercept(on_battery(type="woosh.robot.PoseSpeed", body=PoseSpeed()))
+    return "the chassis answered with woosh.robot.PoseSpeed"
+
+
+def answer_an_unknown_type(simulator: Any) -> str:
+    simulator.answer_as(BATTERY, "woosh.robot.Accumulator")
+    return "unknown type 'woosh.robot.Accumulator'"
+
+
+def answer_what_cannot_be_read(simulator: Any) -> str:
+    def garble(frame: Any) -> list[Any]:
+        if frame.request != BATTERY:
+            return [frame]
+        answer = {"type": BATTERY, "sn": frame.sn, "ok": True, "body": {"power": "full"}}
+        simulator._simulator.send_raw(json.dumps(answer))
+        return []
+
+    simulator.intercept(garble)
+    return "the answer cannot be read: woosh.robot.Battery: power"
+
+
+def on_battery(**changes: Any) -> Any:
+    return lambda frame: [replace(frame, **changes) if frame.request == BATTERY else frame]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        refuse,
+        refuse_as_type_error,
+        mute,
+        be_late,
+        answer_another_type,
+        answer_an_unknown_type,
+        answer_what_cannot_be_read,
+    ],
+)
+def test_a_bad_answer_gives_the_last_known_value(spoil, simulator, hasty, client, logs):
+    good = client.call(BatterySrv, "robot/Battery").info
+    assert good.power > 0
+    why = spoil(simulator)
+    for _ in range(2):
+        assert client.call(BatterySrv, "robot/Battery").info == good
+    levels = [level for level, text in messages(logs, FALLBACK) if why in text]
+    assert levels == ["WARNING", "DEBUG"]
+
+
+def test_trouble_is_told_anew_after_it_was_over(simulator, hasty, client, logs):
+    for _ in range(2):
+        simulator.refuse(BATTERY, "no")
+        client.call(BatterySrv, "robot/Battery")
+        simulator.accept(BATTERY)
+        client.call(BatterySrv, "robot/Battery")
+    assert [level for level, _ in messages(logs, FALLBACK)] == ["WARNING"] * 2

@@ -1,0 +1,237 @@
+"""Topics: what the chassis says, once, in order, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from google.protobuf.message import Message
+from harness import wait_until
+from random_messages import random_proto
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, RobotState, TaskProc
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.services import ros_type
+from woosh_robot_msgs.msg import Battery as BatteryMsg
+from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
+from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
+from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
+from woosh_robot_msgs.srv import Battery as BatterySrv
+
+INFO = "woosh.robot.RobotInfo"
+BATTERY = "woosh.robot.Battery"
+POSE_SPEED = "woosh.robot.PoseSpeed"
+TASK_PROC = "woosh.robot.TaskProc"
+HASHES = json.loads((Path(__file__).parents[1] / "facts/ros/type_hashes.json").read_text())
+QUIET = ("StatusCode", "NavPath")
+"""What is not in RobotInfo: pushes alone bring them."""
+
+
+@pytest.fixture
+def push(simulator: Any) -> Callable[[Message], None]:
+    """Pushes what the test says; the chassis pushes nothing by itself."""
+    ours: list[Message] = []
+
+    def only_ours(frame: Any) -> list[Any]:
+        return [frame] if frame.request or any(frame.body is each for each in ours) else []
+
+    def push(message: Message) -> None:
+        ours.append(message)
+        simulator.push(message)
+
+    simulator.intercept(only_ours)
+    return push
+
+
+@pytest.fixture
+def connect(simulator: Any, start_agent: Any) -> Callable[..., Any]:
+    """Starts an agent; `answer` changes the chassis's answer to RobotInfo."""
+
+    def connect(answer: Callable[[Any], Any] | None = None) -> Any:
+        if answer:
+            simulator.intercept(lambda f: answer(f) if f.request == INFO else [f])
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
+        agent.wait_connected()
+        simulator.wait_received("woosh.Subscription")
+        return agent
+
+    return connect
+
+
+def holding(info: RobotInfo) -> Callable[[Any], Any]:
+    def change(frame: Any) -> list[Any]:
+        frame.body.CopyFrom(info)
+        return [frame]
+
+    return change
+
+
+def echo_all(client: Any) -> dict[str, Any]:
+    return {topic.push: client.echo(ros_type(topic.msg, "msg"), topic.name) for topic in TOPICS}
+
+
+def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
+    """Wait until the client's subscriptions have found the agent's publishers."""
+    names = [subscription.topic_name for subscription in client.node.subscriptions]
+    wait_until(
+        lambda: sum(map(client.node.count_publishers, names)) >= topics, "the agent's publishers"
+    )
+
+
+def test_qos_type_and_hash_as_others_see_them(start_agent, client):
+    start_agent(ip="127.0.0.1", port=1)
+    for topic in TOPICS:
+        path = client.path(topic.name)
+        (info,) = wait_until(lambda path=path: client.node.get_publishers_info_by_topic(path))
+        assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        assert info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        name = topic.msg.replace("/", "/msg/")
+        assert (info.topic_type, str(info.topic_type_hash)) == (name, HASHES[name])
+
+
+def test_late_subscribers_get_the_newest(connect, client, push, simulator):
+    connect()
+    for number in range(1, 61):
+        push(StatusCode(code=number))
+        push(TaskProc(robot_task_id=number))
+        push(Battery(power=number))
+    for msg, name, field, depth in (
+        (StatusCodeMsg, "robot/StatusCode", "code", 50),
+        (TaskProcMsg, "robot/TaskProc", "robot_task_id", 10),
+        (BatteryMsg, "robot/Battery", "power", 1),
+    ):
+        early = client.echo(msg, name)
+        early.wait(lambda m, field=field: getattr(m, field) == 60)
+        late = client.echo(msg, name)
+        late.wait(lambda m, field=field: getattr(m, field) == 60)
+        assert [getattr(m, field) for m in late.messages] == list(range(61 - depth, 61))
+
+
+def test_first_values_come_from_robot_info(connect, client, push, simulator):
+    info = simulator.state.info
+    connect()
+    for topic in TOPICS:
+        short = topic.name.partition("/")[2]
+        if short in QUIET:
+            continue
+        first = client.echo(ros_type(topic.msg, "msg"), topic.name).wait_count(1)[0]
+        field = "".join(f"_{c.lower()}" if c.isupper() else c for c in short).lstrip("_")
+        said = RobotState(state=info.state) if short == "RobotState" else getattr(info, field)
+        assert first == converter(type(first), type(said)).to_ros(said), topic.name
+
+
+def test_each_push_once_and_in_order(connect, client, push):
+    connect(holding(RobotInfo()))
+    echoes = echo_all(client)
+    wait_matched(client)
+    rng = random.Random(3)
+    sent: dict[str, list[Any]] = {topic.push: [] for topic in TOPICS}
+    for _ in range(4):
+        for topic in TOPICS:
+            cls = ros_type(topic.msg, "msg")
+            message = random_proto(rng, message_type(topic.push), cls)
+            push(message)
+            sent[topic.push].append(converter(cls, type(message)).to_ros(message))
+            echoes[topic.push].wait_count(len(sent[topic.push]))
+    for topic in TOPICS:
+        assert echoes[topic.push].messages == sent[topic.push], topic.name
+
+
+def test_a_burst_of_what_counts_each_time(connect, client, push):
+    connect()
+    codes = client.echo(StatusCodeMsg, "robot/StatusCode")
+    wait_matched(client, 1)
+    for number in range(1, 41):
+        push(StatusCode(code=number))
+    assert [m.code for m in codes.wait_count(40)] == list(range(1, 41))
+
+
+def test_only_what_robot_info_holds_is_published(connect, client, push):
+    connect(holding(RobotInfo(battery=Battery(power=5))))
+    echoes = echo_all(client)
+    wait_matched(client)
+    echoes[BATTERY].wait_count(1)
+    for topic in TOPICS:
+        push(message_type(topic.push)())
+    for name, echo in echoes.items():
+        assert len(echo.wait_count(2 if name == BATTERY else 1)) == (2 if name == BATTERY else 1)
+
+
+def test_pushes_stand_in_order_with_robot_info(connect, client, simulator):
+    """One pushed before RobotInfo was answered is older, one after it newer."""
+
+    def surround(frame: Any) -> list[Any]:
+        frame.body.task_proc.robot_task_id = 2
+        around = [type(frame)(TASK_PROC, TaskProc(robot_task_id=i)) for i in (1, 3)]
+        return [around[0], frame, around[1]]
+
+    simulator.intercept(lambda f: [] if f.type == TASK_PROC and f.body.robot_task_id > 3 else [f])
+    agent = connect(surround)
+    echo = client.echo(TaskProcMsg, "robot/TaskProc")
+    assert [m.robot_task_id for m in echo.wait_count(3)] == [1, 2, 3]
+    assert agent.agent._services.known.get(TASK_PROC).robot_task_id == 3
+
+
+def test_nothing_is_published_again_until_the_chassis_is_back(connect, client, push, simulator):
+    powers = iter((50, 49))
+
+    def count_down(frame: Any) -> list[Any]:
+        frame.body.CopyFrom(RobotInfo(battery=Battery(power=next(powers))))
+        return [frame]
+
+    agent = connect(count_down)
+    echoes = echo_all(client)
+    echoes[BATTERY].wait_count(1)
+    push(PoseSpeed(mileage=3))
+    echoes[POSE_SPEED].wait_count(1)
+    simulator.drop()
+    agent.wait_connected(2)
+    battery = echoes[BATTERY]
+    assert [m.power for m in battery.wait_count(2)] == [50, 49]
+    push(PoseSpeed(mileage=4))
+    assert [m.mileage for m in echoes[POSE_SPEED].wait_count(2)] == [3, 4]
+    others = [
+        name for name in echoes if name not in ("woosh.robot.Battery", "woosh.robot.PoseSpeed")
+    ]
+    assert not any(echoes[name].messages for name in others)
+
+
+def test_answers_to_services_are_not_published(connect, client, push, simulator):
+    connect(holding(RobotInfo()))
+    echo = client.echo(BatteryMsg, "robot/Battery")
+    wait_matched(client, 1)
+    assert client.call(BatterySrv, "robot/Battery").info.power > 1
+    push(Battery(power=1))
+    assert [m.power for m in echo.wait_count(1)] == [1]
+
+
+def test_a_push_that_cannot_be_read_is_passed_over(connect, client, push, simulator, logs):
+    connect(holding(RobotInfo()))
+    echo = client.echo(BatteryMsg, "robot/Battery")
+    wait_matched(client, 1)
+    simulator.send_raw('{"type":"woosh.robot.Battery","body":{"power":[]}}')
+    push(Battery(power=1))
+    assert [m.power for m in echo.wait_count(1)] == [1]
+    assert logs.wait(lambda r: "woosh.robot.Battery: power" in r.getMessage())
+
+
+def test_presence_bits_are_those_of_the_push(connect, client, push):
+    connect(holding(RobotInfo()))
+    echo = client.echo(PoseSpeedMsg, "robot/PoseSpeed")
+    wait_matched(client, 1)
+    twist, pose = PoseSpeed(map_id=1), PoseSpeed(map_id=2)
+    twist.twist.SetInParent()
+    pose.pose.SetInParent()
+    for message in (twist, pose, PoseSpeed(map_id=3)):
+        push(message)
+        echo.wait(lambda m, wanted=message.map_id: m.map_id == wanted)
+    bits = [PoseSpeedMsg.TWIST_FIELD_SET, PoseSpeedMsg.POSE_FIELD_SET, 0]
+    assert [m.has_field for m in echo.messages] == bits

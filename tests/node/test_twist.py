@@ -1,0 +1,142 @@
+"""Velocity commands through robot/Twist: the newest counts, and a stale one never arrives."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from typing import Any
+
+import pytest
+from harness import Client, RunningAgent, wait_future, wait_until
+
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import Twist as TwistMsg
+from woosh_robot_msgs.srv import Mode, Twist
+
+TWIST = "woosh.robot.Twist"
+ROBOT_INFO = "woosh.robot.RobotInfo"
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+
+def drive(client: Client, linear: float) -> Any:
+    """Ask for a velocity; the answer's future."""
+    return client.call_async(Twist, "robot/Twist", arg=TwistMsg(linear=linear))
+
+
+def answers(futures: list[Any]) -> list[Any]:
+    return [wait_future(future) for future in futures]
+
+
+def speeds(simulator: SimulatorThread) -> list[float]:
+    """What the chassis was told."""
+    twists = [each.message for each in simulator.received if each.type == TWIST]
+    return [round(twist.linear, 4) for twist in twists]
+
+
+def test_each_arrives_in_order(client: Client, simulator: SimulatorThread) -> None:
+    wanted = [round(0.01 * i, 4) for i in range(1, 31)]
+    given = answers([drive(client, linear) for linear in wanted])
+    assert all(answer.ok for answer in given)
+    assert speeds(simulator) == wanted
+
+
+def test_nobody_repeats_the_last_one(client: Client, simulator: SimulatorThread) -> None:
+    answers([drive(client, 0.4)])
+    wait_until(lambda: simulator.state.velocity.forward > 0.1)
+    wait_until(lambda: simulator.state.velocity.forward == 0)
+    assert speeds(simulator) == [0.4]
+
+
+def test_zero_stops_at_once(client: Client, simulator: SimulatorThread) -> None:
+    answers([drive(client, 0.4), drive(client, 0.0)])
+    assert speeds(simulator) == [0.4, 0.0]
+    wait_until(lambda: simulator.state.velocity.forward == 0)
+
+
+def test_nan_is_not_sent(client: Client, simulator: SimulatorThread) -> None:
+    (answer,) = answers([drive(client, math.nan)])
+    assert not answer.ok
+    assert "arg.linear" in answer.msg
+    assert speeds(simulator) == []
+
+
+def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
+    simulator.refuse(TWIST, "the key switch is off")
+    (answer,) = answers([drive(client, 0.4)])
+    assert (answer.ok, answer.msg) == (False, "the key switch is off")
+
+
+def test_newest_wins_while_the_chassis_does_not_answer(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """Commands pile up neither here nor there, and nothing comes after the client has stopped."""
+    simulator.mute(TWIST)
+    calls = []
+    begun = time.monotonic()
+    for i in itertools.count(1):
+        calls.append(drive(client, 0.001 * i))
+        if time.monotonic() - begun > 1.2:
+            break
+        client.call(Mode, "robot/Mode")
+    sent = speeds(simulator)
+    assert len(sent) < len(calls) / 1.5, "after half a second there is no answer, and none is sent"
+    assert sent == sorted(sent)
+    last = wait_future(calls[-1])
+    assert not last.ok
+    assert "too old" in last.msg
+    held = wait_future(calls[-2])
+    assert not held.ok
+    assert "newer" in held.msg
+    assert speeds(simulator) == sent
+
+
+def test_without_a_link_it_is_refused_and_not_kept(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.stop_listening()
+    wait_until(lambda: simulator.connections == 0)
+    (answer,) = answers([drive(client, 0.4)])
+    assert not answer.ok
+    assert "not connected" in answer.msg or "link" in answer.msg
+    simulator.listen()
+    simulator.wait_received(ROBOT_INFO, 2)
+    wait_until(lambda: client.call(Twist, "robot/Twist").ok)
+    assert set(speeds(simulator)) == {0.0}
+
+
+def test_nothing_is_replayed_after_a_lost_link(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.mute(TWIST)
+    calls = [drive(client, 0.1), drive(client, 0.2)]
+    simulator.wait_received(TWIST, 2)
+    simulator.drop()
+    for answer in answers(calls):
+        assert not answer.ok
+        assert answer.msg
+    simulator.wait_received(ROBOT_INFO, 2)
+    agent.wait_connected()
+    client.call(Mode, "robot/Mode")
+    assert speeds(simulator) == [0.1, 0.2]
+
+
+def test_nothing_stale_comes_out_of_a_half_open_link(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    answers([drive(client, 0.1)])
+    simulator.freeze()
+    calls = [drive(client, 0.2)]
+    begun = time.monotonic()
+    while time.monotonic() - begun < 0.8:
+        calls.append(drive(client, 0.3))
+        wait_until(lambda: time.monotonic() > begun + 0.02 * len(calls))
+    late = drive(client, 0.4)
+    assert "too old" in wait_future(late).msg
+    simulator.thaw()
+    stop = wait_future(drive(client, 0.0))
+    assert stop.ok
+    assert 0.4 not in speeds(simulator)
+    assert speeds(simulator)[-1] == 0.0
+    wait_until(lambda: simulator.state.velocity.forward == 0)

@@ -1,0 +1,95 @@
+"""The documented commands, read and filled in as the shell and the `ros2` tool do."""
+
+from __future__ import annotations
+
+import array
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from woosh_robot_agent.services import ros_type
+
+NAMESPACE = "/woosh_robot/"
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command.
+
+    Attributes:
+        line: as it is typed.
+        verb: `service call`, `topic echo` or `action send_goal`.
+        name: name of the endpoint, relative to the namespace.
+        type: its ROS type, e.g. `woosh_robot_msgs/srv/Mode`; empty for a topic.
+        values: what stands for the request or goal, as text in YAML.
+    """
+
+    line: str
+    verb: str
+    name: str
+    type: str = ""
+    values: str = "{}"
+
+    def filled(self) -> Any:
+        """The request or the goal.
+
+        Raises:
+            yaml.YAMLError, AttributeError, TypeError, ValueError: as the tool would refuse it.
+        """
+        cls = self.cls
+        message = (cls.Request if self.verb == "service call" else cls.Goal)()
+        set_message_fields(message, yaml.safe_load(self.values))
+        return message
+
+    @property
+    def cls(self) -> Any:
+        package, kind, short = self.type.split("/")
+        return ros_type(f"{package}/{short}", kind)
+
+
+def parse(line: str) -> Command:
+    """One line of shell.
+
+    Raises:
+        ValueError: it has more words than the tool takes.
+    """
+    ros2, group, verb, path, *rest = shlex.split(line)
+    rest = [word for word in rest if word != "--feedback"]
+    if ros2 != "ros2" or not path.startswith(NAMESPACE) or len(rest) > 2:
+        raise ValueError(f"not a command: {line}")
+    return Command(line, f"{group} {verb}", path.removeprefix(NAMESPACE), *rest)
+
+
+def documented() -> list[Command]:
+    """All of them, in the document's order."""
+    text = (Path(__file__).parent / "documented_commands.txt").read_text()
+    return [parse(line) for line in text.splitlines()]
+
+
+try:
+    from rosidl_runtime_py import set_message_fields
+except ImportError:  # not on PyPI; the same rules for what these messages hold
+
+    def set_message_fields(msg: Any, values: Any) -> None:
+        """Set the fields that `values` names; the others keep their defaults."""
+        types = msg.get_fields_and_field_types()
+        for name, value in values.items():
+            old = getattr(msg, name)
+            item = types[name].removeprefix("sequence<").rstrip(">")
+            if isinstance(old, array.array):
+                new: Any = array.array(old.typecode, value)
+            elif isinstance(old, list) and "/" in item:
+                new = [_filled(item, each) for each in value]
+            elif "/" in item:
+                new = _filled(item, value)
+            else:
+                new = type(old)(value)
+            setattr(msg, name, new)
+
+    def _filled(kind: str, values: Any) -> Any:
+        message = ros_type(kind, "msg")()
+        set_message_fields(message, values)
+        return message

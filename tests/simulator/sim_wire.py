@@ -1,0 +1,160 @@
+"""Small clients of the chassis link, written from its description and not from our link's code."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import websockets
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
+from woosh_robot_agent.protos import message_type
+
+TIMEOUT = 10.0
+
+Json = dict[str, Any]
+
+
+class JsonClient:
+    """JSON text frames over a WebSocket, called from ordinary code."""
+
+    def __init__(self, port: int) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._sn = 0
+        self.pushes: deque[Json] = deque()
+        self.socket: Any = self._await(_connected(f"ws://127.0.0.1:{port}"))
+
+    def close(self) -> None:
+        self._await(self.socket.close())
+        self._loop.close()
+
+    def send(self, frame: Json | str | bytes) -> None:
+        data = json.dumps(frame) if isinstance(frame, dict) else frame
+        self._await(self.socket.send(data))
+
+    def receive(self, timeout: float = TIMEOUT) -> Json:
+        frame: Json = json.loads(self._await(self.socket.recv(), timeout))
+        return frame
+
+    def request(self, type_name: str, body: Json | None = None) -> Json:
+        """The whole answer; pushes that come first are kept in `pushes`."""
+        self._sn += 1
+        self.send({"type": type_name, "body": body or {}, "sn": self._sn})
+        while True:
+            frame = self.receive()
+            if frame.get("sn") == self._sn:
+                return frame
+            self.pushes.append(frame)
+
+    def ask(self, type_name: str, body: Json | None = None) -> Json:
+        """The body of an answer that must be ok."""
+        answer = self.request(type_name, body)
+        assert answer["ok"] is True, answer
+        found: Json = answer["body"]
+        return found
+
+    def refused(self, type_name: str, body: Json | None = None) -> str:
+        """The text of an answer that must not be ok."""
+        answer = self.request(type_name, body)
+        assert answer["ok"] is False, answer
+        assert answer["body"] == {}
+        text: str = answer["msg"]
+        return text
+
+    def subscribe(self, *topics: str, sub: bool = True) -> None:
+        """Subscribe, and return when the chassis knows."""
+        self.send({"type": "woosh.Subscription", "body": {"topics": list(topics), "sub": sub}})
+        self.ask("woosh.robot.Mode")
+
+    def push(self, type_name: str, fits: Callable[[Json], bool] = lambda body: True) -> Json:
+        """The body of the next push of a type that fits; what comes before it is dropped."""
+        deadline = time.monotonic() + TIMEOUT
+        while True:
+            frame = self.pushes.popleft() if self.pushes else self.receive()
+            if frame["type"] == type_name and fits(frame["body"]):
+                body: Json = frame["body"]
+                return body
+            assert time.monotonic() < deadline, f"no {type_name} that fits"
+
+    def taken(self, type_name: str) -> list[Json]:
+        """The bodies of all pushes of a type that came until now."""
+        self.ask("woosh.robot.Mode")
+        found = [frame["body"] for frame in self.pushes if frame["type"] == type_name]
+        self.pushes.clear()
+        return found
+
+    def _await(self, awaitable: Any, timeout: float = TIMEOUT) -> Any:
+        async def bounded() -> Any:
+            return await asyncio.wait_for(awaitable, timeout)
+
+        return self._loop.run_until_complete(bounded())
+
+
+async def _connected(address: str) -> Any:
+    # Frames that nobody takes must not hold up the closing.
+    return await websockets.connect(address, max_size=None, max_queue=None, ping_interval=None)
+
+
+def packed(type_name: str, body: Message | None = None, sn: int = 0) -> bytes:
+    """The binary form of a frame."""
+    pack = MessagePackJson(type=type_name, sn=sn)
+    if body is not None:
+        pack.body.Pack(body)
+    return pack.SerializeToString()
+
+
+def subscription(*topics: str) -> bytes:
+    return packed("woosh.Subscription", Subscription(topics=topics, sub=True))
+
+
+def body_of(pack: MessagePackJson) -> Any:
+    """The message in a binary frame, of the type that the frame names."""
+    message = message_type(pack.type)()
+    assert pack.body.Unpack(message)
+    return message
+
+
+class TcpClient:
+    """Frames delimited by a varint, over plain TCP."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port), TIMEOUT)
+        self._file = self._socket.makefile("rb")
+
+    def close(self) -> None:
+        self._file.close()
+        self._socket.close()
+
+    def send(self, frame: bytes) -> None:
+        size, length = bytearray(), len(frame)
+        while length > 0x7F:
+            size.append(length & 0x7F | 0x80)
+            length >>= 7
+        size.append(length)
+        self._socket.sendall(bytes(size) + frame)
+
+    def receive(self) -> MessagePackJson:
+        length = shift = 0
+        while True:
+            byte = self._file.read(1)
+            assert byte, "closed"
+            length |= (byte[0] & 0x7F) << shift
+            shift += 7
+            if byte[0] < 0x80:
+                break
+        pack = MessagePackJson()
+        pack.ParseFromString(self._file.read(length))
+        return pack
+
+    def request(self, type_name: str, body: Message | None = None, sn: int = 1) -> MessagePackJson:
+        self.send(packed(type_name, body, sn))
+        while True:
+            pack = self.receive()
+            if pack.sn == sn:
+                return pack

@@ -1,0 +1,184 @@
+"""What a setter set, the getter, the push and RobotInfo say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from sim_wire import Json, JsonClient
+
+from woosh_robot_agent.simulator import SimulatorThread
+
+# Setter, its body, the state that shows it, the part of RobotInfo, what the state must hold.
+SETTERS: list[tuple[str, Json, str, str, Json]] = [
+    ("SetOccupancy", {"occupy": True}, "DeviceState", "deviceState", {"software": 1 | 8}),
+    ("SetMuteCall", {"mute": True}, "DeviceState", "deviceState", {"software": 1 | 16}),
+    ("SetProgramMute", {"mute": True}, "DeviceState", "deviceState", {"software": 1 | 32}),
+    ("SwitchControlMode", {"mode": 2}, "Mode", "mode", {"ctrl": 2, "work": 2}),
+    ("SwitchWorkMode", {"mode": 3}, "Mode", "mode", {"ctrl": 1, "work": 3}),
+    ("SwitchControlMode", {"mode": 2}, "OperationState", "operationState", {"robot": 0}),
+    ("SwitchFootPrint", {"type": 1}, "Model", "model", {"type": 1}),
+    ("SwitchMap", {"sceneName": "scenex"}, "Scene", "scene", {"sceneName": "scenex", "mapId": 1}),
+    ("SwitchMap", {"sceneName": "scenex"}, "PoseSpeed", "poseSpeed", {"mapId": 1}),
+    ("setting.Identity", {"name": "woow"}, "Setting", "setting", {"identity": {"name": "woow"}}),
+    (
+        "setting.Server",
+        {"ip": "10.0.0.1", "port": 99},
+        "Setting",
+        "setting",
+        {"server": {"ip": "10.0.0.1", "port": 99}},
+    ),
+    (
+        "setting.Power",
+        {"alarm": 5, "low": 20, "idle": 80, "full": 100},
+        "Setting",
+        "setting",
+        {"power": {"alarm": 5, "low": 20, "idle": 80, "full": 100}},
+    ),
+    (
+        "setting.Sound",
+        {"mute": True, "volume": 7},
+        "Setting",
+        "setting",
+        {"sound": {"mute": True, "volume": 7}},
+    ),
+    ("RobotWiFi", {"order": 5, "enable": True}, "Network", "network", {}),
+]
+
+
+@pytest.mark.parametrize(("setter", "body", "state", "part", "expected"), SETTERS)
+def test_setters_show_everywhere(
+    client: JsonClient, setter: str, body: Json, state: str, part: str, expected: Json
+) -> None:
+    name = f"woosh.robot.{state}"
+    before = client.ask(name)
+    client.subscribe(name)
+    client.ask(f"woosh.robot.{setter}", body)
+    pushed = client.push(name)
+    assert pushed != before
+    assert pushed == {**pushed, **expected}
+    assert client.ask(name) == pushed
+    assert client.ask("woosh.robot.RobotInfo")[part] == pushed
+    # Setting the same again changes nothing, so it is not pushed again.
+    client.ask(f"woosh.robot.{setter}", body)
+    assert client.taken(name) == []
+
+
+@pytest.mark.parametrize("allow", ["AutoCharge", "AutoPark", "GoodsCheck"])
+def test_permissions(client: JsonClient, allow: str) -> None:
+    key = allow[0].lower() + allow[1:]
+    client.subscribe("woosh.robot.Setting")
+    assert client.ask(f"woosh.robot.setting.{allow}", {"allow": False}) == {"allow": False}
+    assert client.push("woosh.robot.Setting")["allow"][key] is False
+    assert client.ask(f"woosh.robot.setting.{allow}", {"allow": True}) == {"allow": True}
+    assert client.push("woosh.robot.Setting")["allow"][key] is True
+
+
+def test_setters_answer_with_what_they_set(client: JsonClient) -> None:
+    assert client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})["work"] == 3
+    assert client.ask("woosh.robot.SwitchFootPrint", {"type": 2}) == {"type": 2}
+    assert client.ask("woosh.robot.setting.Identity", {"name": "x"}) == {"name": "x"}
+
+
+@pytest.mark.parametrize("setter", ["InitRobot", "SetRobotPose"])
+def test_poses_are_taken_over(simulator: SimulatorThread, client: JsonClient, setter: str) -> None:
+    client.subscribe("woosh.robot.PoseSpeed")
+    client.ask(f"woosh.robot.{setter}", {"pose": {"x": 1.23, "y": 2.34, "theta": 1.57}})
+    pose = client.push("woosh.robot.PoseSpeed")["pose"]
+    assert [pose["x"], pose["y"], pose["theta"]] == pytest.approx([1.23, 2.34, 1.57])
+    scan = client.ask("woosh.robot.ScannerData")
+    assert scan["pose"] == pose
+    assert simulator.state.pose.x == pytest.approx(1.23)
+
+
+def test_init_robot_in_place_ignores_the_empty_pose(client: JsonClient) -> None:
+    before = client.ask("woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.InitRobot", {"isRecord": True, "pose": {"x": 0, "y": 0, "theta": 0}})
+    assert client.ask("woosh.robot.PoseSpeed") == before
+
+
+def test_a_subscription_does_not_replay_and_ends(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Mode", "woosh.robot.Mode", "woosh.robot.Nonsense")
+    assert client.taken("woosh.robot.Mode") == []
+    client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
+    assert len(client.taken("woosh.robot.Mode")) == 1
+    client.subscribe("woosh.robot.Mode", sub=False)
+    client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
+    assert client.taken("woosh.robot.Mode") == []
+
+
+def test_each_client_has_its_own_subscriptions(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    other = JsonClient(simulator.port)
+    client.subscribe("woosh.robot.Mode")
+    other.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
+    assert client.push("woosh.robot.Mode")["work"] == 3
+    # A later subscriber gets only what changes after it came.
+    other.subscribe("woosh.robot.Mode")
+    client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
+    assert [body["work"] for body in other.taken("woosh.robot.Mode")] == [2]
+    other.close()
+
+
+def test_uploaded_scene_is_kept(simulator: SimulatorThread, client: JsonClient) -> None:
+    files = [{"name": "map.png", "data": "AQID"}]
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "mapName": "m", "fileDatas": files})
+    scene = client.ask("woosh.robot.Scene")
+    assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("new", "m", "1")
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "fileDatas": files})
+    assert client.ask("woosh.robot.Scene")["version"] == "2"
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "new"})
+    assert simulator.call(lambda s: dict(s.chassis.scene.files)) == {"map.png": b"\x01\x02\x03"}
+
+
+def test_scene_data_has_the_marks_in_their_groups(client: JsonClient) -> None:
+    data = client.ask("woosh.map.SceneDataEasy")
+    (area,) = data["maps"]
+    groups: dict[str, list[Any]] = area["storages"]
+    numbers = {group: {each["identity"]["no"] for each in marks} for group, marks in groups.items()}
+    assert data["name"] == area["name"] == "wooshmap"
+    assert {"A2", "A23"} <= numbers["racks"]
+    assert numbers["chargers"] == {"C1"}
+    assert numbers["parkspots"] == {"P1"}
+    assert numbers["bases"]
+    (charger,) = groups["chargers"]
+    assert charger["pose"]["dock"]["x"] == pytest.approx(-10.8)
+
+
+def test_predefined_tasks_name_marks_of_the_map(client: JsonClient) -> None:
+    area = client.ask("woosh.map.SceneDataEasy")["maps"][0]
+    known = {mark["identity"]["no"] for marks in area["storages"].values() for mark in marks}
+    sets = [each["taskSet"] for each in client.ask("woosh.task.RepeatTasks")["repeatTasks"]]
+    calls = [each["taskSet"] for each in client.ask("woosh.task.CallTasks")["callTasks"]]
+    assert {666, 1735291765} <= {each["base"]["id"] for each in sets}
+    assert calls
+    for task_set in sets + calls:
+        assert {task["base"]["markNo"] for task in task_set["tasks"]} <= known
+
+
+def test_wifi_orders_show_in_network(client: JsonClient) -> None:
+    client.subscribe("woosh.ros.Feedbacks", "woosh.robot.Network")
+    answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
+    network = client.push("woosh.robot.Network")
+    assert network["wifi"]["listJson"] == answer["content"]
+    client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
+    assert client.push("woosh.robot.Network")["wifi"]["name"] == ""
+
+
+def test_emergency_stop_shows_everywhere(simulator: SimulatorThread, client: JsonClient) -> None:
+    topics = ["DeviceState", "RobotState", "OperationState", "HardwareState"]
+    client.subscribe("woosh.robot.count.AbnormalCodes", *(f"woosh.robot.{t}" for t in topics))
+    simulator.set_emergency_stop(True)
+    assert client.push("woosh.robot.RobotState")["state"] == 6
+    info = client.ask("woosh.robot.RobotInfo")
+    assert info["deviceState"]["hardware"] == 1024
+    assert info["operationState"]["robot"] == 0
+    assert [code["msg"] for code in info["abnormalCodes"]["scs"]] == ["emergency stop pressed"]
+    assert "emergency stop" in client.refused("woosh.robot.ExecTask", {"markNo": "A2"})
+    assert "emergency stop" in client.refused("woosh.robot.Twist", {"linear": 0.2})
+    simulator.set_emergency_stop(False)
+    assert client.ask("woosh.robot.count.AbnormalCodes")["scs"] == []
+    assert client.ask("woosh.robot.RobotState")["state"] == 2
+    client.ask("woosh.robot.ExecTask", {"markNo": "A2"})

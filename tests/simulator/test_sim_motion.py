@@ -1,0 +1,221 @@
+"""The model's motion, stepped by hand: no sockets, no clock."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator.base import (
+    ACCELERATION_MPS2,
+    MAX_SPEED_MPS,
+    MAX_TURN_RADPS,
+    STANDSTILL,
+    Base,
+    Velocity,
+    approach,
+)
+from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.geometry import Pose, wrap
+from woosh_robot_agent.simulator.planner import planner
+
+STEPS_PER_S = round(1 / STEP_S)
+
+
+@pytest.fixture
+def chassis() -> Chassis:
+    return Chassis(SimulatorConfig(seed=1))
+
+
+def do(chassis: Chassis, name: str, **fields: Any) -> Answer:
+    return dispatch(chassis, message_type(name)(**fields))
+
+
+def run(chassis: Chassis, seconds: float) -> list[Velocity]:
+    velocities = []
+    for _ in range(round(seconds * STEPS_PER_S)):
+        chassis.tick(STEP_S)
+        velocities.append(chassis.base.velocity)
+    return velocities
+
+
+def open_floor(x: float, y: float) -> float:
+    return math.inf
+
+
+@pytest.mark.parametrize("distance", [0.0004, 0.003, 0.05, 0.7, 3.0, -2.0])
+def test_approach_stops_exactly_and_within_limits(distance: float) -> None:
+    position = speed = 0.0
+    for _ in range(400):
+        wanted = approach(distance - position, 0.8, 1.0, STEP_S)
+        # Never slower down than the base can brake, so never beyond the goal.
+        assert abs(wanted) >= abs(speed) - STEP_S * 1.0 - 1e-9
+        speed = (
+            wanted
+            if abs(wanted) < abs(speed)
+            else math.copysign(min(abs(wanted), abs(speed) + STEP_S * 1.0), wanted)
+        )
+        position += speed * STEP_S
+        assert abs(position) <= abs(distance) + 1e-9
+    assert position == pytest.approx(distance, abs=1e-9)
+
+
+def test_base_integrates_an_arc_exactly() -> None:
+    base = Base(Pose(), odometer=0.0)
+    base.velocity = Velocity(0.5, 0.0, 0.5)  # a circle of 1 m radius
+    steps = 100
+    for _ in range(steps):
+        base.drive(Velocity(0.5, 0.0, 0.5))
+        base.tick(STEP_S, open_floor, 0.3)
+    angle = 0.5 * steps * STEP_S
+    assert base.pose.point == pytest.approx((math.sin(angle), 1.0 - math.cos(angle)))
+    assert base.pose.theta == pytest.approx(wrap(angle))
+    assert base.odometer == pytest.approx(0.5 * steps * STEP_S)
+
+
+def test_base_keeps_its_limits() -> None:
+    base = Base(Pose(), odometer=0.0)
+    before = STANDSTILL
+    for _ in range(40):
+        base.drive(Velocity(3.0, -4.0, -9.0))
+        base.tick(STEP_S, open_floor, 0.3)
+        change = math.hypot(
+            base.velocity.forward - before.forward, base.velocity.left - before.left
+        )
+        assert change <= ACCELERATION_MPS2 * STEP_S + 1e-9
+        before = base.velocity
+    assert base.velocity.speed == pytest.approx(MAX_SPEED_MPS)
+    assert base.velocity.left / base.velocity.forward == pytest.approx(-4 / 3)
+    assert base.velocity.turn == pytest.approx(-MAX_TURN_RADPS)
+
+
+def test_twist_moves_then_ramps_to_zero(chassis: Chassis) -> None:
+    start = chassis.base.pose
+    for _ in range(10):
+        assert do(chassis, "woosh.robot.Twist", linear=0.5).ok
+        run(chassis, 0.1)
+    assert chassis.base.velocity == Velocity(0.5)
+    after = run(chassis, 2.0)
+    speeds = [velocity.forward for velocity in after]
+    # 0.5 s from the last command, of which 0.1 s have passed.
+    held = speeds.index(next(speed for speed in speeds if speed < 0.5))
+    assert held == round(0.4 * STEPS_PER_S)
+    ramp = speeds[held:]
+    assert all(0.0 <= a - b <= ACCELERATION_MPS2 * STEP_S + 1e-9 for a, b in pairwise(ramp))
+    assert len([speed for speed in ramp if speed > 0.0]) >= 5
+    assert speeds[-1] == 0.0
+    moved = start.distance(chassis.base.pose.point)
+    assert 0.5 < moved < 1.0
+    assert start.bearing(chassis.base.pose.point) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_explicit_zero_stops_at_once(chassis: Chassis) -> None:
+    do(chassis, "woosh.robot.Twist", linear=0.5, angular=0.5)
+    run(chassis, 0.4)
+    assert chassis.base.moving
+    do(chassis, "woosh.robot.Twist")
+    assert chassis.base.velocity == STANDSTILL
+    where = chassis.base.pose
+    run(chassis, 0.5)
+    assert chassis.base.pose == where
+
+
+def test_sideways_needs_a_base_that_can(chassis: Chassis) -> None:
+    start = chassis.base.pose
+    do(chassis, "woosh.robot.Twist", linear_y=0.3)
+    run(chassis, 1.5)
+    assert start.bearing(chassis.base.pose.point) == pytest.approx(math.pi / 2)
+    differential = Chassis(SimulatorConfig(omnidirectional=False))
+    answer = do(differential, "woosh.robot.Twist", linear_y=0.3)
+    assert (answer.ok, "sideways" in answer.msg) == (False, True)
+
+
+def test_walls_stop_the_base(chassis: Chassis) -> None:
+    do(chassis, "woosh.robot.InitRobot", pose={"x": 10.0, "y": 5.0})
+    for _ in range(60):
+        do(chassis, "woosh.robot.Twist", linear=1.0)
+        run(chassis, 0.1)
+    assert 11.6 < chassis.base.pose.x < 12.0 - 0.26
+    assert chassis.base.velocity.forward == 0.0
+    # It can back off again.
+    do(chassis, "woosh.robot.Twist", linear=-0.5)
+    run(chassis, 0.5)
+    assert chassis.base.pose.x < 11.7
+
+
+def test_odometer_and_battery_count_what_is_driven(chassis: Chassis) -> None:
+    odometer, level = chassis.base.odometer, chassis.battery.level
+    for _ in range(100):
+        do(chassis, "woosh.robot.Twist", linear=1.0, angular=1.0)
+        run(chassis, 0.1)
+    driven = chassis.base.odometer - odometer
+    assert 9.0 < driven < 10.0
+    rested = Chassis(SimulatorConfig(seed=1))
+    run(rested, 10.0)
+    assert chassis.battery.level < rested.battery.level < level
+
+
+def test_planner_goes_around_walls(chassis: Chassis) -> None:
+    routes = planner(chassis.map, 0.5)
+    start, goal = (-9.5, -7.5), (1.0, -8.0)
+    path = routes.plan(start, goal)
+    assert path is not None
+    assert path[-1] == goal
+    assert len(path) > 1
+    for a, b in pairwise([start, *path]):
+        for share in range(101):
+            x, y = (a[i] + (b[i] - a[i]) * share / 100 for i in (0, 1))
+            assert chassis.map.clearance(x, y) >= 0.45
+    assert routes.plan(start, (-4.9, -6.0)) is None
+    assert routes.plan(start, (30.0, 0.0)) is None
+    assert routes.plan((1.0, 1.0), (2.0, 2.0)) == [(2.0, 2.0)]
+
+
+@pytest.mark.parametrize("pose", [Pose(4.2, -6.7, -0.26), Pose(10.0, 0.0, 0.3), Pose(0, 2, 3.1)])
+def test_laser_agrees_with_rays_cast_one_by_one(chassis: Chassis, pose: Pose) -> None:
+    chassis.base.place(pose)
+    laser, walls = chassis.laser, chassis.map.walls
+    ranges = chassis.scan()
+    assert len(ranges) == laser.rays
+    origin = pose.moved(laser.forward, 0.0, 0.0)
+    for ray in range(0, laser.rays, 20):
+        angle = origin.theta + laser.angle_min + ray * laser.increment
+        hits = [hit for wall in walls if (hit := _hit(origin, angle, wall)) is not None]
+        expected = min(hits, default=math.inf)
+        if expected > laser.range_max:
+            assert ranges[ray] == math.inf
+        else:
+            assert ranges[ray] == pytest.approx(expected, abs=0.011)
+
+
+def _hit(origin: Pose, angle: float, wall: Any) -> float | None:
+    """Where the ray meets the wall's line, by solving the two equations."""
+    dx, dy = math.cos(angle), math.sin(angle)
+    ex, ey = wall.x2 - wall.x1, wall.y2 - wall.y1
+    determinant = ex * dy - dx * ey
+    if abs(determinant) < 1e-12:
+        return None
+    qx, qy = wall.x1 - origin.x, wall.y1 - origin.y
+    along = (ex * qy - ey * qx) / determinant
+    share = (dx * qy - dy * qx) / determinant
+    return along if along > 0.0 and 0.0 <= share <= 1.0 else None
+
+
+def test_the_gate_lets_rays_out(chassis: Chassis) -> None:
+    chassis.base.place(Pose(9.0, 0.0, 0.0))
+    assert math.inf in chassis.scan()
+
+
+def test_equal_seeds_measure_alike() -> None:
+    scans = []
+    for _ in range(2):
+        chassis = Chassis(SimulatorConfig(seed=7))
+        run(chassis, 1.0)
+        scans.append(chassis.scan())
+    assert scans[0] == scans[1]
+    assert Chassis(SimulatorConfig(seed=8)).scan() != Chassis(SimulatorConfig(seed=7)).scan()

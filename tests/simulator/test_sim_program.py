@@ -1,0 +1,118 @@
+"""The simulator as a program."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from sim_wire import JsonClient, TcpClient, subscription
+
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.__main__ import main
+
+PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
+READY = re.compile(
+    r"simulated chassis ready on ws://127\.0\.0\.1:(\d+) and tcp://127\.0\.0\.1:(\d+)\n"
+)
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
+    command = [*PROGRAM, "--port", "0", "--tcp-port", "0", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout
+    try:
+        ready = READY.fullmatch(process.stdout.readline())
+        assert ready
+        yield process, int(ready[1]), int(ready[2])
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_runs_and_ends(number: signal.Signals) -> None:
+    with running("--robot-id", "7", "--base", "differential") as (process, port, tcp_port):
+        client, tcp = JsonClient(port), TcpClient(tcp_port)
+        assert client.ask("woosh.robot.General")["driverMethod"] == 0
+        assert client.ask("woosh.robot.Mode")["robotId"] == 7
+        assert tcp.request("woosh.robot.Mode").ok
+        process.send_signal(number)
+        # With clients still connected.
+        out, err = process.communicate(timeout=1.0)
+        assert (process.returncode, out, err) == (0, "", "")
+        client.close()
+        tcp.close()
+
+
+def test_needs_no_ros() -> None:
+    code = (
+        "import sys, woosh_robot_agent.simulator.__main__\n"
+        "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout == "[]\n"
+
+
+def test_port_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["--port", str(port), "--tcp-port", "0"]) == 1
+        out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: cannot listen on 127.0.0.1")
+    assert str(port) in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--speed", "0"], ["--speed", "1000"], ["--port", "70000"], ["--robot-id", "0"]]
+)
+def test_bad_options(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main(arguments)
+    assert exit_.value.code == 2
+    assert "is not within" in capsys.readouterr().err
+
+
+def test_warns_when_not_local() -> None:
+    command = [*PROGRAM, "--host", "0.0.0.0", "--port", "0", "--tcp-port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        assert process.stdout.readline().startswith("simulated chassis ready on ws://0.0.0.0:")
+        process.terminate()
+        _, err = process.communicate(timeout=5)
+    assert err.startswith("warning: anybody who reaches 0.0.0.0")
+
+
+def test_equal_seeds_push_the_same() -> None:
+    assert _pushes(seed=4) == _pushes(seed=4)
+
+
+def _pushes(seed: int) -> list[Any]:
+    """Everything pushed during one task that was asked for at a known moment."""
+    config = SimulatorConfig(port=0, tcp_port=0, speed=100, seed=seed)
+    with SimulatorThread(config) as simulator:
+        client = TcpClient(simulator.tcp_port)
+        client.send(subscription("woosh.robot.PoseSpeed", "woosh.robot.TaskProc"))
+        task = ExecTask(task_id=9, mark_no="K10", type=util_task_pb2.kPick)
+        assert client.request("woosh.robot.ExecTask", task).ok
+        frames: list[Any] = []
+        while True:
+            pack = client.receive()
+            if pack.type.endswith("PoseSpeed"):
+                frames.append(pack.SerializeToString())
+            elif b"arrived" in pack.body.value:
+                client.close()
+                return frames

@@ -1,0 +1,176 @@
+"""Every message of the table is answered, and refusals say why."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from sim_wire import JsonClient
+
+from woosh_robot_agent.simulator import SimulatorThread
+
+# Where an empty request is not a sensible one.
+BODIES: dict[str, Any] = {
+    "woosh.robot.SwitchControlMode": {"mode": 1},
+    "woosh.robot.SwitchWorkMode": {"mode": 2},
+    "woosh.robot.SwitchMap": {"sceneName": "scenex"},
+    "woosh.robot.ExecPreTask": {"taskSetId": 666},
+    "woosh.robot.ExecTask": {"type": 1, "markNo": "A23"},
+    "woosh.robot.ActionOrder": {"order": 2},
+    "woosh.robot.ChangeNavPath": {
+        "paths": {"planPath": [{"path": {"poses": [{"x": 1.23, "y": 2.34}]}}]}
+    },
+    "woosh.robot.RobotWiFi": {"order": 1},
+}
+
+
+def test_every_service_is_answered_with_its_type(client: JsonClient, endpoints: Any) -> None:
+    services = endpoints["info_services"] | endpoints["command_services"]
+    assert len(services) == 48
+    for service in services.values():
+        request = service["request"]
+        answer = client.request(request, BODIES.get(request))
+        assert answer["ok"] is True, answer
+        assert answer["type"] == service.get("answer", request)
+        assert isinstance(answer["msg"], str)
+        assert isinstance(answer["timestamp"], int)
+
+
+def test_every_topic_can_be_asked_for(client: JsonClient, endpoints: Any) -> None:
+    for topic in endpoints["topics"].values():
+        assert client.request(topic["push"])["type"] == topic["push"]
+
+
+def test_unknown_messages_are_refused(client: JsonClient) -> None:
+    for name in ("woosh.robot.Nonsense", "woosh.robot.LED", "google.protobuf.Any"):
+        client.send({"type": name, "body": {}, "sn": 9})
+        answer = client.receive()
+        assert answer == {**answer, "type": "error", "ok": False, "body": {}, "sn": 9}
+        assert answer["msg"] == f"unknown message type {name}"
+    client.send({"body": {}, "sn": 10})
+    assert client.receive()["msg"] == "the request has no type"
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "reason"),
+    [
+        ("woosh.robot.ExecTask", {"markNo": "Z9"}, "unknown mark Z9"),
+        ("woosh.robot.ExecTask", {}, "no target"),
+        ("woosh.robot.ExecTask", {"planPath": {"planPath": [{}]}}, "no poses"),
+        ("woosh.robot.ExecTask", {"markNo": "A2", "type": 3}, "not a charger"),
+        ("woosh.robot.ExecPreTask", {"taskSetId": 7}, "unknown task set 7"),
+        ("woosh.robot.ActionOrder", {"order": 2}, "no task is running"),
+        ("woosh.robot.ActionOrder", {"order": 4}, "no task is running"),
+        ("woosh.robot.ActionOrder", {"order": 6}, "no task is waiting"),
+        ("woosh.robot.ActionOrder", {"order": 99}, "unknown order 99"),
+        ("woosh.robot.ActionOrder", {"order": 1}, "out of use"),
+        ("woosh.robot.ChangeNavPath", {"paths": {}}, "nothing is navigating"),
+        ("woosh.robot.SwitchControlMode", {"mode": 0}, "unknown control mode 0"),
+        ("woosh.robot.SwitchWorkMode", {"mode": 9}, "unknown work mode 9"),
+        ("woosh.robot.SwitchFootPrint", {"type": 9}, "unknown foot print 9"),
+        ("woosh.robot.SwitchMap", {"sceneName": "moon"}, "unknown scene moon"),
+        ("woosh.robot.SwitchMap", {"mapName": "attic"}, "unknown map attic"),
+        ("woosh.robot.InitRobot", {"pose": {"x": -5, "y": -6}}, "inside a wall"),
+        ("woosh.robot.InitRobot", {"pose": {"x": 99}}, "outside of map"),
+        ("woosh.robot.Twist", {"linear": "NaN"}, "linear is not a finite number"),
+        ("woosh.robot.SetRobotPose", {"pose": {"y": "Infinity"}}, "pose.y is not a finite"),
+        ("woosh.robot.Twist", {"linear": "fast"}, "unreadable body"),
+        ("woosh.robot.setting.Power", {"alarm": 90, "full": 80}, "do not rise"),
+        ("woosh.robot.setting.Sound", {"volume": 101}, "not within 0 to 100"),
+        ("woosh.robot.RobotWiFi", {"order": 2, "content": "e30="}, "no"),
+        ("woosh.robot.RobotWiFi", {"order": 4, "content": "eA=="}, "WiFi x is not known"),
+        ("woosh.ros.CallAction", {}, "names no action"),
+        ("woosh.ros.CallAction", {"anyAction": {"type": "x"}}, "unknown action x"),
+        ("woosh.ros.CallAction", {"stepControl": {"action": 1}}, "no steps"),
+        ("woosh.ros.CallAction", {"stepControl": {"action": 0}}, "StepControl is not running"),
+        ("woosh.ros.CallAction", {"moveBase": {"action": 2}}, "MoveBase is not running"),
+        ("woosh.ros.CallAction", {"moveBase": {"action": 1}}, "no target"),
+        ("woosh.ros.CallAction", {"liftControl": {"action": 1}}, "unknown lift mode 0"),
+        (
+            "woosh.ros.CallAction",
+            {"liftControl3": {"action": 1, "executeMode": 1, "height": 1.5}},
+            "not within 0 to 1 m",
+        ),
+        ("woosh.ros.CallAction", {"chargeControl": {"action": 1, "executeMode": 1}}, "charger"),
+    ],
+)
+def test_refusals_say_why(client: JsonClient, name: str, body: Any, reason: str) -> None:
+    before = client.ask("woosh.robot.RobotInfo")
+    answer = client.request(name, body)
+    assert answer["ok"] is False
+    assert reason in answer["msg"]
+    assert answer["type"] == name
+    assert client.ask("woosh.robot.RobotInfo") == before
+
+
+@pytest.mark.parametrize(
+    ("spoil", "mend", "reason", "state"),
+    [
+        (
+            ("woosh.robot.SwitchControlMode", {"mode": 2}),
+            ("woosh.robot.SwitchControlMode", {"mode": 1}),
+            "robot is in manual mode: switch to automatic first",
+            2,
+        ),
+        (
+            ("woosh.robot.SwitchControlMode", {"mode": 3}),
+            ("woosh.robot.SwitchControlMode", {"mode": 1}),
+            "robot is in maintenance mode: switch to automatic first",
+            2,
+        ),
+        (
+            ("woosh.robot.SwitchWorkMode", {"mode": 1}),
+            ("woosh.robot.SwitchWorkMode", {"mode": 3}),
+            "robot is in deployment mode: switch to task mode first",
+            2,
+        ),
+    ],
+)
+def test_modes_refuse_tasks(
+    client: JsonClient, spoil: Any, mend: Any, reason: str, state: int
+) -> None:
+    requests: list[tuple[str, Any]] = [
+        ("woosh.robot.ExecTask", {"markNo": "A2"}),
+        ("woosh.robot.ExecPreTask", {"taskSetId": 666}),
+        ("woosh.robot.Follow", {"type": True}),
+        ("woosh.ros.CallAction", {"moveBase": {"action": 1, "targetPose": {"x": 1}}}),
+        ("woosh.ros.CallAction", {"liftControl": {"action": 1, "executeMode": 1}}),
+    ]
+    client.ask(*spoil)
+    assert client.ask("woosh.robot.OperationState")["robot"] == 0
+    for name, body in requests:
+        assert client.refused(name, body) == reason
+    assert client.ask("woosh.robot.RobotState")["state"] == state
+    client.ask(*mend)
+    assert client.ask("woosh.robot.OperationState")["robot"] == 1
+    for name, body in requests[:2]:
+        client.ask(name, body)
+
+
+def test_uninitialised_chassis_refuses_until_init_robot(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    def forget(simulated: Any) -> None:
+        simulated.chassis.readiness.initialised = False
+
+    simulator.call(forget)
+    assert client.ask("woosh.robot.RobotState")["state"] == 1
+    assert "not initialised" in client.refused("woosh.robot.ExecTask", {"markNo": "A2"})
+    assert "not initialised" in client.refused("woosh.robot.SetRobotPose", {"pose": {"x": 1}})
+    client.ask("woosh.robot.InitRobot", {"isRecord": True, "pose": {}})
+    assert client.ask("woosh.robot.RobotState")["state"] == 2
+    client.ask("woosh.robot.ExecTask", {"markNo": "A2"})
+
+
+def test_no_serial_number_is_answered_without_one(client: JsonClient) -> None:
+    client.send({"type": "woosh.robot.Mode"})
+    answer = client.receive()
+    assert answer["ok"] is True
+    assert "sn" not in answer
+
+
+def test_requests_are_read_tolerantly(client: JsonClient) -> None:
+    body = {"task_id": 77, "type": "kPick", "mark_no": "A2", "customs": [1], "planPath": None}
+    client.ask("woosh.robot.ExecTask", body)
+    proc = client.ask("woosh.robot.TaskProc")
+    assert (proc["robotTaskId"], proc["type"], proc["dest"]) == ("77", 1, "A2")

@@ -1,0 +1,247 @@
+"""Many clients, bad frames, and what tests can do to the simulator."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import socket
+from collections.abc import Iterable
+
+import pytest
+from sim_wire import JsonClient, TcpClient, packed, subscription
+
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.simulator import (
+    Outgoing,
+    SimulatedChassis,
+    SimulatorConfig,
+    SimulatorThread,
+)
+
+GARBAGE: list[str | bytes] = [
+    "",
+    "garbage",
+    "[1, 2]",
+    "{}",
+    '{"type": 5}',
+    '{"type": "woosh.robot.Mode", "sn": "x"}',
+    '{"type": "woosh.Subscription", "body": {"topics": 5}}',
+    "[" * 100_000,
+    b"",
+    b"\xff\xff\xff\xff",
+    b"\x00" * 1000,
+]
+
+
+def test_bad_frames_are_skipped(simulator: SimulatorThread, client: JsonClient) -> None:
+    for frame in GARBAGE:
+        client.send(frame)
+    assert client.ask("woosh.robot.Mode")["ctrl"] == 1
+    assert simulator.bad_frames == len(GARBAGE)
+    assert simulator.connections == 1
+
+
+def test_bad_frames_over_tcp(simulator: SimulatorThread, tcp: TcpClient) -> None:
+    for frame in (b"\xff\xff", b"", b"{}"):
+        tcp.send(frame)
+    assert tcp.request("woosh.robot.Mode").ok
+    with socket.create_connection(("127.0.0.1", simulator.tcp_port)) as other:
+        other.sendall(b"\xff" * 20)  # a length that never ends
+        other.settimeout(5)
+        assert other.recv(1) == b""
+    assert tcp.request("woosh.robot.Mode").ok
+
+
+def test_http_and_silence_at_the_port(simulator: SimulatorThread, client: JsonClient) -> None:
+    with socket.create_connection(("127.0.0.1", simulator.port)) as other:
+        other.sendall(b"GET / HTTP/1.0\r\n\r\n")
+        other.settimeout(5)
+        other.recv(1000)
+    assert client.ask("woosh.robot.Mode")["ctrl"] == 1
+
+
+def test_many_clients(simulator: SimulatorThread) -> None:
+    clients = [JsonClient(simulator.port) for _ in range(20)]
+    for each in clients:
+        each.subscribe("woosh.robot.Mode")
+    clients[0].ask("woosh.robot.SwitchWorkMode", {"mode": 3})
+    for each in clients:
+        assert each.push("woosh.robot.Mode")["work"] == 3
+    for each in clients:
+        each.close()
+
+
+def test_connections_are_limited() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, max_connections=1)
+    with SimulatorThread(config) as simulator:
+        first = TcpClient(simulator.tcp_port)
+        assert first.request("woosh.robot.Mode").ok
+        second = TcpClient(simulator.tcp_port)
+        with pytest.raises((AssertionError, ConnectionError)):
+            second.request("woosh.robot.Mode")
+        assert first.request("woosh.robot.Mode").ok
+        first.close()
+        second.close()
+
+
+def test_slow_client_is_dropped_and_holds_up_nobody() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, max_outbox=5)
+    with SimulatorThread(config) as simulator:
+        slow, quick = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
+        assert quick.request("woosh.robot.Mode").ok
+        slow.send(subscription("woosh.robot.count.StatusCode"))
+        simulator.wait_received("woosh.Subscription")
+        while simulator.connections > 1:  # it never reads
+            simulator.push(robot_count_pb2.StatusCode(msg="x" * 1_000_000))
+            assert quick.request("woosh.robot.Mode").ok
+        slow.close()
+        quick.close()
+
+
+def test_what_clients_sent_is_recorded(simulator: SimulatorThread, client: JsonClient) -> None:
+    assert simulator.last("woosh.robot.Twist") is None
+    client.subscribe("woosh.robot.Mode")
+    client.ask("woosh.robot.Twist", {"linear": 0.25})
+    message = simulator.wait_received("woosh.robot.Twist")
+    assert message == simulator.last("woosh.robot.Twist")
+    assert getattr(message, "linear", None) == 0.25
+    assert simulator.counts["woosh.Subscription"] == 1
+    types = [each.type for each in simulator.received]
+    assert types == ["woosh.Subscription", "woosh.robot.Mode", "woosh.robot.Twist"]
+    with pytest.raises(asyncio.TimeoutError):
+        simulator.wait_received("woosh.robot.Twist", count=2, timeout=0.01)
+
+
+def test_refuse_and_accept(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.refuse("woosh.robot.SetOccupancy", "not today")
+    assert client.refused("woosh.robot.SetOccupancy", {"occupy": True}) == "not today"
+    assert client.ask("woosh.robot.DeviceState")["software"] == 1
+    simulator.accept("woosh.robot.SetOccupancy")
+    client.ask("woosh.robot.SetOccupancy", {"occupy": True})
+
+
+def test_mute_delay_and_wrong_type(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.mute("woosh.robot.SetOccupancy")
+    client.send({"type": "woosh.robot.SetOccupancy", "body": {"occupy": True}, "sn": 500})
+    assert client.ask("woosh.robot.DeviceState")["software"] == 9
+    # An answer that is held back lets later ones pass.
+    simulator.delay("woosh.robot.Battery", 0.5)
+    client.send({"type": "woosh.robot.Battery", "sn": 501})
+    client.send({"type": "woosh.robot.Mode", "sn": 502})
+    assert [client.receive()["sn"] for _ in range(2)] == [502, 501]
+    simulator.answer_as("woosh.robot.Battery", "woosh.robot.Network")
+    assert client.request("woosh.robot.Battery")["type"] == "woosh.robot.Network"
+    simulator.accept("woosh.robot.Battery")
+    assert client.request("woosh.robot.Battery")["type"] == "woosh.robot.Battery"
+
+
+def test_interceptors_see_and_change_everything(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    def wrong_then_right(frame: Outgoing) -> Iterable[Outgoing]:
+        yield dataclasses.replace(frame, sn=frame.sn + 1000)
+        yield frame
+
+    remove = simulator.intercept(wrong_then_right)
+    client.send({"type": "woosh.robot.Mode", "sn": 3})
+    assert [client.receive()["sn"] for _ in range(2)] == [1003, 3]
+    remove()
+    client.send({"type": "woosh.robot.Mode", "sn": 4})
+    client.send({"type": "woosh.robot.Mode", "sn": 5})
+    assert [client.receive()["sn"] for _ in range(2)] == [4, 5]
+
+
+def test_an_interceptor_that_fails_ends_nothing(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    def fail(frame: Outgoing) -> Iterable[Outgoing]:
+        raise RuntimeError("on purpose")
+
+    client.subscribe("woosh.robot.PoseSpeed")
+    remove = simulator.intercept(fail)
+    client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 800})
+    simulator.wait_received("woosh.robot.Twist")
+    until = simulator.state.elapsed + 0.2
+    while simulator.state.elapsed < until:
+        pass
+    remove()
+    client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 801})
+    client.push("woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.Mode")
+
+
+def test_raw_frames_and_pushes(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Battery")
+    simulator.push(robot_pb2.Battery(power=3))
+    assert client.push("woosh.robot.Battery")["power"] == 3
+    simulator.push(robot_pb2.Mode())  # nobody subscribed to it
+    simulator.send_raw('{"type": "x"}')
+    assert client.receive() == {"type": "x"}
+
+
+def test_drop_stop_and_listen_again(simulator: SimulatorThread) -> None:
+    first = TcpClient(simulator.tcp_port)
+    assert first.request("woosh.robot.SwitchWorkMode").msg
+    simulator.drop()
+    with pytest.raises((AssertionError, ConnectionError)):
+        first.request("woosh.robot.Mode")
+    ports = simulator.port, simulator.tcp_port
+    simulator.stop_listening()
+    assert simulator.connections == 0
+    for port in ports:
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), 5)
+    simulator.listen()
+    assert (simulator.port, simulator.tcp_port) == ports
+    second = TcpClient(simulator.tcp_port)
+    assert second.request("woosh.robot.Mode").ok
+    first.close()
+    second.close()
+
+
+def test_subscriptions_end_with_the_connection(simulator: SimulatorThread) -> None:
+    first = JsonClient(simulator.port)
+    first.subscribe("woosh.robot.Mode")
+    first.close()
+    second = JsonClient(simulator.port)
+    second.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
+    assert second.taken("woosh.robot.Mode") == []
+    second.close()
+
+
+def test_freeze_and_thaw(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Mode")
+    simulator.freeze()
+    pong = client._await(client.socket.ping())
+    client.send({"type": "woosh.robot.Battery", "sn": 900})
+    before = simulator.counts["woosh.robot.Battery"]
+    with pytest.raises(asyncio.TimeoutError):
+        client.receive(timeout=0.2)
+    assert not pong.done()
+    assert simulator.counts["woosh.robot.Battery"] == before == 0
+    assert simulator.connections == 1
+    simulator.thaw()
+    assert client.receive()["sn"] == 900
+    client._await(pong)
+
+
+def test_in_the_callers_loop() -> None:
+    async def scenario() -> None:
+        config = SimulatorConfig(port=0, tcp_port=0, speed=100)
+        async with SimulatedChassis(config) as simulator:
+            reader, writer = await asyncio.open_connection("127.0.0.1", simulator.tcp_port)
+            frame = packed("woosh.robot.Twist", sn=1)
+            writer.write(bytes([len(frame)]) + frame)
+            await simulator.wait_received("woosh.robot.Twist")
+            assert await reader.read(1)
+            assert simulator.connections == 1
+            assert simulator.state.info.robot_id == 30001
+            writer.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_port_that_is_taken(simulator: SimulatorThread) -> None:
+    other = SimulatorThread(SimulatorConfig(port=simulator.port, tcp_port=0))
+    with pytest.raises(OSError):
+        other.start()

@@ -1,0 +1,279 @@
+"""Tasks from their order to their end."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from sim_wire import Json, JsonClient
+
+from woosh_robot_agent.simulator import SimulatorThread
+
+PROC = "woosh.robot.TaskProc"
+INIT, READY, EXECUTING, PAUSED, ACTION_WAIT = 1, 2, 3, 4, 5
+COMPLETED, CANCELED, FAILED = 7, 8, 9
+ENDED = (COMPLETED, CANCELED, FAILED)
+
+
+@pytest.fixture(autouse=True)
+def _subscribed(client: JsonClient) -> None:
+    client.subscribe(PROC)
+
+
+def life(client: JsonClient) -> list[Json]:
+    """All reports of the task that comes next, up to its end."""
+    reports = [client.push(PROC)]
+    while reports[-1]["state"] not in ENDED:
+        reports.append(client.push(PROC))
+    return reports
+
+
+def test_task_to_a_mark(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"taskId": "1682416646", "type": 1, "markNo": "A2"})
+    reports = life(client)
+    assert [each["state"] for each in reports] == [INIT, READY, EXECUTING, COMPLETED]
+    for each in reports:
+        assert (each["robotTaskId"], each["type"], each["dest"]) == ("1682416646", 1, "A2")
+    assert reports[2]["action"] == {"type": 1, "state": 1, "waitId": 0}
+    assert reports[3]["action"] == {"type": 1, "state": 4, "waitId": 0}
+    pose = simulator.state.pose
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((5.0, 4.0, 0.0), abs=0.005)
+    info = client.ask("woosh.robot.RobotInfo")
+    assert info["taskProc"] == reports[-1] == client.ask(PROC)
+    assert info["taskHistory"]["tes"] == [reports[-1]]
+    assert info["state"] == 2
+
+
+def test_while_it_runs(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.NavPath", "woosh.robot.RobotState", "woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+    assert client.push("woosh.robot.RobotState")["state"] == 4
+    path = client.push("woosh.robot.NavPath")["path"]["poses"]
+    assert len(path) > 2
+    assert path[-1]["x"] == pytest.approx(-9.5)
+    plan = client.ask("woosh.robot.PlanPath")["planPath"]
+    assert plan[0]["path"]["poses"] == path
+    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.7)
+    client.ask("woosh.robot.ActionOrder", {"order": 4})
+    assert client.push("woosh.robot.NavPath")["path"]["poses"] == []
+    codes = client.ask("woosh.robot.count.StatusCodes")["scs"]
+    assert {"130104000000", "130104000061"} <= {code["code"] for code in codes}
+
+
+def test_pose_pushes_only_while_moving(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe("woosh.robot.PoseSpeed")
+    client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 999})
+    stamps: list[int] = []
+    speed = 0.5
+    while speed > 0.0:
+        frame = client.receive()
+        if frame["type"] == "woosh.robot.PoseSpeed":
+            stamps.append(frame["timestamp"])
+            speed = frame["body"]["twist"]["linear"]
+    assert all(later - earlier == 50 for earlier, later in pairwise(stamps))
+    client.taken("woosh.robot.PoseSpeed")
+    until = simulator.state.elapsed + 5.0
+    while simulator.state.elapsed < until:
+        pass
+    assert client.taken("woosh.robot.PoseSpeed") == []
+
+
+def test_task_ids_are_fresh(client: JsonClient) -> None:
+    ids = []
+    for _ in range(3):
+        client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+        ids.append(int(client.ask(PROC)["robotTaskId"]))
+    assert ids == sorted(set(ids))
+    assert ids[0] > 1_700_000_000
+
+
+def test_newer_task_replaces_the_older_one(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"taskId": 1, "type": 1, "markNo": "A23"})
+    client.push(PROC, lambda body: body["state"] == EXECUTING)
+    client.ask("woosh.robot.ExecTask", {"taskId": 2, "type": 1, "markNo": "A2"})
+    # The old task's end came before the answer.
+    (end,) = [frame["body"] for frame in client.pushes if frame["type"] == PROC]
+    assert (end["robotTaskId"], end["state"]) == ("1", CANCELED)
+    assert "replaced" in end["msg"]
+    client.pushes.clear()
+    reports = life(client)
+    assert {each["robotTaskId"] for each in reports} == {"2"}
+    assert reports[-1]["state"] == COMPLETED
+
+
+def test_pause_continue_cancel(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+    client.push(PROC, lambda body: body["state"] == EXECUTING)
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    paused = client.push(PROC)
+    assert (paused["state"], paused["action"]["state"]) == (PAUSED, 10)
+    assert client.ask("woosh.robot.RobotState")["state"] == 4
+    until = simulator.state.elapsed + 2.0
+    while simulator.state.elapsed < until:
+        pass
+    assert client.ask("woosh.robot.PoseSpeed")["twist"]["linear"] == 0.0
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    assert client.push(PROC)["state"] == EXECUTING
+    client.ask("woosh.robot.ActionOrder", {"order": 4})
+    end = client.push(PROC)
+    assert (end["state"], end["action"]["state"]) == (CANCELED, 3)
+    assert "no task" in client.refused("woosh.robot.ActionOrder", {"order": 4})
+
+
+def test_failure_and_recovery(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.count.StatusCode")
+    # Beside the partition: too near to it to stand there.
+    client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "pose": {"x": -4.8, "y": -6}})
+    end = client.push(PROC, lambda body: body["state"] in ENDED)
+    assert end["state"] == FAILED
+    assert "no free path" in end["msg"]
+    last = client.ask("woosh.robot.count.StatusCodes")["scs"][-1]
+    assert (last["level"], last["robotTaskId"]) == (3, "5")
+    assert "no free path" in last["msg"]
+    client.ask("woosh.robot.ActionOrder", {"order": 5})
+    assert client.push(PROC)["state"] == EXECUTING
+    assert client.push(PROC)["state"] == FAILED
+
+
+def test_task_set(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
+    first, second = life(client), life(client)
+    assert {each["robotTaskId"] for each in first} == {"66601"}
+    assert {each["robotTaskId"] for each in second} == {"66602"}
+    assert first[-1]["state"] == second[-1]["state"] == COMPLETED
+    history = client.ask("woosh.robot.TaskHistory")["tes"]
+    assert [each["robotTaskId"] for each in history] == ["66601", "66602"]
+
+
+def test_cancelling_a_set_ends_it(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
+    client.push(PROC, lambda body: body["state"] == EXECUTING)
+    client.ask("woosh.robot.ActionOrder", {"order": 4})
+    assert client.push(PROC)["state"] == CANCELED
+    assert client.taken(PROC) == []
+    assert client.ask("woosh.robot.RobotState")["state"] == 2
+
+
+def test_wait_of_a_set_can_be_broken_off(simulator: SimulatorThread, client: JsonClient) -> None:
+    def add_wait(simulated: object) -> None:
+        repeat = simulated.chassis.predefined.repeat_tasks[0]  # type: ignore[attr-defined]
+        repeat.task_set.tasks[0].base.wait_time = 3600
+
+    simulator.call(add_wait)
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
+    waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
+    client.ask("woosh.robot.ActionOrder", {"order": 6})
+    assert client.push(PROC)["state"] == COMPLETED
+
+
+def test_charge_task_charges(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.0))
+    client.subscribe("woosh.robot.Battery", "woosh.robot.RobotState")
+    client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
+    assert client.push("woosh.robot.RobotState", lambda body: body["state"] == 8)
+    assert client.ask("woosh.robot.Battery")["chargeState"] == 3
+    assert client.push(PROC, lambda body: body["state"] in ENDED)["state"] == COMPLETED
+    battery = client.ask("woosh.robot.Battery")
+    assert (battery["chargeState"], battery["power"]) == (1, 98)
+    assert client.ask("woosh.robot.RobotState")["state"] == 2
+
+
+def test_carry_task_lifts(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"type": 4, "direction": 1, "markNo": "K10"})
+    reports = life(client)
+    assert [each["action"]["type"] for each in reports[2:]] == [1, 1, 5, 5]
+    assert simulator.state.jack == pytest.approx(0.06)
+    assert client.ask("woosh.robot.DeviceState")["software"] & 4
+    client.ask("woosh.robot.ExecTask", {"type": 4, "direction": 2, "markNo": "K10"})
+    life(client)
+    assert simulator.state.jack == 0.0
+
+
+def test_mark_then_path_then_pose(simulator: SimulatorThread, client: JsonClient) -> None:
+    # Clients that send every field send the ones that they don't mean empty.
+    client.ask("woosh.robot.ExecTask", {"markNo": "A2", "planPath": {}, "pose": {}})
+    assert life(client)[-1]["dest"] == "A2"
+    path = {"planPath": [{"path": {"poses": [{"x": 4, "y": 3}, {"x": 3, "y": 2, "theta": 1}]}}]}
+    client.ask("woosh.robot.ExecTask", {"markNo": "", "planPath": path, "pose": {}})
+    assert life(client)[-1]["state"] == COMPLETED
+    pose = simulator.state.pose
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 2, 1), abs=0.005)
+    client.ask("woosh.robot.ExecTask", {"markNo": "", "planPath": {}, "pose": {"x": 1}})
+    assert life(client)[-1]["state"] == COMPLETED
+    assert simulator.state.pose.x == pytest.approx(1.0, abs=0.005)
+
+
+def test_new_path_leads_to_the_same_goal(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe("woosh.robot.NavPath")
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+    client.push("woosh.robot.NavPath")
+    path = {"planPath": [{"path": {"poses": [{"x": 0, "y": 0}, {"x": 1.23, "y": 2.34}]}}]}
+    client.ask("woosh.robot.ChangeNavPath", {"paths": path})
+    poses = client.push("woosh.robot.NavPath")["path"]["poses"]
+    assert {"x": 0.0, "y": 0.0} in [{"x": each["x"], "y": each["y"]} for each in poses]
+    client.push(PROC, lambda body: body["state"] == COMPLETED)
+    assert simulator.state.pose.x == pytest.approx(5.0, abs=0.005)
+
+
+def test_navigation_mode_counts_while_navigating(client: JsonClient) -> None:
+    answer = client.request("woosh.robot.ChangeNavMode", {"navMode": {"maxSpeed": 0.3}})
+    assert (answer["ok"], "no effect" in answer["msg"]) == (True, True)
+    client.subscribe("woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.79)
+    client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "maxSpeed": 0.3}})
+    client.push("woosh.robot.PoseSpeed", lambda body: 0.29 < body["twist"]["linear"] < 0.301)
+
+
+def test_leaving_automatic_mode_pauses(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+    client.push(PROC, lambda body: body["state"] == EXECUTING)
+    client.ask("woosh.robot.SwitchControlMode", {"mode": 2})
+    paused = client.push(PROC)
+    assert (paused["state"], paused["msg"]) == (PAUSED, "robot is in manual mode")
+    assert "manual" in client.refused("woosh.robot.ActionOrder", {"order": 3})
+    client.ask("woosh.robot.SwitchControlMode", {"mode": 1})
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    assert client.push(PROC)["state"] == EXECUTING
+
+
+def test_remote_control_waits_for_the_task(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
+    client.push(PROC, lambda body: body["state"] == EXECUTING)
+    assert "task 8 is driving" in client.refused("woosh.robot.Twist", {"linear": 0.2})
+    client.ask("woosh.robot.Twist")
+    assert "task is running" in client.refused("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    client.ask("woosh.robot.Twist", {"linear": 0.2})
+
+
+def test_following_ends_with_a_task(client: JsonClient) -> None:
+    client.ask("woosh.robot.Follow", {"type": True})
+    assert client.ask("woosh.robot.RobotState")["state"] == 7
+    client.ask("woosh.robot.ExecTask", {"type": 2, "markNo": "P1"})
+    assert client.ask("woosh.robot.RobotState")["state"] == 3
+
+
+def test_history_keeps_fifty(client: JsonClient) -> None:
+    for number in range(1, 61):
+        client.ask("woosh.robot.ExecTask", {"taskId": number, "type": 1, "markNo": "A2"})
+    ids = [int(each["robotTaskId"]) for each in client.ask("woosh.robot.TaskHistory")["tes"]]
+    # Whether the last one has ended by now is a matter of time.
+    assert ids in (list(range(10, 60)), list(range(11, 61)))
+
+
+def test_a_paused_task_takes_another_way_at_once(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"markNo": "A23"})
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    corners = [{"x": 0.0, "y": 0.0}, {"x": 1.25, "y": 2.25}]
+    client.ask("woosh.robot.ChangeNavPath", {"paths": {"planPath": [{"path": {"poses": corners}}]}})
+    poses = client.ask("woosh.robot.NavPath")["path"]["poses"]
+    assert {(1.25, 2.25), (0.0, 0.0)} <= {(pose["x"], pose["y"]) for pose in poses}
+
+
+@pytest.mark.parametrize("speed", [-0.5, 1e-9])
+def test_a_speed_that_leads_nowhere_is_refused(client: JsonClient, speed: float) -> None:
+    client.ask("woosh.robot.ExecTask", {"markNo": "A23"})
+    mode = {"type": 2, "mode": 1, "maxSpeed": speed}
+    assert "speed" in client.refused("woosh.robot.ChangeNavMode", {"navMode": mode})

@@ -1,0 +1,126 @@
+"""The built interface packages are those of the facts, to the last constant."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from ament_index_python.packages import get_package_prefix
+from ament_index_python.resources import get_resource
+
+FACTS = Path(__file__).parent / "facts" / "ros"
+HASHES: dict[str, str] = json.loads((FACTS / "type_hashes.json").read_text())
+PACKAGES = {path.stem: yaml.safe_load(path.read_text()) for path in FACTS.glob("*.yaml")}
+KINDS = {
+    "messages": ("msg", [""]),
+    "services": ("srv", ["request", "response"]),
+    "actions": ("action", ["goal", "result", "feedback"]),
+}
+
+
+class TypeHash(ctypes.Structure):
+    """rosidl_type_hash_t."""
+
+    _fields_ = [("version", ctypes.c_uint8), ("value", ctypes.c_uint8 * 32)]
+
+    def __str__(self) -> str:
+        return f"RIHS{self.version:02}_{bytes(self.value).hex()}"
+
+
+def built_hash(name: str) -> str:
+    """What the compiled library says, e.g. of `woosh_robot_msgs/msg/Mode`."""
+    package = name.split("/")[0]
+    path = Path(get_package_prefix(package)) / "lib" / f"lib{package}__rosidl_generator_c.so"
+    function = getattr(ctypes.CDLL(str(path)), name.replace("/", "__") + "__get_type_hash")
+    function.restype = ctypes.POINTER(TypeHash)
+    return str(function(None).contents)
+
+
+def facts_of(package: str) -> dict[str, list[dict[str, Any]]]:
+    """By name as `msg/Mode`: constants and fields of each of the type's parts."""
+    return {
+        f"{folder}/{short}": [facts[part] if part else facts for part in parts]
+        for kind, (folder, parts) in KINDS.items()
+        for short, facts in PACKAGES[package][kind].items()
+    }
+
+
+def installed_parts(package: str, name: str) -> list[dict[str, list[str]]]:
+    """Constants and fields of each part of an installed .msg, .srv or .action file."""
+    path = Path(get_package_prefix(package)) / "share" / package / f"{name}.{name.split('/')[0]}"
+    parts: list[dict[str, list[str]]] = [{"constants": [], "fields": []}]
+    for line in path.read_text().splitlines():
+        text = line.partition("#")[0].strip()
+        if text == "---":
+            parts.append({"constants": [], "fields": []})
+        elif text:
+            parts[-1]["constants" if "=" in text else "fields"].append(text)
+    return parts
+
+
+def part_classes(package: str, name: str) -> list[Any]:
+    """The Python classes of a type's parts."""
+    kind, short = name.split("/")
+    cls = getattr(importlib.import_module(f"{package}.{kind}"), short)
+    parts = dict(KINDS.values())[kind]
+    return [getattr(cls, part.capitalize()) if part else cls for part in parts]
+
+
+def test_there_are_seven_packages_of_276_messages_48_services_and_5_actions():
+    assert len(PACKAGES) == 7
+    counts = Counter(name.split("/")[1] for name in HASHES)
+    assert counts == {"msg": 276, "srv": 48, "action": 5}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+class TestPackage:
+    def test_installs_all_types_and_no_others(self, package: str):
+        content, _ = get_resource("rosidl_interfaces", package)
+        installed = {line.rpartition(".")[0] for line in content.split() if ".idl" not in line}
+        hashed = {name.partition("/")[2] for name in HASHES if name.startswith(package + "/")}
+        assert installed == hashed == facts_of(package).keys()
+
+    def test_hashes(self, package: str):
+        wanted = {name: text for name, text in HASHES.items() if name.startswith(package + "/")}
+        assert {name: built_hash(name) for name in wanted} == wanted
+
+    def test_definitions(self, package: str):
+        for name, parts in facts_of(package).items():
+            assert installed_parts(package, name) == parts, name
+
+    def test_constants_and_defaults_of_the_classes(self, package: str):
+        for name, parts in facts_of(package).items():
+            for cls, part in zip(part_classes(package, name), parts, strict=True):
+                compare_class(cls, part)
+
+
+def compare_class(cls: Any, facts: dict[str, list[str]]) -> None:
+    constants = {
+        name: getattr(cls, name)
+        for name in vars(type(cls))
+        if name.isupper() and not name.startswith("_") and not name.endswith("__DEFAULT")
+    }
+    wanted = (text.split(" ", 1)[1].split("=") for text in facts["constants"])
+    assert constants == {name: int(value) for name, value in wanted}, cls
+    message = cls()
+    assert list(cls.get_fields_and_field_types()) == [f.split()[1] for f in facts["fields"]]
+    for field in facts["fields"]:
+        ros_type, name, *default = field.split()
+        value = getattr(message, name)
+        if default:
+            assert value == int(default[0]), (cls, name)
+        elif "/" in ros_type and not ros_type.endswith("[]"):
+            assert isinstance(value, class_of(ros_type)), (cls, name)
+        else:
+            assert not value, (cls, name)
+
+
+def class_of(ros_type: str) -> Any:
+    package, short = ros_type.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), short)

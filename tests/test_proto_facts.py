@@ -1,0 +1,130 @@
+"""The compiled protobuf descriptors are those of the facts: nothing missing, nothing extra."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from google.protobuf.descriptor import FieldDescriptor
+
+from woosh_robot_agent import pb
+from woosh_robot_agent.protos import message_types
+
+FACTS = yaml.safe_load((Path(__file__).parent / "facts/proto/woosh_proto.yaml").read_text())
+SCALARS = {
+    name: getattr(FieldDescriptor, f"TYPE_{name.upper()}")
+    for name in ("double", "float", "int64", "uint64", "int32", "uint32", "fixed32", "bool")
+    + ("string", "bytes")
+}
+FILES: dict[str, Any] = {
+    descriptor.name: descriptor
+    for module in pkgutil.walk_packages(pb.__path__, pb.__name__ + ".")
+    if not module.ispkg
+    for descriptor in [importlib.import_module(module.name).DESCRIPTOR]
+}
+LINE = re.compile(
+    r"(?P<number>\d+) (?P<repeated>repeated )?(?P<type>\S+) (?P<name>\w+)"
+    r"(?: oneof=(?P<oneof>\w+))?(?: json=(?P<json>\w+))?"
+)
+
+
+def camel(name: str) -> str:
+    return re.sub(r"_(\w)", lambda found: found[1].upper(), name)
+
+
+def expected_field(line: str) -> dict[str, Any]:
+    found = LINE.fullmatch(line)
+    assert found, line
+    return {
+        "number": int(found["number"]),
+        "repeated": bool(found["repeated"]),
+        "type": found["type"],
+        "name": found["name"],
+        "oneof": found["oneof"],
+        "json": found["json"] or camel(found["name"]),
+    }
+
+
+def actual_field(field: Any) -> dict[str, Any]:
+    if field.message_type is not None:
+        type_name = field.message_type.full_name
+    elif field.enum_type is not None:
+        type_name = field.enum_type.full_name
+    else:
+        (type_name,) = [name for name, number in SCALARS.items() if number == field.type]
+    repeated = getattr(field, "is_repeated", None)
+    if repeated is None:
+        repeated = field.label == FieldDescriptor.LABEL_REPEATED
+    return {
+        "number": field.number,
+        "repeated": repeated,
+        "type": type_name,
+        "name": field.name,
+        "oneof": field.containing_oneof and field.containing_oneof.name,
+        "json": field.json_name,
+    }
+
+
+def expected_messages(tree: Any) -> Any:
+    return {
+        name: {
+            "fields": sorted(
+                (expected_field(line) for line in message.get("fields") or []),
+                key=lambda field: int(field["number"]),
+            ),
+            "messages": expected_messages(message.get("messages")),
+            "enums": expected_enums(message.get("enums")),
+        }
+        for name, message in (tree or {}).items()
+    }
+
+
+def expected_enums(tree: Any) -> Any:
+    enums = {}
+    for name, values in (tree or {}).items():
+        enums[name] = {str(key): int(number) for key, number in values.items()}
+    return enums
+
+
+def actual_enums(by_name: Any) -> Any:
+    return {
+        name: {value.name: value.number for value in enum.values} for name, enum in by_name.items()
+    }
+
+
+def actual_messages(by_name: Any) -> Any:
+    return {
+        name: {
+            "fields": sorted(map(actual_field, message.fields), key=lambda field: field["number"]),
+            "messages": actual_messages(message.nested_types_by_name),
+            "enums": actual_enums(message.enum_types_by_name),
+        }
+        for name, message in by_name.items()
+    }
+
+
+def test_the_files_are_those_of_the_facts() -> None:
+    assert set(FILES) == set(FACTS)
+
+
+@pytest.mark.parametrize("path", sorted(FACTS))
+def test_a_file_holds_exactly_what_the_facts_say(path: str) -> None:
+    fact, file = FACTS[path], FILES[path]
+
+    assert file.package == fact["package"]
+    assert {one.name for one in file.dependencies} == set(fact["imports"])
+    assert actual_messages(file.message_types_by_name) == expected_messages(fact["messages"])
+    assert actual_enums(file.enum_types_by_name) == expected_enums(fact["enums"])
+    assert not file.services_by_name
+    assert not file.extensions_by_name
+
+
+def test_the_misspelt_names_stay() -> None:
+    types = message_types()
+    assert "genral" in types["woosh.robot.RobotInfo"].DESCRIPTOR.fields_by_name
+    assert "seanner" in types["woosh.robot.HardwareState"].DESCRIPTOR.fields_by_name

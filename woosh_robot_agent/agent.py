@@ -1,0 +1,91 @@
+"""The agent as a program: `ros2 run woosh_robot_agent agent`."""
+
+from __future__ import annotations
+
+# Nothing more is imported here: until `Signals` is there, a signal ends in a traceback.
+import signal
+import sys
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+_SPIN = 0.2
+"""s after which a signal is noticed at the latest: rclpy's wait does not end by one."""
+
+
+class Signals:
+    """Notes SIGINT and SIGTERM from now on, instead of ending the program."""
+
+    def __init__(self) -> None:
+        self.stop = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, _signal: int, _frame: object) -> None:
+        self.stop = True
+
+
+def make_executor(name: str, context: Any = None) -> Any:
+    """The executor called `name`; see the parameter `executor`."""
+    if name == "events":
+        from rclpy.experimental import EventsExecutor
+
+        return EventsExecutor(context=context)
+    from rclpy.executors import SingleThreadedExecutor
+
+    return SingleThreadedExecutor(context=context)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the agent until SIGINT or SIGTERM. Returns the process's exit status."""
+    signals = Signals()
+    import rclpy
+    from rclpy.exceptions import NameValidationException, ParameterException
+    from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from woosh_robot_agent.node import Agent
+
+    if signals.stop:
+        return 0
+    try:
+        try:
+            # rclpy's own handlers would shut the context down before goals and robot are settled
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            agent = Agent()
+        except (
+            ValueError,
+            ParameterException,
+            NameValidationException,
+            _rclpy.RCLError,
+            _rclpy.UnknownROSArgsError,
+        ) as error:
+            print("agent:", *str(error).split(), file=sys.stderr)
+            return 2
+        executor = make_executor(agent.settings.executor)
+        executor.add_node(agent.node)
+        while not signals.stop and rclpy.ok():
+            _spin_once(executor, _SPIN)
+        agent.close(lambda: _spin_once(executor, 0.05))
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _spin_once(executor: Any, timeout: float) -> None:
+    """One turn; a mistake in a callback is logged, for it must not end the agent."""
+    import logging
+
+    from rclpy.executors import ExternalShutdownException
+
+    try:
+        executor.spin_once(timeout_sec=timeout)
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        logging.getLogger("woosh_robot_agent.agent").exception("a callback failed")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

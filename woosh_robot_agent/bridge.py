@@ -1,0 +1,194 @@
+"""Everything that passes between the two threads: rclpy's in main, asyncio's with the link.
+
+rclpy callbacks never wait. They hand a coroutine to the link's thread, which answers when it can:
+services by `DeferredService`, publishers straight from the link's thread (they need no executor).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from functools import partial
+from typing import Any, TypeVar
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.qos import QoSProfile
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger(__name__)
+SERVICE_QOS = QoSProfile(depth=1000)
+"""Of all services, those of actions too: with ROS's usual depth of 10, calls that come faster than
+they are taken are lost."""
+
+
+class LinkThread:
+    """An asyncio event loop in a thread of its own."""
+
+    def __init__(self) -> None:
+        self.loop = asyncio.new_event_loop()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._thread = threading.Thread(target=self._main, name="link", daemon=True)
+        self._thread.start()
+
+    def call(self, function: Callable[..., object], *args: object) -> None:
+        """Have `function` called in the loop soon; from any thread."""
+        self.loop.call_soon_threadsafe(function, *args)
+
+    def spawn(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        failed: Callable[[BaseException], None] | None = None,
+    ) -> None:
+        """Have a coroutine run in the loop; from any thread.
+
+        Args:
+            work: makes the coroutine.
+            failed: gets what it raised, a mistake of ours; it is logged too.
+        """
+        self.call(self._spawn, work, failed)
+
+    def run(self, work: Coroutine[Any, Any, T], timeout: float) -> T:
+        """Run a coroutine in the loop and wait for it; from any other thread.
+
+        Raises:
+            TimeoutError: it took longer than `timeout` s; it is cancelled.
+        """
+        future: Future[T] = asyncio.run_coroutine_threadsafe(work, self.loop)
+        try:
+            return future.result(timeout)
+        except FutureTimeoutError:
+            future.cancel()
+            raise TimeoutError from None  # until Python 3.11 they are two
+
+    def stop(self, timeout: float) -> None:
+        """Cancel what runs, end the loop and join the thread, within `timeout` s."""
+        self.call(self._stop)
+        self._thread.join(timeout)
+        if self._thread.is_alive():
+            _LOG.error("the link's thread did not end within %g s", timeout)
+
+    def _main(self) -> None:
+        asyncio.set_event_loop(self.loop)
+        try:
+            self.loop.run_forever()
+            leftover = asyncio.all_tasks(self.loop)
+            for task in leftover:
+                task.cancel()
+            self.loop.run_until_complete(asyncio.gather(*leftover, return_exceptions=True))
+        finally:
+            self.loop.close()
+
+    def _stop(self) -> None:
+        self.loop.stop()
+
+    def _spawn(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        failed: Callable[[BaseException], None] | None,
+    ) -> None:
+        task = self.loop.create_task(work())
+        self._tasks.add(task)  # the loop itself keeps only a weak reference
+        task.add_done_callback(partial(self._done, failed))
+
+    def _done(
+        self, failed: Callable[[BaseException], None] | None, task: asyncio.Task[None]
+    ) -> None:
+        self._tasks.discard(task)
+        error = RuntimeError("the agent is stopping") if task.cancelled() else task.exception()
+        if error is None:
+            return
+        if not task.cancelled():
+            _LOG.error("a task of the agent failed", exc_info=error)
+        if failed is not None:
+            failed(error)
+
+
+class Reply:
+    """The answer to one service call, sent once, by whichever thread has it."""
+
+    def __init__(self, response_class: Any, send: Callable[[Any, Any], None]) -> None:
+        self._response_class = response_class
+        self._send = send
+        self._lock = threading.Lock()
+        self._header: Any = None
+        self._response: Any = None
+
+    def bind(self, header: Any) -> None:
+        """Whom to answer; called by the executor right after the callback."""
+        with self._lock:
+            self._header = header
+            ready = self._response is not None
+        if ready:
+            self._deliver()
+
+    def send(self, response: Any) -> None:
+        """Answer the call. A second answer is a mistake of ours; it is logged and not sent."""
+        with self._lock:
+            if self._response is not None:
+                _LOG.error("a service call was answered twice: %r", response)
+                return
+            self._response = response
+            ready = self._header is not None
+        if ready:
+            self._deliver()
+
+    def fail(self, error: BaseException) -> None:
+        """Answer for want of anything better: a mistake of ours kept the real answer away."""
+        self.send(self._failure(error))
+
+    def _failure(self, error: BaseException) -> Any:
+        response = self._response_class()
+        if hasattr(response, "msg"):
+            response.msg = f"the agent failed: {error!a}; please report this"
+        return response
+
+    def _deliver(self) -> None:
+        try:
+            try:
+                self._send(self._response, self._header)
+            except (UnicodeError, AssertionError) as error:  # rclpy could not convert it
+                _LOG.exception("an answer could not be sent: %a", self._response)
+                self._send(self._failure(error), self._header)
+        except (InvalidHandle, _rclpy.RCLError) as error:
+            _LOG.debug("the client has gone before its answer: %s", error)
+
+
+class DeferredService:
+    """A service whose callback returns at once and whose answer is sent later, from any thread.
+
+    The executor passes the callback's result and the request's header to `send_response`; that is
+    where the header is caught.
+
+    Args:
+        node: owner of the service.
+        srv_type: ROS type of the service.
+        name: name of the service.
+        handle: takes the request and the `Reply`, in the executor's thread; must not wait.
+    """
+
+    def __init__(
+        self, node: Any, srv_type: Any, name: str, handle: Callable[[Any, Reply], None]
+    ) -> None:
+        self._srv_type = srv_type
+        self._handle = handle
+        self._service = node.create_service(srv_type, name, self._called, qos_profile=SERVICE_QOS)
+        self._send_now = self._service.send_response
+        self._service.send_response = self._bind
+
+    def _called(self, request: Any, _response: Any) -> Reply:
+        reply = Reply(self._srv_type.Response, self._send_now)
+        try:
+            self._handle(request, reply)
+        except Exception as error:  # one that escaped would end the executor
+            _LOG.exception("a service callback failed")
+            reply.fail(error)
+        return reply
+
+    def _bind(self, reply: Reply, header: Any) -> None:
+        reply.bind(header)

@@ -1,0 +1,44 @@
+"""The link to a chassis, usable without ROS.
+
+Example::
+
+    import asyncio
+    from woosh_robot_agent.link import ChassisClient
+    from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+    from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+
+    async def main() -> None:
+        async with ChassisClient("172.20.8.74") as chassis:
+            chassis.subscribe(PoseSpeed, lambda push: print(push.pose.x, push.pose.y))
+            answer = await chassis.request(Speak(text="hello"))
+            print(answer.ok, answer.msg)
+
+    asyncio.run(main())
+"""
+
+from woosh_robot_agent.link.client import ChassisClient, LinkState
+from woosh_robot_agent.link.config import LinkConfig
+from woosh_robot_agent.link.connection import Answer
+from woosh_robot_agent.link.errors import (
+    ConnectionLostError,
+    HandshakeError,
+    LinkError,
+    NotConnectedError,
+    RequestTimeoutError,
+    SupersededError,
+    TooManyRequestsError,
+)
+
+__all__ = [
+    "Answer",
+    "ChassisClient",
+    "ConnectionLostError",
+    "HandshakeError",
+    "LinkConfig",
+    "LinkError",
+    "LinkState",
+    "NotConnectedError",
+    "RequestTimeoutError",
+    "SupersededError",
+    "TooManyRequestsError",
+]

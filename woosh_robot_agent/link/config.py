@@ -1,0 +1,121 @@
+"""How to reach a chassis, and the link's limits."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from ipaddress import IPv6Address
+from typing import Literal
+
+DEFAULT_IP = "169.254.128.2"
+DEFAULT_PORTS = {"websocket": 5480, "tcp": 5481}
+ENCODINGS = ("json", "protobuf")
+MIB = 1024 * 1024
+
+
+@dataclass(frozen=True)
+class LinkConfig:
+    """Address, encoding, timeouts in s and limits of one link.
+
+    Attributes:
+        ip: address or host name of the chassis.
+        port: 0 takes the transport's default, 5480 for websocket and 5481 for tcp.
+        transport: `websocket` or `tcp`.
+        encoding: `json` or `protobuf`; tcp carries protobuf whatever stands here.
+        request_timeout: longest wait for an answer.
+        connect_timeout: longest wait for the connection, the WebSocket's opening included.
+        handshake_timeout: longest wait for the first RobotInfo, which makes the link ready.
+        close_timeout: longest wait for an orderly close.
+        liveness_timeout: silence, pings unanswered, after which the link counts as lost.
+        backoff_min: first pause between attempts; each further one is twice as long.
+        backoff_max: longest pause between attempts.
+        stable_after: how long a link must be ready before the pauses start small again.
+        max_frame_size: largest frame that is read, in bytes.
+        max_in_flight: requests that may wait for their answers at one time.
+        robot_id: id of the robot that the link's own requests are meant for, where a gateway serves
+            several; 0 is not sent.
+        push_queue: pushes that may wait for a slow consumer where each one counts.
+
+    Raises:
+        ValueError: a value makes no sense; the text says which and why.
+    """
+
+    ip: str = DEFAULT_IP
+    port: int = 0
+    transport: Literal["websocket", "tcp"] = "websocket"
+    encoding: Literal["json", "protobuf"] = "json"
+    request_timeout: float = 10.0
+    connect_timeout: float = 5.0
+    handshake_timeout: float = 5.0
+    close_timeout: float = 1.0
+    liveness_timeout: float = 10.0
+    backoff_min: float = 0.5
+    backoff_max: float = 15.0
+    stable_after: float = 5.0
+    max_frame_size: int = 64 * MIB
+    max_in_flight: int = 64
+    push_queue: int = 1000
+    robot_id: int = 0
+
+    def __post_init__(self) -> None:
+        if not _is_host(self.ip):
+            raise ValueError(
+                f"ip {self.ip!r} is neither an address nor a host name; a port goes into `port`"
+            )
+        if not 0 <= self.port <= 65535:
+            raise ValueError(f"port {self.port} is not in 0..65535")
+        if not 0 <= self.robot_id < 2**32:
+            raise ValueError(f"robot_id {self.robot_id} is not in 0..{2**32 - 1}")
+        if self.transport not in DEFAULT_PORTS:
+            raise ValueError(f"transport {self.transport!r} is not one of {list(DEFAULT_PORTS)}")
+        if self.encoding not in ENCODINGS:
+            raise ValueError(f"encoding {self.encoding!r} is not one of {list(ENCODINGS)}")
+        for name in (
+            "request_timeout",
+            "connect_timeout",
+            "handshake_timeout",
+            "close_timeout",
+            "liveness_timeout",
+            "backoff_min",
+            "max_frame_size",
+            "max_in_flight",
+            "push_queue",
+        ):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(
+                    f"{name} must be a number above 0, and finite, not {getattr(self, name)}"
+                )
+        if not 0 <= self.stable_after < math.inf:
+            raise ValueError(
+                f"stable_after must be 0 or above, and finite, not {self.stable_after}"
+            )
+        if not self.backoff_min <= self.backoff_max < math.inf:
+            raise ValueError(
+                f"backoff_max must be finite and at least backoff_min, {self.backoff_min}, "
+                f"not {self.backoff_max}"
+            )
+
+    @property
+    def effective_port(self) -> int:
+        """The port with the transport's default put in."""
+        return self.port or DEFAULT_PORTS[self.transport]
+
+    @property
+    def address(self) -> str:
+        """The chassis's address as a URL, e.g. `ws://169.254.128.2:5480`."""
+        host = f"[{self.ip}]" if ":" in self.ip else self.ip
+        scheme = "ws" if self.transport == "websocket" else "tcp"
+        return f"{scheme}://{host}:{self.effective_port}"
+
+
+def _is_host(text: str) -> bool:
+    if ":" not in text:
+        return bool(re.fullmatch(r"[\w.-]+", text)) and all(
+            0 < len(label) < 64 for label in text.removesuffix(".").split(".")
+        )
+    try:
+        IPv6Address(text)
+    except ValueError:
+        return False
+    return True

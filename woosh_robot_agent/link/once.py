@@ -1,0 +1,32 @@
+"""Logging that says a thing once: the first of a kind at WARNING, repeats at DEBUG."""
+
+from __future__ import annotations
+
+import logging
+
+_KINDS = 200
+"""Kinds that are remembered at most; the texts of other people's errors can be without number."""
+
+
+class LogOnce:
+    """Remembers which kinds of trouble were told, until they are over."""
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self._logger = logger
+        self._told: dict[str, None] = {}
+
+    def warn(self, kind: str, text: str) -> None:
+        """Log `text`; at WARNING if nothing of this kind was told since it was last cleared."""
+        told = kind in self._told
+        if not told:
+            if len(self._told) >= _KINDS:
+                del self._told[next(iter(self._told))]
+            self._told[kind] = None
+        self._logger.log(logging.DEBUG if told else logging.WARNING, "%s", text)
+
+    def clear(self, kind: str | None = None) -> None:
+        """The trouble is over: all of it, or the one kind."""
+        if kind is None:
+            self._told.clear()
+        else:
+            self._told.pop(kind, None)

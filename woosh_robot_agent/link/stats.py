@@ -1,0 +1,29 @@
+"""What the link counts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+
+@dataclass(slots=True)
+class LinkStats:
+    """Totals since the client was made.
+
+    Attributes:
+        connects: times that the link became ready.
+        rx: valid frames received.
+        tx: frames sent.
+        bad_frames: frames that could not be read, by kind of defect.
+        dropped_pushes: pushes that gave way to newer ones, by message type.
+        late_answers: answers to which no request was waiting any more.
+        round_trip: time of the last answered request or ping in s, None before the first.
+    """
+
+    connects: int = 0
+    rx: int = 0
+    tx: int = 0
+    bad_frames: Counter[str] = field(default_factory=Counter)
+    dropped_pushes: Counter[str] = field(default_factory=Counter)
+    late_answers: int = 0
+    round_trip: float | None = None

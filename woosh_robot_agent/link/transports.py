@@ -1,0 +1,387 @@
+"""What carries frames: a WebSocket, or TCP with protobuf's delimited format; both ends of each."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import inspect
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
+
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
+
+from woosh_robot_agent.link.config import LinkConfig
+from woosh_robot_agent.link.frames import FrameError
+from woosh_robot_agent.link.within import drop, settle, within
+
+_ClientSocket: Any
+_ws_connect: Any
+_ws_serve: Any
+try:  # websockets 13 and later
+    from websockets.asyncio.client import ClientConnection as _ClientSocket
+    from websockets.asyncio.client import connect as _ws_connect
+    from websockets.asyncio.server import serve as _ws_serve
+
+    _FACTORY = "create_connection"
+except ImportError:  # as Ubuntu 24.04 has it
+    from websockets.legacy.client import WebSocketClientProtocol as _ClientSocket
+    from websockets.legacy.client import connect as _ws_connect
+    from websockets.legacy.server import serve as _ws_serve
+
+    _FACTORY = "create_protocol"
+
+# Raw text: a frame that is not UTF-8 is one bad frame, not the end of the connection.
+_RAW_TEXT: dict[str, Any] = (
+    {"decode": False} if "decode" in inspect.signature(_ClientSocket.recv).parameters else {}
+)
+_NO_PROXY: dict[str, Any] = (
+    {"proxy": None} if "proxy" in inspect.signature(_ws_connect).parameters else {}
+)
+_CHUNK = 256 * 1024
+_TOO_BIG = 1009
+
+
+class TransportClosedError(Exception):
+    """The connection ended; the text says how."""
+
+
+class Transport(Protocol):
+    """One open connection that carries whole frames."""
+
+    peer: str
+    """Address of the other end, for people."""
+
+    @property
+    def heard(self) -> float:
+        """Loop time at which a part of a frame last came in; 0 before the first."""
+
+    def backlog(self) -> int:
+        """Number of bytes that were sent, but that the network has not taken yet."""
+
+    async def send(self, data: str | bytes) -> None:
+        """Hand one frame to the connection; waits while its buffer is full.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    async def recv(self) -> str | bytes:
+        """The next frame.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+            FrameError: a frame was skipped; the connection goes on.
+        """
+
+    async def ping(self) -> bool:
+        """Wait for the other end's sign of life; False where the transport has no ping.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    async def close(self, timeout: float = 1.0) -> None:
+        """Close in an orderly way, within `timeout` s, else at once."""
+
+    def abort(self) -> None:
+        """Drop the connection at once."""
+
+    def pause(self) -> None:
+        """Read nothing more from the socket, pings included, until `resume`."""
+
+    def resume(self) -> None:
+        """Read again."""
+
+
+Handler = Callable[[Transport], Awaitable[None]]
+
+
+class Listener:
+    """A server socket; `port` is the one it really has."""
+
+    def __init__(self, server: Any) -> None:
+        self._server = server
+        self.port: int = next(iter(server.sockets)).getsockname()[1]
+
+    async def close(self) -> None:
+        """Stop listening; connections that are open end with their handlers."""
+        self._server.close()
+        with contextlib.suppress(TimeoutError):
+            await within(1.0, self._server.wait_closed())
+
+
+async def open_transport(config: LinkConfig) -> Transport:
+    """Connect to a chassis.
+
+    Raises:
+        OSError: nothing answers at the address, or not in time.
+        TransportClosedError: what answers does not speak this transport.
+    """
+    made: list[Any] = []
+    open_it = _open_websocket if config.transport == "websocket" else _open_tcp
+    opening = asyncio.ensure_future(open_it(config, made))
+    try:
+        await asyncio.wait({opening}, timeout=config.connect_timeout)
+        if not opening.done():
+            raise TimeoutError(f"no connection within {config.connect_timeout:g} s")
+        return opening.result()
+    except BaseException:
+        for socket in made:  # first: without it, websockets may wait for an orderly close
+            if transport := getattr(socket, "transport", None):
+                transport.abort()
+        await drop(opening)
+        raise
+
+
+async def serve_websocket(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
+    """Listen for WebSocket clients; port 0 takes a free one."""
+
+    async def handle(socket: Any) -> None:
+        await handler(WebSocketTransport(socket, raw_text=False))
+
+    server = await _ws_serve(
+        handle,
+        host,
+        port,
+        max_size=max_size,
+        compression=None,
+        ping_interval=None,
+        close_timeout=1.0,
+    )
+    return Listener(server)
+
+
+async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
+    """Listen for TCP clients; port 0 takes a free one."""
+
+    async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await handler(TcpTransport(reader, writer, max_size))
+
+    return Listener(await asyncio.start_server(handle, host, port))
+
+
+class _Client(_ClientSocket):
+    """The library's client, which also tells when bytes come in."""
+
+    heard = 0.0
+
+    def data_received(self, data: bytes) -> None:
+        self.heard = self.loop.time()
+        super().data_received(data)
+
+
+async def _open_websocket(config: LinkConfig, made: list[Any]) -> Transport:
+    def make(*args: Any, **options: Any) -> _Client:
+        socket = _Client(*args, **options)
+        made.append(socket)
+        return socket
+
+    try:
+        socket = await _ws_connect(
+            config.address,
+            max_size=config.max_frame_size,
+            compression=None,
+            ping_interval=None,  # the connection pings by itself, and only when idle
+            open_timeout=None,
+            close_timeout=config.close_timeout,
+            **{_FACTORY: make},
+            **_NO_PROXY,
+        )
+    except (InvalidHandshake, InvalidURI) as error:
+        raise TransportClosedError(f"not a WebSocket server: {error}") from None
+    except (WebSocketException, EOFError) as error:
+        raise TransportClosedError(f"the WebSocket did not open: {error}") from None
+    return WebSocketTransport(socket, raw_text=True)
+
+
+async def _open_tcp(config: LinkConfig, made: list[Any]) -> Transport:
+    reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
+    made.append(writer)
+    return TcpTransport(reader, writer, config.max_frame_size)
+
+
+class WebSocketTransport:
+    """A WebSocket, text and binary frames alike.
+
+    Args:
+        raw_text: give text frames as bytes, unchecked, where the library can.
+    """
+
+    def __init__(self, socket: Any, *, raw_text: bool) -> None:
+        self._socket = socket
+        self._recv_options = _RAW_TEXT if raw_text else {}
+        self.peer = _peer(socket.transport)
+
+    @property
+    def heard(self) -> float:
+        """See `Transport.heard`."""
+        return getattr(self._socket, "heard", 0.0)
+
+    def backlog(self) -> int:
+        """See `Transport.backlog`."""
+        return int(self._socket.transport.get_write_buffer_size())
+
+    async def send(self, data: str | bytes) -> None:
+        """See `Transport.send`."""
+        try:
+            await self._socket.send(data)
+        except ConnectionClosed as error:
+            raise TransportClosedError(_reason(error)) from None
+
+    async def recv(self) -> str | bytes:
+        """See `Transport.recv`."""
+        try:
+            data: str | bytes = await self._socket.recv(**self._recv_options)
+        except ConnectionClosed as error:
+            raise TransportClosedError(_reason(error)) from None
+        return data
+
+    async def ping(self) -> bool:
+        """See `Transport.ping`."""
+        try:
+            await (await self._socket.ping())
+        except ConnectionClosed as error:
+            raise TransportClosedError(_reason(error)) from None
+        return True
+
+    async def close(self, timeout: float = 1.0) -> None:
+        """See `Transport.close`."""
+        closing = asyncio.ensure_future(self._socket.close())
+        try:
+            await asyncio.wait({closing}, timeout=timeout)
+        finally:
+            self.abort()
+            await settle(closing)
+
+    def abort(self) -> None:
+        """See `Transport.abort`."""
+        self._socket.transport.abort()
+
+    def pause(self) -> None:
+        """See `Transport.pause`."""
+        self._socket.transport.pause_reading()
+
+    def resume(self) -> None:
+        """See `Transport.resume`."""
+        self._socket.transport.resume_reading()
+
+
+class TcpTransport:
+    """Frames in protobuf's delimited format: a varint length, then as many bytes."""
+
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, max_size: int
+    ) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._max_size = max_size
+        self._read_side: Any = writer.transport  # one object for both directions
+        self._now = asyncio.get_running_loop().time
+        self.peer = _peer(writer.transport)
+        self.heard = 0.0
+
+    def backlog(self) -> int:
+        """See `Transport.backlog`."""
+        return self._writer.transport.get_write_buffer_size()
+
+    async def send(self, data: str | bytes) -> None:
+        """See `Transport.send`."""
+        frame = data.encode() if isinstance(data, str) else data
+        try:
+            self._writer.write(_varint(len(frame)) + frame)
+            await self._writer.drain()
+        except (OSError, RuntimeError) as error:
+            raise TransportClosedError(str(error) or type(error).__name__) from None
+
+    async def recv(self) -> str | bytes:
+        """See `Transport.recv`."""
+        try:
+            size = await self._read_varint()
+            if size > self._max_size:
+                await self._skip(size)
+                raise FrameError(
+                    "oversize", f"{size} bytes, over max_frame_size, which is {self._max_size}"
+                )
+            if size <= _CHUNK:
+                return await self._reader.readexactly(size)
+            return await self._read_big(size)
+        except asyncio.IncompleteReadError as error:
+            where = "in the middle of a frame" if error.partial else "by the other end"
+            raise TransportClosedError(f"closed {where}") from None
+        except OSError as error:
+            raise TransportClosedError(str(error) or type(error).__name__) from None
+
+    async def ping(self) -> bool:
+        """See `Transport.ping`; the delimited format has none."""
+        return False
+
+    async def close(self, timeout: float = 1.0) -> None:
+        """See `Transport.close`."""
+        self._writer.close()
+        try:
+            await within(timeout, self._writer.wait_closed())
+        except OSError:  # a TimeoutError too
+            pass
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        """See `Transport.abort`."""
+        self._writer.transport.abort()
+
+    def pause(self) -> None:
+        """See `Transport.pause`."""
+        self._read_side.pause_reading()
+
+    def resume(self) -> None:
+        """See `Transport.resume`."""
+        self._read_side.resume_reading()
+
+    async def _read_varint(self) -> int:
+        size = 0
+        for shift in range(0, 64, 7):
+            byte = (await self._reader.readexactly(1))[0]
+            size |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return size
+        raise TransportClosedError("a length that is no varint: not our format")
+
+    async def _read_big(self, size: int) -> bytes:
+        data = bytearray()
+        while len(data) < size:
+            data += await self._reader.readexactly(min(size - len(data), _CHUNK))
+            self.heard = self._now()
+        return bytes(data)
+
+    async def _skip(self, size: int) -> None:
+        while size:
+            size -= len(await self._reader.readexactly(min(size, _CHUNK)))
+            self.heard = self._now()
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def _peer(transport: Any) -> str:
+    name = transport.get_extra_info("peername")
+    return f"{name[0]}:{name[1]}" if isinstance(name, tuple) else "unknown"
+
+
+def _reason(error: ConnectionClosed) -> str:
+    close = error.rcvd or error.sent
+    if close is None:
+        return "the connection broke off without a close"
+    text = f"closed with code {close.code} {close.reason}".rstrip()
+    if close.code == _TOO_BIG:
+        text += (
+            " (the other end found a frame of ours too big)"
+            if error.rcvd is not None and error.rcvd_then_sent is not False
+            else " (a frame over the limit: raise max_frame_size)"
+        )
+    return text

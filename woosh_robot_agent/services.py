@@ -1,0 +1,180 @@
+"""The services: queries and commands of the table, answered when the chassis has answered."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+from functools import partial
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
+from woosh_robot_agent.convert import BadFieldError, Converter, converter
+from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
+from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.link import ChassisClient, ConnectionLostError, LinkError
+from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.requests import RequestMaker
+
+_LOG = logging.getLogger(__name__)
+
+
+def ros_type(name: str, kind: str) -> Any:
+    """The class of a ROS type, e.g. `woosh_robot_msgs/Twist` of kind `srv`."""
+    package, short = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+
+
+class Services:
+    """All services of the table.
+
+    Args:
+        node: owner of the services.
+        thread: runs the link.
+        chassis: to be used in the link's thread only.
+        known: answers queries while the chassis does not.
+        requests: makes the chassis's messages of the callers'.
+
+    Attributes:
+        known: what the chassis last said.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        thread: LinkThread,
+        chassis: ChassisClient,
+        known: LastKnown,
+        requests: RequestMaker,
+    ) -> None:
+        self.known = known
+        self._servers: list[DeferredService] = []
+        for query in QUERIES:
+            handler = _QueryHandler(query, thread, chassis, known, requests)
+            self._servers.append(DeferredService(node, handler.srv, query.name, handler.handle))
+        for command in COMMANDS:
+            server = _CommandHandler(command, thread, chassis, requests)
+            self._servers.append(DeferredService(node, server.srv, command.name, server.handle))
+
+
+class _QueryHandler:
+    """Asks the chassis; without an answer, gives the last known value, and logs why."""
+
+    def __init__(
+        self,
+        endpoint: Query,
+        thread: LinkThread,
+        chassis: ChassisClient,
+        known: LastKnown,
+        requests: RequestMaker,
+    ) -> None:
+        self.srv = ros_type(endpoint.srv, "srv")
+        self._endpoint = endpoint
+        self._thread = thread
+        self._chassis = chassis
+        self._known = known
+        self._requests = requests
+        self._log = LogOnce(_LOG)
+        self._proto = message_type(endpoint.request)
+        # the response's only field: info, nav_path or plan_path
+        ((self._field, field_type),) = self.srv.Response.get_fields_and_field_types().items()
+        self._convert = converter(ros_type(field_type, "msg"), self._proto)
+        self._takes_arg = "arg" in self.srv.Request.get_fields_and_field_types()
+
+    def handle(self, request: Any, reply: Reply) -> None:
+        self._thread.spawn(partial(self._answer, request, reply), reply.fail)
+
+    async def _answer(self, request: Any, reply: Reply) -> None:
+        name = self._endpoint.name
+        try:
+            value = await self._ask(request)
+        except (BadFieldError, LinkError, _RefusedError, _UselessAnswerError) as error:
+            text = f"{name} answers with the last known value: {error}"
+            self._log.warn(type(error).__name__, text)
+            value = self._known.get(self._endpoint.request) or self._proto()
+        else:
+            self._log.clear()
+        reply.send(self.srv.Response(**{self._field: self._convert.to_ros(value)}))
+
+    async def _ask(self, request: Any) -> Message:
+        answer = await self._chassis.request(self._message(request))
+        if not answer.ok:
+            raise _RefusedError(f"the chassis refused: {answer.msg}")
+        if answer.body is None:
+            raise _UselessAnswerError(answer.defect)
+        if not isinstance(answer.body, self._proto):
+            raise _UselessAnswerError(f"the chassis answered with {full_name(answer.body)}")
+        self._known.remember(answer.body)
+        return answer.body
+
+    def _message(self, request: Any) -> Message:
+        if not self._takes_arg:
+            return self._requests.empty(self._proto)
+        try:
+            return self._requests.make(self._convert, request.arg)
+        except BadFieldError as error:
+            raise error.below("arg") from None
+
+
+class _RefusedError(Exception):
+    """The chassis did not answer a query, and said why."""
+
+
+class _UselessAnswerError(Exception):
+    """The chassis answered a query with something else."""
+
+
+class _CommandHandler:
+    """Passes a command to the chassis, and its answer back, untouched."""
+
+    def __init__(
+        self, endpoint: Command, thread: LinkThread, chassis: ChassisClient, requests: RequestMaker
+    ) -> None:
+        self.srv = ros_type(endpoint.srv, "srv")
+        self._endpoint = endpoint
+        self._thread = thread
+        self._chassis = chassis
+        self._requests = requests
+        arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
+        self._convert = converter(ros_type(arg_type, "msg"), message_type(endpoint.request))
+        self._convert_ret: Converter | None = None
+        if endpoint.answer:
+            ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
+            self._convert_ret = converter(ros_type(ret_type, "msg"), message_type(endpoint.answer))
+
+    def handle(self, request: Any, reply: Reply) -> None:
+        try:
+            message = self._requests.make(self._convert, request.arg)
+        except BadFieldError as error:
+            reply.send(self._response(False, f"{error.below('arg')}; nothing was sent"))
+            return
+        self._thread.spawn(partial(self._answer, message, reply), reply.fail)
+
+    async def _answer(self, message: Message, reply: Reply) -> None:
+        try:
+            answer = await self._chassis.request(message)
+        except ConnectionLostError as error:
+            reply.send(self._response(False, self._lost(error)))
+            return
+        except LinkError as error:
+            reply.send(self._response(False, str(error)))
+            return
+        if answer.ok and self._convert_ret and answer.defect:
+            _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
+        reply.send(self._response(answer.ok, answer.msg, answer.body))
+
+    def _lost(self, error: ConnectionLostError) -> str:
+        return (
+            f"lost the link to {self._chassis.config.address} before the chassis answered "
+            f"{self._endpoint.request}: {error}; whether it took effect is not known"
+        )
+
+    def _response(self, ok: bool, msg: str, body: Message | None = None) -> Any:
+        response = self.srv.Response(ok=ok, msg=msg)
+        if self._convert_ret is not None:
+            proto_class = self._convert_ret.proto_class
+            fitting = body if isinstance(body, proto_class) else proto_class()
+            response.ret = self._convert_ret.to_ros(fitting)
+        return response

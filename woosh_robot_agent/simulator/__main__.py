@@ -1,0 +1,113 @@
+"""The simulated chassis as a program."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import ipaddress
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.server import SimulatedChassis
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a simulated chassis until SIGINT or SIGTERM.
+
+    Args:
+        arguments: Those of the command line if None.
+
+    Returns:
+        The exit status: 0, or 1 if it could not start.
+    """
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    logging.basicConfig(
+        level=[logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
+        format="%(levelname)s %(name)s: %(message)s",
+    )
+    # The library logs each handshake that is broken off, which is an everyday matter for a port.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    try:
+        config = SimulatorConfig(
+            host=options.host,
+            port=options.port,
+            tcp_port=options.tcp_port,
+            speed=options.speed,
+            seed=options.seed,
+            robot_id=options.robot_id,
+            omnidirectional=options.base == "omnidirectional",
+        )
+    except ValueError as error:
+        parser.error(str(error))
+    if not _is_loopback(config.host):
+        print(
+            f"warning: anybody who reaches {config.host} can command this simulated robot",
+            file=sys.stderr,
+        )
+    try:
+        asyncio.run(_serve(config))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        print(f"error: cannot listen on {config.host}: {reason}", file=sys.stderr)
+        return 1
+    return 0
+
+
+async def _serve(config: SimulatorConfig) -> None:
+    stopping = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stopping.set)
+    async with SimulatedChassis(config) as simulator:
+        host = f"[{config.host}]" if ":" in config.host else config.host
+        print(
+            f"simulated chassis ready on ws://{host}:{simulator.port} "
+            f"and tcp://{host}:{simulator.tcp_port}",
+            flush=True,
+        )
+        await stopping.wait()
+
+
+def _parser() -> argparse.ArgumentParser:
+    default = SimulatorConfig()
+    parser = argparse.ArgumentParser(
+        prog="simulator",
+        description="A simulated Woosh chassis that speaks the chassis link.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument("--host", default=default.host, help="address to listen at")
+    parser.add_argument("--port", type=int, default=default.port, help="WebSocket port, 0: any")
+    parser.add_argument(
+        "--tcp-port", type=int, default=default.tcp_port, help="delimited protobuf's port, 0: any"
+    )
+    parser.add_argument(
+        "--speed", type=float, default=default.speed, help="how much faster time runs, 1 to 100"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=default.seed, help="make laser noise and clock repeatable"
+    )
+    parser.add_argument("--robot-id", type=int, default=default.robot_id, help="robot number")
+    parser.add_argument(
+        "--base",
+        choices=("omnidirectional", "differential"),
+        default="omnidirectional",
+        help="whether it can move sideways",
+    )
+    parser.add_argument(
+        "-v", "--verbose", action="count", default=0, help="log clients; twice: all bad frames"
+    )
+    return parser
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,271 @@
+"""The simulated chassis itself: one state, stepped in simulated time."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator import scenes
+from woosh_robot_agent.simulator.actions import Actions
+from woosh_robot_agent.simulator.base import Base
+from woosh_robot_agent.simulator.battery import Battery
+from woosh_robot_agent.simulator.codes import (
+    BATTERY_LOW,
+    EMERGENCY_STOP,
+    IMPEDED,
+    LOCALISATION_LOST,
+    Codes,
+)
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.footprints import FOOTPRINTS, inner_radius
+from woosh_robot_agent.simulator.geometry import Pose
+from woosh_robot_agent.simulator.jobs import Device
+from woosh_robot_agent.simulator.laser import Laser
+from woosh_robot_agent.simulator.lift import Lift
+from woosh_robot_agent.simulator.maps import Map, MarkKind, Scene
+from woosh_robot_agent.simulator.navigation import Navigate
+from woosh_robot_agent.simulator.readiness import Readiness
+from woosh_robot_agent.simulator.refused import Refused
+from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.teleop import Teleop
+from woosh_robot_agent.simulator.wifi import WiFi
+
+#: Simulated seconds per step, and so the period of PoseSpeed pushes while moving.
+STEP_S = 0.05
+
+_CHARGER_REACH_M = 0.3
+_SPOKEN_KEPT = 50
+
+_Level = robot_count_pb2.StatusCode
+
+
+class Chassis:
+    """Everything a chassis knows and does.
+
+    It has neither sockets nor a clock of its own: `tick` moves simulated time on, requests change
+    the state between ticks, and whatever must be reported message by message is in `take_events`.
+
+    Attributes:
+        time: Simulated Unix time in s.
+        elapsed: Simulated time since the start in s.
+        footprint: The `woosh.robot.FootPrint` in use.
+        setting: The settings, as the getter reports them.
+        spoken: What it was told to say lately.
+    """
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        self.robot_id = config.robot_id
+        self.omnidirectional = config.omnidirectional
+        self.elapsed = 0.0
+        self._start_time = config.start_time()
+        self._seed = random.randrange(2**32) if config.seed is None else config.seed
+        self._events: list[Message] = []
+        self._last_task_id = 0
+
+        self.scenes = scenes.default_scenes()
+        self.scene: Scene = self.scenes[scenes.START_SCENE]
+        self.map: Map = self.scene.maps[0]
+        self.predefined = scenes.predefined_tasks()
+        self.calls = scenes.call_tasks()
+
+        self.base = Base(scenes.START_POSE, odometer=1204.0)
+        self.laser = Laser()
+        self.battery = Battery(93.0)
+        self.jack = Lift("lift", Device.JACK, travel=0.06, usual_speed=0.02)
+        self.column = Lift("lift column", Device.COLUMN, travel=1.0, usual_speed=0.2)
+        self.wifi = WiFi()
+        self.readiness = Readiness()
+        self.occupied = False
+        self.call_muted = False
+        self.program_muted = False
+        self.following = False
+        self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
+        self.spoken: deque[str] = deque(maxlen=_SPOKEN_KEPT)
+        self.setting = robot_pb2.Setting(
+            robot_id=self.robot_id,
+            identity=robot_setting_pb2.Identity(name=str(self.robot_id)),
+            server=robot_setting_pb2.Server(ip="172.20.8.85", port=5420),
+            power=robot_setting_pb2.Power(alarm=5, low=20, idle=80, full=98),
+            sound=robot_setting_pb2.Sound(mute=False, volume=50),
+            allow=robot_pb2.Setting.Allow(auto_charge=True, auto_park=True, goods_check=True),
+        )
+
+        self.teleop = Teleop()
+        self.codes = Codes(self._stamp)
+        self.tasks = Tasks(self)
+        self.actions = Actions(self)
+
+    @property
+    def time(self) -> float:
+        """Simulated Unix time in s."""
+        return self._start_time + self.elapsed
+
+    @property
+    def taskable(self) -> bool:
+        """Whether it would take a task now."""
+        return not self.readiness.objections()
+
+    @property
+    def driver(self) -> str:
+        """The task or the action that uses the wheels now, empty if none does."""
+        if self.tasks.uses(Device.WHEELS):
+            return f"task {self.tasks.proc.robot_task_id}"
+        return self.actions.user(Device.WHEELS)
+
+    @property
+    def navigation(self) -> Navigate | None:
+        """The navigation of the task or the action that drives, also while it is paused."""
+        job = self.tasks.job
+        return job if isinstance(job, Navigate) else self.actions.navigation
+
+    @property
+    def state(self) -> util_robot_pb2.State:
+        """What the chassis says it is doing."""
+        readiness = self.readiness
+        if readiness.emergency_stop or (readiness.initialised and not readiness.located):
+            return util_robot_pb2.kFault
+        if not readiness.initialised:
+            return util_robot_pb2.kUninit
+        if self.battery.charges:
+            return util_robot_pb2.kCharging
+        if self.following:
+            return util_robot_pb2.kFollowing
+        if self.tasks.active:
+            parking = self.tasks.proc.type == util_task_pb2.kParking
+            return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
+        return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
+
+    def tick(self, dt: float) -> None:
+        """Let `dt` seconds pass."""
+        # Rounded, so that summing up leaves no dust: whole seconds stay whole.
+        self.elapsed = round(self.elapsed + dt, 6)
+        self._watch()
+        self.teleop.tick(self.base, dt)
+        self.tasks.tick(dt)
+        self.actions.tick(dt)
+        driven = self.base.odometer
+        self.base.tick(dt, self.map.clearance, inner_radius(FOOTPRINTS[self.footprint]))
+        self.battery.tick(dt, self.base.odometer - driven)
+        if self.base.moving:
+            self.actions.clear(Device.CHARGER, "robot drove away")
+            self.battery.charging = robot_pb2.Battery.kNot
+
+    def emit(self, event: Message) -> None:
+        """Report a message of which each one counts; it must not change any more."""
+        self._events.append(event)
+
+    def take_events(self) -> list[Message]:
+        """What was emitted since the last call, in order."""
+        events, self._events = self._events, []
+        return events
+
+    def require_ready(self) -> None:
+        """Make sure that the chassis may move by itself.
+
+        Raises:
+            Refused: It may not, with the first reason.
+        """
+        objections = self.readiness.objections()
+        if objections:
+            raise Refused(objections[0])
+
+    def take_tasks(self, orders: list[TaskOrder]) -> None:
+        """Start a task or those of a set, in place of whatever uses the wheels.
+
+        Raises:
+            Refused: The chassis is not ready for tasks.
+        """
+        self.require_ready()
+        self.free_wheels(f"replaced by task {orders[0].id}")
+        self.tasks.start(orders)
+
+    def free_wheels(self, reason: str) -> None:
+        """End following, remote control and every action that drives or charges."""
+        self.following = False
+        self.teleop.release()
+        self.actions.clear(Device.WHEELS, reason)
+        self.actions.clear(Device.CHARGER, reason)
+
+    def fresh_task_id(self) -> int:
+        """An id for a task that came without one: the time in s, and never the same twice."""
+        self._last_task_id = max(int(self.time), self._last_task_id + 1)
+        return self._last_task_id
+
+    def localise(self, pose: Pose) -> None:
+        """Take `pose` for where it is.
+
+        Raises:
+            Refused: It cannot be there.
+        """
+        if not self.map.contains(pose.x, pose.y):
+            raise Refused(f"pose {pose} is outside of map {self.map.name}")
+        if self.map.clearance(pose.x, pose.y) < inner_radius(FOOTPRINTS[self.footprint]):
+            raise Refused(f"pose {pose} is inside a wall of map {self.map.name}")
+        self.base.place(pose)
+        self.readiness.located = True
+        if self.navigation:
+            self.navigation.replan()
+
+    def enter(self, scene: Scene, area: Map) -> None:
+        """Work in another scene or map, at the same coordinates."""
+        self.scenes[scene.name] = scene
+        self.scene, self.map = scene, area
+        room = inner_radius(FOOTPRINTS[self.footprint])
+        if area.clearance(*self.base.pose.point) < room:
+            self.readiness.located = False
+        if self.navigation:
+            self.navigation.replan()
+
+    def at_charger(self) -> bool:
+        """Whether it stands at a charger."""
+        pose = self.base.pose
+        return any(
+            mark.kind is MarkKind.CHARGER and pose.distance(mark.pose.point) <= _CHARGER_REACH_M
+            for mark in self.map.marks.values()
+        )
+
+    def set_emergency_stop(self, pressed: bool) -> None:
+        """Press or release the emergency stop button."""
+        self.readiness.emergency_stop = pressed
+        self._watch()
+
+    def scan(self) -> list[float]:
+        """One scan of the laser, in m."""
+        # Noise by time, not by how often somebody asked: equal seeds see equal scans.
+        rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
+        return self.laser.scan(self.base.pose, self.map.walls, rng)
+
+    def _watch(self) -> None:
+        """Notice what is wrong, and stop what must not go on."""
+        readiness = self.readiness
+        readiness.battery_empty = self.battery.level <= 0.0
+        self.codes.watch(EMERGENCY_STOP, _Level.kFault, present=readiness.emergency_stop)
+        lost = readiness.initialised and not readiness.located
+        self.codes.watch(LOCALISATION_LOST, _Level.kFault, present=lost)
+        low = self.battery.percent <= self.setting.power.alarm
+        self.codes.watch(BATTERY_LOW, _Level.kWarn, present=low)
+        impeded = self.navigation is not None and self.navigation.impeded
+        self.codes.watch(IMPEDED, _Level.kWarn, present=impeded)
+        if readiness.emergency_stop:
+            self.base.halt()
+            self.teleop.release()
+        objections = readiness.objections()
+        if objections:
+            reason = objections[0].partition(":")[0]
+            self.following = False
+            self.actions.abort(reason)
+            if self.tasks.active:
+                self.tasks.pause(reason)
+
+    def _stamp(self, status: robot_count_pb2.StatusCode) -> None:
+        status.robot_id = self.robot_id
+        status.time = round(self.time * 1000)
+        status.state = self.state
+        if self.tasks.active:
+            status.robot_task_id = self.tasks.proc.robot_task_id
+        self.emit(status)

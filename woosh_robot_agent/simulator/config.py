@@ -1,0 +1,52 @@
+"""What a simulated chassis can be told at its start."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+#: Where a seeded simulation's clock starts, Unix time in s: 2025-01-01 00:00 UTC.
+SEEDED_START = 1735689600.0
+
+
+@dataclass(frozen=True)
+class SimulatorConfig:
+    """Options of a simulated chassis; the command line has those that people need.
+
+    Attributes:
+        host: The address to listen at.
+        port: The WebSocket port; 0 takes a free one.
+        tcp_port: The port for delimited protobuf; 0 takes a free one.
+        speed: How much faster than real time simulated time runs, 1 to 100.
+        seed: Makes runs repeatable: the laser's noise, and the simulated clock's start, which is
+            otherwise that of the machine's clock.
+        robot_id: The robot's number.
+        omnidirectional: The base can move sideways too; else it is a differential one.
+        max_frame: Bytes of the largest frame that it takes from a client.
+        max_connections: How many clients it serves at a time.
+        max_outbox: How many frames may wait for one client before it is dropped as too slow.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 5480
+    tcp_port: int = 5481
+    speed: float = 1.0
+    seed: int | None = None
+    robot_id: int = 30001
+    omnidirectional: bool = True
+    max_frame: int = 64 * 1024 * 1024
+    max_connections: int = 1000
+    max_outbox: int = 10_000
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.speed <= 100.0:
+            raise ValueError(f"speed {self.speed:g} is not within 1 to 100")
+        if not 0 < self.robot_id < 2**32:
+            raise ValueError(f"robot id {self.robot_id} is not within 1 to {2**32 - 1}")
+        for port in (self.port, self.tcp_port):
+            if not 0 <= port <= 65535:
+                raise ValueError(f"port {port} is not within 0 to 65535")
+
+    def start_time(self) -> float:
+        """Where the simulated clock starts, Unix time in s."""
+        return time.time() if self.seed is None else SEEDED_START

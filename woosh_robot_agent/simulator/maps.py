@@ -1,0 +1,89 @@
+"""What a scene is made of: maps with walls and marks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from woosh_robot_agent.simulator.geometry import Point, Pose, Wall
+
+
+class MarkKind(Enum):
+    """What stands at a mark; the value is its group in `woosh.map.mark.Storages`."""
+
+    BASE = "bases"
+    RACK = "racks"
+    PARKSPOT = "parkspots"
+    CHARGER = "chargers"
+    PALLET_PLATFORM = "pallet_platforms"
+    LIFT_TROLLEY = "lift_trolleys"
+    TRACTOR_TRAILER = "tractor_trailers"
+    ROLLER_STATION = "roller_stations"
+    ARM_WORKTOP = "arm_worktops"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place with a number that a task can name.
+
+    Attributes:
+        id: Unique in its map.
+        number: The number by which tasks name it, any string.
+        pose: Where a robot stands when it is there, in the map's frame.
+        kind: What stands there.
+        description: For people.
+    """
+
+    id: int
+    number: str
+    pose: Pose
+    kind: MarkKind = MarkKind.BASE
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """One floor.
+
+    Attributes:
+        id: Unique in its scene.
+        name: Unique in its scene.
+        floor: The floor's name.
+        version: Counts the map's changes.
+        low: The corner of the mapped area with the smallest x and y, in m.
+        high: The opposite corner, in m.
+        walls: What a laser sees and a robot must not touch.
+        marks: The marks, by number.
+    """
+
+    id: int
+    name: str
+    floor: str
+    version: int
+    low: Point
+    high: Point
+    walls: tuple[Wall, ...]
+    marks: dict[str, Mark] = field(default_factory=dict)
+
+    def clearance(self, x: float, y: float) -> float:
+        """How far the nearest wall is from (x, y), in m."""
+        return min((wall.distance(x, y) for wall in self.walls), default=float("inf"))
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether (x, y) lies in the mapped area."""
+        return self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]
+
+
+@dataclass
+class Scene:
+    """A place of work: its maps, and the files that clients uploaded for it."""
+
+    name: str
+    maps: list[Map]
+    files: dict[str, bytes] = field(default_factory=dict)
+
+    def map(self, name: str) -> Map | None:
+        """The map called `name`, or the first one if `name` is empty."""
+        if not name:
+            return self.maps[0]
+        return next((each for each in self.maps if each.name == name), None)

@@ -1,0 +1,197 @@
+"""Navigation: driving to a pose along free floor, or along a path that is given."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.pb.robot import robot_count_pb2
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.simulator.base import (
+    ACCELERATION_MPS2,
+    ACCELERATION_RADPS2,
+    Base,
+    Velocity,
+    approach,
+)
+from woosh_robot_agent.simulator.codes import DRIVING_STRAIGHT, NEW_NAVIGATION
+from woosh_robot_agent.simulator.footprints import FOOTPRINTS, outer_radius
+from woosh_robot_agent.simulator.geometry import Point, Pose, wrap
+from woosh_robot_agent.simulator.jobs import Device, Progress, failed
+from woosh_robot_agent.simulator.planner import planner
+from woosh_robot_agent.simulator.refused import Refused
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.simulator.chassis import Chassis
+
+USUAL_SPEED_MPS = 0.8
+TURN_SPEED_RADPS = 0.8
+_MARGIN_M = 0.05
+_NEAR_M = 1e-3
+_STRAIGHT_RAD = 1e-4
+_PATIENCE_S = 30.0
+
+_Level = robot_count_pb2.StatusCode
+
+
+class Navigate:
+    """Driving to a goal.
+
+    The base turns on the spot towards each corner of its path, drives there and stops, and at last
+    turns to the goal's heading.
+
+    Args:
+        goal: Where to arrive, in the map's frame.
+        via: Poses to pass on the way.
+        strict: Drive straight from one to the next whatever stands there; else plan between them.
+        one_by_one: Take on the heading of each pose of `via` too.
+    """
+
+    device = Device.WHEELS
+    kind = util_action_pb2.kNav
+
+    def __init__(
+        self,
+        goal: Pose,
+        via: Iterable[Pose] = (),
+        *,
+        strict: bool = False,
+        one_by_one: bool = False,
+    ) -> None:
+        self.goal = goal
+        self._stops = deque([*via, goal])
+        self._strict = strict
+        self._one_by_one = one_by_one
+        self._mode = navigation_pb2.ModeSetting(
+            type=navigation_pb2.kAccurate, mode=navigation_pb2.kAvoid
+        )
+        self._corners: deque[deque[Point]] | None = None
+        self._announced = False
+        self._turning = True
+        self._blocked_for = 0.0
+        self.path: tuple[Pose, ...] = ()
+
+    @property
+    def stops(self) -> tuple[Pose, ...]:
+        """The poses that are still to be passed, the goal last."""
+        return tuple(self._stops)
+
+    @property
+    def impeded(self) -> bool:
+        """Whether something stands in the way right now."""
+        return self._blocked_for > 0.0
+
+    def change_path(self, chassis: Chassis, via: Iterable[Pose], *, strict: bool) -> None:
+        """Go another way to the same goal.
+
+        Raises:
+            Refused: There is none.
+        """
+        before = self._stops, self._strict
+        self._stops, self._strict = deque([*via, self.goal]), strict
+        if not self._plan(chassis):
+            self._stops, self._strict = before
+            raise Refused(f"no free path by these poses to {self.goal}")
+
+    def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
+        """Obey another arrival type, waiting time and speed limit from now on."""
+        self._mode.CopyFrom(mode)
+
+    def hold(self, chassis: Chassis) -> None:
+        """See `Job.hold`: the way is planned anew afterwards."""
+        self.replan()
+
+    def replan(self) -> None:
+        """Plan the way anew before the next move."""
+        self._corners = None
+        self._blocked_for = 0.0
+
+    def tick(self, chassis: Chassis, dt: float) -> Progress:
+        """See `Job.tick`."""
+        if self._corners is None and not self._plan(chassis):
+            return failed(f"no free path to {self._stops[0]}")
+        if not self._announced:
+            self._announced = True
+            chassis.codes.report(NEW_NAVIGATION, _Level.kNormal, self.kind)
+        base = chassis.base
+        self._blocked_for = self._blocked_for + dt if base.blocked else 0.0
+        if self._blocked_for > self._waiting_time():
+            return failed(f"an obstacle stands in the way at {base.pose}")
+        while self._corners:
+            corners, stop = self._corners[0], self._stops[0]
+            if corners:
+                if self._drive_to(corners[0], chassis, dt):
+                    return self._progress(base)
+                corners.popleft()
+                self._turning = True
+            elif self._turn_to(stop, base, dt):
+                return self._progress(base)
+            else:
+                self._corners.popleft()
+                self._stops.popleft()
+        self._stops.append(self.goal)
+        return Progress(done=True, text=f"arrived at {base.pose}")
+
+    def _plan(self, chassis: Chassis) -> bool:
+        """Find the corners of the way; False if there is none."""
+        radius = outer_radius(FOOTPRINTS[chassis.footprint]) + _MARGIN_M
+        routes = planner(chassis.map, radius)
+        here = chassis.base.pose.point
+        legs: deque[deque[Point]] = deque()
+        path = [chassis.base.pose]
+        for stop in self._stops:
+            leg = [stop.point] if self._strict else routes.plan(here, stop.point)
+            if leg is None:
+                return False
+            for corner in leg:
+                path.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
+                here = corner
+            legs.append(deque(leg))
+        path[-1] = self.goal
+        self.path = tuple(path)
+        self._corners = legs
+        self._turning = True
+        return True
+
+    def _drive_to(self, corner: Point, chassis: Chassis, dt: float) -> bool:
+        """Command the next piece of the way to `corner`; False when it is reached."""
+        base = chassis.base
+        distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
+        if distance <= _NEAR_M:
+            return False
+        if self._turning:
+            if abs(bearing) > _STRAIGHT_RAD:
+                base.drive(
+                    Velocity(turn=approach(bearing, TURN_SPEED_RADPS, ACCELERATION_RADPS2, dt))
+                )
+                return True
+            self._turning = False
+            chassis.codes.report(DRIVING_STRAIGHT, _Level.kTips, self.kind)
+        ahead = distance * math.cos(bearing)
+        if ahead <= _NEAR_M:
+            return False
+        base.drive(Velocity(approach(ahead, self._speed(), ACCELERATION_MPS2, dt)))
+        return True
+
+    def _turn_to(self, stop: Pose, base: Base, dt: float) -> bool:
+        """Command the turn at `stop`; False when the base stands as it should."""
+        last = len(self._stops) == 1
+        if not (self._one_by_one or last) or (last and self._mode.type == navigation_pb2.kVague):
+            return False
+        error = wrap(stop.theta - base.pose.theta)
+        if abs(error) <= _STRAIGHT_RAD:
+            return False
+        base.drive(Velocity(turn=approach(error, TURN_SPEED_RADPS, ACCELERATION_RADPS2, dt)))
+        return True
+
+    def _speed(self) -> float:
+        return self._mode.max_speed or USUAL_SPEED_MPS
+
+    def _waiting_time(self) -> float:
+        return float(self._mode.wait_timeout) or _PATIENCE_S
+
+    def _progress(self, base: Base) -> Progress:
+        return Progress(text=f"{base.pose.distance(self.goal.point):.2f} m from the goal")

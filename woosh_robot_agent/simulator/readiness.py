@@ -1,0 +1,53 @@
+"""Why a chassis would not take a task now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+
+
+@dataclass
+class Readiness:
+    """The modes and conditions that decide whether the chassis may move by itself.
+
+    Attributes:
+        ctrl: The control mode.
+        work: The work mode.
+        initialised: It was told where it is since it was switched on.
+        located: It still knows where it is.
+        emergency_stop: The button is pressed.
+        battery_empty: There is nothing left to drive with.
+    """
+
+    ctrl: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
+    work: util_robot_pb2.WorkMode = util_robot_pb2.kTaskMode
+    initialised: bool = True
+    located: bool = True
+    emergency_stop: bool = False
+    battery_empty: bool = False
+
+    def objections(self) -> list[str]:
+        """Every reason against moving by itself, each with its remedy; none if it is ready."""
+        reasons = (
+            (self.emergency_stop, "emergency stop is pressed: release it first"),
+            (
+                self.ctrl == util_robot_pb2.kManual,
+                "robot is in manual mode: switch to automatic first",
+            ),
+            (
+                self.ctrl == util_robot_pb2.kMaintain,
+                "robot is in maintenance mode: switch to automatic first",
+            ),
+            (
+                self.work == util_robot_pb2.kDeployMode,
+                "robot is in deployment mode: switch to task mode first",
+            ),
+            (not self.initialised, "robot is not initialised: InitRobot first"),
+            (
+                self.initialised and not self.located,
+                "robot has lost its localisation: InitRobot or SetRobotPose first",
+            ),
+            (self.battery_empty, "battery is empty: charge first"),
+        )
+        return [text for applies, text in reasons if applies]
