@@ -47,7 +47,7 @@ def _obstacle(target: Target, injection: Injection) -> End:
     if x is None:
         there = chassis.base.pose.moved(injection["ahead"], 0.0, 0.0)
         x, y = there.x, there.y
-    name = f"fault {id(injection)}"
+    name = f"fault {injection.number}"
     chassis.obstacles.put(name, x, y, injection["radius"])
     target.report()
 

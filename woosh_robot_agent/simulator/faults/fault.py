@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.faults.parameters import Parameter, resolve
+from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter, resolve
 from woosh_robot_agent.simulator.hooks import Hooks
 
 
@@ -89,13 +89,21 @@ class Fault:
         """All its parameters."""
         return (*self.own, FOR) if self.lasting else self.own
 
-    def resolve(self, arguments: Mapping[str, object]) -> dict[str, Any]:
+    def resolve(
+        self, arguments: Mapping[str, object], also: tuple[Parameter, ...] = ()
+    ) -> dict[str, Any]:
         """The arguments with all defaults put in.
+
+        Args:
+            arguments: What was said.
+            also: Further parameters, which are not the fault's own.
 
         Raises:
             FaultError: One is unknown or does not fit.
         """
-        resolved = resolve(self.name, self.parameters, arguments)
+        if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
+            raise FaultError(f"{self.name} is momentary: it takes no `for`")
+        resolved = resolve(self.name, (*self.parameters, *also), arguments)
         if self.check:
             self.check(resolved)
         return resolved
@@ -106,6 +114,7 @@ class Injection:
 
     Attributes:
         fault: Its kind.
+        number: Which of its kind it is, from 1.
         arguments: All of them, defaults included, by name.
         rng: Its random choices, which the simulator's seed decides.
         hits: How many answers, frames or connections it has met.
@@ -115,11 +124,13 @@ class Injection:
     def __init__(
         self,
         fault: Fault,
+        number: int,
         arguments: dict[str, Any],
         rng: random.Random,
         clear: Callable[[Injection], None],
     ) -> None:
         self.fault = fault
+        self.number = number
         self.arguments = arguments
         self.rng = rng
         self.hits = 0

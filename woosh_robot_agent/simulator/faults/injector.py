@@ -49,8 +49,9 @@ class Injector:
             FaultError: There is none of this name, or an argument is wrong.
         """
         fault = find(name)
-        rng = random.Random(f"{self._seed}:{name}:{self.counts[name]}")
-        injection = Injection(fault, fault.resolve(arguments), rng, self._clear)
+        number = self.counts[name] + 1
+        rng = random.Random(f"{self._seed}:{name}:{number}")
+        injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)
         key = fault if fault.shared else injection
         if key not in self._ends:
             end = fault.begin(self._target, injection)

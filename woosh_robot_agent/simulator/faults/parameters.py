@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,22 +43,16 @@ class Parameter:
     is_message: bool = False
 
     def parse(self, text: str) -> Value:
-        """The value that a text on the command line stands for.
+        """The value that a text on the command line stands for, unchecked.
 
-        Raises:
-            FaultError: It is none.
+        What stands for none is left as it is, for `check` to complain of.
         """
-        if self.kind is bool and text.lower() in ("true", "false"):
-            return text.lower() == "true"
-        if self.kind in (int, float):
-            number: Callable[[str], int | float] = int if self.kind is int else float
-            try:
-                return self.check(number(text))
-            except ValueError as error:
-                if isinstance(error, FaultError):
-                    raise
-                raise self._wrong(text) from None
-        return self.check(text)
+        if self.kind is bool:
+            return {"true": True, "false": False}.get(text.lower(), text)
+        try:
+            return text if self.kind is str else self.kind(text)
+        except ValueError:
+            return text
 
     def check(self, value: object) -> Value:
         """`value` in the parameter's type.
@@ -87,10 +81,10 @@ class Parameter:
         if self.is_message:
             return "message type"
         text = {bool: "true or false", int: "integer", float: "number", str: "text"}[self.kind]
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            text += f" {self.low:g} to {self.high:g}"
-        elif math.isfinite(self.low):
-            text += f" from {self.low:g}"
+        if math.isfinite(self.low):
+            text += f" from {_number(self.low)}"
+        if math.isfinite(self.high):
+            text += f" to {_number(self.high)}"
         return f"{text} {self.unit}".rstrip()
 
     def _wrong(self, value: object) -> FaultError:
@@ -124,6 +118,10 @@ def resolve(
         except FaultError as error:
             raise FaultError(f"{what}: {error}") from None
     return arguments
+
+
+def _number(value: float) -> str:
+    return f"{int(value)}" if value == int(value) else f"{value:g}"
 
 
 def _article(text: str) -> str:
