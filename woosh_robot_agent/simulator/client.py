@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections import deque
 from functools import partial
+from typing import NamedTuple
 
 from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.json_codec import JsonCodec
@@ -22,6 +23,12 @@ def codec_of(data: str | bytes) -> Codec:
     return JSON if isinstance(data, str) else PROTOBUF
 
 
+class _Delayed(NamedTuple):
+    timer: asyncio.TimerHandle
+    frame: Outgoing
+    data: Encoded
+
+
 class Client:
     """The simulator's end of one connection.
 
@@ -31,24 +38,19 @@ class Client:
 
     Attributes:
         topics: What it subscribed to, each with the codec of the subscription.
-        queued: How many requests of it wait to be done.
+        waiting: How many of its requests wait, to be done or for their answers to be let go.
     """
 
     def __init__(self, transport: Transport, max_outbox: int) -> None:
         self.transport = transport
         self.topics: dict[str, Codec] = {}
-        self.queued = 0
+        self.waiting = 0
         self._max_outbox = max_outbox
         self._outbox: deque[Encoded] = deque()
-        self._delayed: dict[object, tuple[asyncio.TimerHandle, Encoded]] = {}
+        self._delayed: dict[object, _Delayed] = {}
         self._held = 0
         self._filled = asyncio.Event()
         self._open = True
-
-    @property
-    def waiting(self) -> int:
-        """How many requests of it wait to be done, or for their answers to be let go."""
-        return self.queued + self._held + len(self._delayed)
 
     @property
     def backlog(self) -> int:
@@ -64,18 +66,17 @@ class Client:
     def send_as(self, frame: Outgoing, data: Encoded) -> None:
         """Queue the encoded `frame` when its `hold` and then its `delay` let it go."""
         if not frame.hold:
-            self._send_after(frame.delay, data)
+            self._send_after(frame, data)
         elif self._room():
             self._held += 1
-            frame.hold(partial(self._let_go, frame.delay, data))
+            self.waiting += frame.is_answer
+            frame.hold(self, partial(self._let_go, frame, data))
 
     def release(self) -> None:
         """Queue at once what is delayed, in the order in which it would have come."""
-        delayed = sorted(self._delayed.values(), key=lambda item: item[0].when())
-        self._delayed.clear()
-        for timer, data in delayed:
-            timer.cancel()
-            self.send(data)
+        for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
+            self._delayed[key].timer.cancel()
+            self._due(key)
 
     def drop(self) -> None:
         """End the connection at once, as a broken cable would."""
@@ -86,8 +87,8 @@ class Client:
         """Send nothing any more."""
         self._open = False
         self._outbox.clear()
-        for timer, _ in self._delayed.values():
-            timer.cancel()
+        for delayed in self._delayed.values():
+            delayed.timer.cancel()
         self._delayed.clear()
 
     async def write(self, running: asyncio.Event) -> None:
@@ -112,18 +113,21 @@ class Client:
             self.drop()
         return self._open
 
-    def _let_go(self, delay: float, data: Encoded) -> None:
+    def _let_go(self, frame: Outgoing, data: Encoded) -> None:
         self._held -= 1
-        self._send_after(delay, data)
+        self.waiting -= frame.is_answer
+        self._send_after(frame, data)
 
-    def _send_after(self, seconds: float, data: Encoded) -> None:
-        if not seconds:
+    def _send_after(self, frame: Outgoing, data: Encoded) -> None:
+        if not frame.delay:
             self.send(data)
         elif self._room():
-            loop = asyncio.get_running_loop()
+            self.waiting += frame.is_answer
             key = object()
-            self._delayed[key] = loop.call_later(seconds, self._due, key), data
+            timer = asyncio.get_running_loop().call_later(frame.delay, self._due, key)
+            self._delayed[key] = _Delayed(timer, frame, data)
 
     def _due(self, key: object) -> None:
-        _, data = self._delayed.pop(key)
-        self.send(data)
+        delayed = self._delayed.pop(key)
+        self.waiting -= delayed.frame.is_answer
+        self.send(delayed.data)

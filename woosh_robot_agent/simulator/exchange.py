@@ -105,7 +105,7 @@ class Exchange:
         if client.waiting >= self._max_waiting and (self._hung or not subscribes):
             self._turn_down(request)
         elif self._hung:
-            client.queued += 1
+            client.waiting += 1
             self._queue.append(request)
         else:
             self._do(request)
@@ -120,7 +120,7 @@ class Exchange:
         self._hung = hung
         while self._queue and not self._hung:
             request = self._queue.popleft()
-            request.client.queued -= 1
+            request.client.waiting -= 1
             try:
                 self._do(request)
             except Exception:  # an interceptor's fault, say: the others are served on

@@ -69,7 +69,8 @@ class Injector:
 
     def clear(self) -> None:
         """End all faults."""
-        for injection in reversed(self.active):
+        # Shared ones last: what a frozen chassis has queued is done as if nothing else were wrong.
+        for injection in sorted(self.active, key=lambda each: each.fault.shared):
             injection.clear()
 
     def advance(self, seconds: float) -> None:
