@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             seed=options.seed,
             robot_id=options.robot_id,
             omnidirectional=options.base == "omnidirectional",
+            initialised=not options.uninitialised,
         )
     except ValueError as error:
         parser.error(str(error))
@@ -95,6 +96,11 @@ def _parser() -> argparse.ArgumentParser:
         choices=("omnidirectional", "differential"),
         default="omnidirectional",
         help="whether it can move sideways",
+    )
+    parser.add_argument(
+        "--uninitialised",
+        action="store_true",
+        help="start like a robot that was just switched on: InitRobot comes first",
     )
     parser.add_argument(
         "-v", "--verbose", action="count", default=0, help="log clients; twice: all bad frames"

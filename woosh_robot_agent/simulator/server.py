@@ -219,6 +219,16 @@ class SimulatedChassis:
         self.chassis.set_emergency_stop(pressed)
         self._exchange.report_changes(while_moving=True)
 
+    def set_key_switch(self, manual: bool) -> None:
+        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        self.chassis.set_key_switch(manual)
+        self._exchange.report_changes(while_moving=True)
+
+    def lose_localisation(self) -> None:
+        """Make the chassis forget where it is."""
+        self.chassis.lose_localisation()
+        self._exchange.report_changes(while_moving=True)
+
     # Clients and time
 
     async def _serve(self, transport: Transport) -> None:
