@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import scenes
+from woosh_robot_agent.simulator import scenes, task_sets
 from woosh_robot_agent.simulator.actions import Actions
 from woosh_robot_agent.simulator.base import Base
 from woosh_robot_agent.simulator.battery import Battery
@@ -76,8 +76,8 @@ class Chassis:
         self.scene: Scene = self.scenes[scenes.START_SCENE]
         self.map: Map = self.scene.maps[0]
         self.obstacles = Obstacles()
-        self.predefined = scenes.predefined_tasks()
-        self.calls = scenes.call_tasks()
+        self.predefined = task_sets.predefined_tasks()
+        self.calls = task_sets.call_tasks()
 
         self.base = Base(scenes.START_POSE, odometer=1204.0)
         self.laser = Laser()
