@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import SimulatorThread
 
 TIMEOUT = 10.0
 
@@ -99,6 +100,15 @@ class JsonClient:
 async def _connected(address: str) -> Any:
     # Frames that nobody takes must not hold up the closing.
     return await websockets.connect(address, max_size=None, max_queue=None, ping_interval=None)
+
+
+def pass_time(simulator: SimulatorThread, seconds: float) -> None:
+    """Return when so many simulated seconds have passed."""
+    until = simulator.state.elapsed + seconds
+    deadline = time.monotonic() + TIMEOUT * 6
+    while simulator.state.elapsed < until:
+        assert time.monotonic() < deadline, "simulated time hardly moves"
+        time.sleep(0.005)
 
 
 def packed(type_name: str, body: Message | None = None, sn: int = 0) -> bytes:

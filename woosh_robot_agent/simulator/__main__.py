@@ -47,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             seed=options.seed,
             robot_id=options.robot_id,
             omnidirectional=options.base == "omnidirectional",
+            initialised=not options.uninitialised,
             max_frame=options.max_frame,
             max_connections=options.max_connections,
             max_waiting=options.max_waiting,
@@ -112,6 +113,11 @@ def _parser() -> argparse.ArgumentParser:
         choices=("omnidirectional", "differential"),
         default="omnidirectional",
         help="whether it can move sideways",
+    )
+    parser.add_argument(
+        "--uninitialised",
+        action="store_true",
+        help="start like a robot that was just switched on: InitRobot comes first",
     )
     _add_faults(parser)
     _add_limits(parser, default)

@@ -26,6 +26,10 @@ class SimulatorConfig:
             otherwise that of the machine's clock.
         robot_id: The robot's number.
         omnidirectional: The base can move sideways too; else it is a differential one.
+        initialised: It knows where it is when it starts; else a client has to tell it (InitRobot).
+        charge_after: Simulated s without any command after which it drives to a charger, if its
+            battery is low and its settings allow that.
+        park_after: The same for a parking place, whatever the battery.
         max_frame: Bytes of the largest frame that it takes from a client.
         max_connections: How many clients it serves at a time.
         max_waiting: How many requests of one client may wait, to be done or for their answers to
@@ -41,6 +45,9 @@ class SimulatorConfig:
     seed: int | None = None
     robot_id: int = 30001
     omnidirectional: bool = True
+    initialised: bool = True
+    charge_after: float = 600.0
+    park_after: float = 1800.0
     max_frame: int = 64 * 1024 * 1024
     max_connections: int = 64
     max_waiting: int = 256
@@ -55,6 +62,8 @@ class SimulatorConfig:
         for name in ("max_frame", "max_connections", "max_waiting", "max_outbox"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} {getattr(self, name)} is not at least 1")
+        if self.charge_after <= 0.0 or self.park_after <= 0.0:
+            raise ValueError("charge_after and park_after must be more than 0 s")
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:
                 raise ValueError(f"port {port} is not within 0 to 65535")

@@ -193,6 +193,16 @@ class SimulatedChassis:
         self.chassis.set_emergency_stop(pressed)
         self.report()
 
+    def set_key_switch(self, manual: bool) -> None:
+        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        self.chassis.set_key_switch(manual)
+        self.report()
+
+    def lose_localisation(self) -> None:
+        """Make the chassis forget where it is."""
+        self.chassis.lose_localisation()
+        self.report()
+
     def push(self, message: Message) -> None:
         """Push a message to everybody who subscribed to its type, whatever the state says."""
         self._exchange.push(message)

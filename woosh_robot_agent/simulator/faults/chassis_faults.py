@@ -31,8 +31,7 @@ def _emergency_stop(target: Target, injection: Injection) -> End:
 def _lost_localisation(target: Target, injection: Injection) -> End:
     readiness = target.chassis.readiness
     before = readiness.located
-    readiness.located = False
-    target.report()
+    target.lose_localisation()
 
     def end() -> None:
         readiness.located = readiness.located or before

@@ -40,6 +40,9 @@ class Target(Protocol):
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
 
+    def lose_localisation(self) -> None:
+        """Make the chassis forget where it is."""
+
     def push(self, message: Message) -> None:
         """Push a message to everybody who subscribed to its type."""
 
