@@ -150,6 +150,10 @@ class TcpClient:
         self._socket.sendall(bytes(size) + frame)
 
     def receive(self) -> MessagePackJson:
+        return MessagePackJson.FromString(self.receive_bytes())
+
+    def receive_bytes(self) -> bytes:
+        """The next frame as it is."""
         length = shift = 0
         while True:
             byte = self._file.read(1)
@@ -158,9 +162,9 @@ class TcpClient:
             shift += 7
             if byte[0] < 0x80:
                 break
-        pack = MessagePackJson()
-        pack.ParseFromString(self._file.read(length))
-        return pack
+        data = self._file.read(length)
+        assert len(data) == length, "closed in the middle of a frame"
+        return data
 
     def request(self, type_name: str, body: Message | None = None, sn: int = 1) -> MessagePackJson:
         self.send(packed(type_name, body, sn))

@@ -353,9 +353,10 @@ class SimulatedChassis:
             due = max(due + STEP_S / self.speed, loop.time() - _MOST_LAG_S)
             await asyncio.sleep(max(0.0, due - loop.time()))
             try:
-                self._injector.advance(STEP_S)
                 if not self._hung:
                     self.chassis.tick(STEP_S)
+                self._injector.advance(STEP_S)
+                if not self._hung:
                     self.report()
             except Exception:  # time has to go on
                 _log.exception("a step failed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -147,7 +148,7 @@ class Injection:
     def __str__(self) -> str:
         """As on the command line, without what is at its default."""
         said = [
-            f"{parameter.name}={self.arguments[parameter.name]}"
+            f"{parameter.name}={shlex.quote(str(self.arguments[parameter.name]))}"
             for parameter in self.fault.parameters
             if self.arguments[parameter.name] != parameter.default
         ]

@@ -109,6 +109,8 @@ def _entry(entry: object) -> Step:
         raise FaultError(f"{entry!r} is not of the form {{at: SECONDS, do: NAME}}")
     arguments = dict(entry)
     name = arguments.pop("do", None)
+    if name is False:  # YAML takes the word off for that
+        name = "off"
     if not isinstance(name, str):
         raise FaultError("`do` has to name a fault")
     if "at" not in arguments:
