@@ -22,10 +22,11 @@ from woosh_robot_agent.simulator.codes import (
     LOCALISATION_LOST,
     Codes,
 )
+from woosh_robot_agent.simulator.collision import Bumper
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.errands import Errands
 from woosh_robot_agent.simulator.follow import Follower
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS, inner_radius
+from woosh_robot_agent.simulator.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.geometry import Pose, Wall
 from woosh_robot_agent.simulator.jobs import Device
 from woosh_robot_agent.simulator.laser import Laser
@@ -76,6 +77,7 @@ class Chassis:
         self.scene: Scene = self.scenes[scenes.START_SCENE]
         self.map: Map = self.scene.maps[0]
         self.obstacles = Obstacles()
+        self._bumper = Bumper()
         self.predefined = task_sets.predefined_tasks()
         self.calls = task_sets.call_tasks()
 
@@ -168,7 +170,7 @@ class Chassis:
         self.tasks.tick(dt)
         self.actions.tick(dt)
         driven = self.base.odometer
-        self.base.tick(dt, self.clearance, inner_radius(FOOTPRINTS[self.footprint]))
+        self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - driven)
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
@@ -177,6 +179,10 @@ class Chassis:
     def clearance(self, x: float, y: float) -> float:
         """How far the nearest wall or obstacle is from (x, y), in m."""
         return min(self.map.clearance(x, y), self.obstacles.clearance(x, y))
+
+    def gap(self, pose: Pose) -> float:
+        """How far in m the outline at `pose` is from touching anything; negative if it does."""
+        return self._bumper.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
 
     def emit(self, event: Message) -> None:
         """Report a message of which each one counts; it must not change any more."""
@@ -241,7 +247,7 @@ class Chassis:
         """
         if not self.map.contains(pose.x, pose.y):
             raise Refused(f"pose {pose} is outside of map {self.map.name}: choose one inside")
-        if self.map.clearance(pose.x, pose.y) < inner_radius(FOOTPRINTS[self.footprint]):
+        if self.gap(pose) < 0.0:
             raise Refused(
                 f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
             )
@@ -254,8 +260,8 @@ class Chassis:
         """Work in another scene or map, at the same coordinates."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        room = inner_radius(FOOTPRINTS[self.footprint])
-        if area.clearance(*self.base.pose.point) < room:
+        pose = self.base.pose
+        if not area.contains(*pose.point) or self.gap(pose) < 0.0:
             self.readiness.located = False
         if self.navigation:
             self.navigation.replan()
