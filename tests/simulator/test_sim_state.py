@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import pytest
 from sim_wire import Json, JsonClient, pass_time
 
@@ -217,3 +219,42 @@ def test_twist_must_be_repeated(client: JsonClient) -> None:
     assert after[500] == 0.3
     assert [after[550 + 50 * step] for step in range(6)] == [0.25, 0.2, 0.15, 0.1, 0.05, 0.0]
     assert max(after) == 800
+
+
+def test_an_explicit_zero_stops_at_once(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5})
+    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.0)
+    client.ask("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5})
+    stopped = client.request("woosh.robot.Twist")
+    assert client.ask("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
+    client.pushes = deque(
+        each for each in client.pushes if each.get("timestamp", 0) > stopped["timestamp"]
+    )
+    assert client.push("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
+
+
+@pytest.mark.parametrize("omnidirectional", [True, False])
+def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, omnidirectional=omnidirectional)
+    lateral = {"mode": 3, "value": 0.5}
+    diagonal = {"mode": 4, "value": 0.5, "angle": 0.5}
+    with SimulatorThread(config) as simulator:
+        client = JsonClient(simulator.port)
+        assert client.ask("woosh.robot.General")["driverMethod"] == int(omnidirectional)
+        mileage = simulator.state.odometer
+        requests: list[tuple[str, Json]] = [
+            ("woosh.robot.Twist", {"linearY": 0.3}),
+            ("woosh.ros.CallAction", {"stepControl": {"action": 1, "steps": [lateral]}}),
+            ("woosh.ros.CallAction", {"stepControl": {"action": 1, "steps": [diagonal]}}),
+        ]
+        for name, body in requests:
+            if omnidirectional:
+                client.ask(name, body)
+                pass_time(simulator, 5.0)
+            else:
+                assert "a differential base cannot move sideways" in client.refused(name, body)
+        driven = simulator.state.odometer - mileage
+        assert (driven > 1.0) is omnidirectional
+        assert client.ask("woosh.robot.PoseSpeed")["mileage"] == int(mileage + driven)
+        client.close()
