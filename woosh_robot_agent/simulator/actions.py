@@ -140,7 +140,7 @@ class Actions:
 
     def _require_no_task(self, device: Device, name: str) -> None:
         tasks = self._chassis.tasks
-        if tasks.uses(device):
+        if device is Device.WHEELS or tasks.uses(device):
             tasks.give_way(f"replaced by {_short(name)}")
         if tasks.uses(device):
             task = tasks.proc.robot_task_id

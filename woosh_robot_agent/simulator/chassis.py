@@ -212,8 +212,7 @@ class Chassis:
         Raises:
             Refused: A task or an action of a client drives.
         """
-        if self.tasks.uses(Device.WHEELS):
-            self.tasks.give_way(f"replaced by {user}")
+        self.tasks.give_way(f"replaced by {user}")
         if self.driver:
             raise Refused(f"{self.driver} is driving: pause or cancel it first")
         self.follower.stop()
