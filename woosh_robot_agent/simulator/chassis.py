@@ -217,6 +217,16 @@ class Chassis:
             raise Refused(f"{self.driver} is driving: pause or cancel it first")
         self.follower.stop()
 
+    def stop_wheels(self, reason: str) -> None:
+        """Stop at once, whatever drives: a task or an action is paused until it is resumed."""
+        self.tasks.give_way(reason)
+        if self.tasks.uses(Device.WHEELS):
+            self.tasks.pause(reason)
+        self.actions.pause_on(Device.WHEELS, reason)
+        self.follower.stop()
+        self.teleop.release()
+        self.base.halt()
+
     def take_tasks(self, orders: list[TaskOrder]) -> None:
         """Start a task or those of a set, in place of whatever uses the wheels.
 

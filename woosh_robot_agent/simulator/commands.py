@@ -128,11 +128,9 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
-        # A stop that does not stop must not pass for one: while a task drives, this is refused.
-        chassis.claim_wheels("remote control")
-        chassis.teleop.release()
-        chassis.base.halt()
-        return None
+        driver = chassis.driver
+        chassis.stop_wheels("stopped by a velocity of zero")
+        return f"stopped: {driver} is paused, continue or cancel it" if driver else None
     if chassis.readiness.emergency_stop:
         raise Refused("emergency stop is pressed: release it first")
     if chassis.readiness.battery_empty:
