@@ -151,17 +151,18 @@ def test_cancelling_a_set_ends_it(client: JsonClient) -> None:
     assert client.ask("woosh.robot.RobotState")["state"] == 2
 
 
-def test_wait_of_a_set_can_be_broken_off(simulator: SimulatorThread, client: JsonClient) -> None:
-    def add_wait(simulated: object) -> None:
-        repeat = simulated.chassis.predefined.repeat_tasks[0]  # type: ignore[attr-defined]
-        repeat.task_set.tasks[0].base.wait_time = 3600
-
-    simulator.call(add_wait)
-    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
-    waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
+def test_wait_of_a_set_ends_by_itself_or_by_order(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
+    client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
     client.ask("woosh.robot.ActionOrder", {"order": 6})
     assert client.push(PROC)["state"] == COMPLETED
+    waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 2}
+    end = client.push(PROC)
+    assert end["state"] == COMPLETED
+    assert 4 <= end["time"] - waiting["time"] <= 6
 
 
 def test_a_wait_without_an_end_lasts_until_the_order(
