@@ -41,10 +41,12 @@ def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], int, int]]
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_runs_and_ends(number: signal.Signals) -> None:
-    with running("--robot-id", "7", "--base", "differential") as (process, port, tcp_port):
+    options = ("--robot-id", "7", "--base", "differential", "--uninitialised")
+    with running(*options) as (process, port, tcp_port):
         client, tcp = JsonClient(port), TcpClient(tcp_port)
         assert client.ask("woosh.robot.General")["driverMethod"] == 0
         assert client.ask("woosh.robot.Mode")["robotId"] == 7
+        assert client.ask("woosh.robot.RobotState")["state"] == 1
         assert tcp.request("woosh.robot.Mode").ok
         process.send_signal(number)
         # With clients still connected.

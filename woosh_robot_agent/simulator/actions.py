@@ -82,12 +82,13 @@ class Actions:
         Raises:
             Refused: It does not run.
         """
-        run = self._running(name)
-        if not run.paused:
-            run.paused = True
-            run.impeded = False
-            run.job.hold(self._chassis)
-            self._report(run, ros_pack_pb2.kRosPause, "paused")
+        self._pause(self._running(name), "paused")
+
+    def pause_on(self, device: Device, reason: str) -> None:
+        """Stop what runs on `device` for a while."""
+        for run in self._runs.values():
+            if run.job.device is device:
+                self._pause(run, reason)
 
     def resume(self, name: str) -> None:
         """Go on with a paused action.
@@ -151,6 +152,13 @@ class Actions:
         if run is None:
             raise Refused(f"{_short(name)} is not running: execute it first")
         return run
+
+    def _pause(self, run: _Run, reason: str) -> None:
+        if not run.paused:
+            run.paused = True
+            run.impeded = False
+            run.job.hold(self._chassis)
+            self._report(run, ros_pack_pb2.kRosPause, reason)
 
     def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
         del self._runs[run.name]
