@@ -15,6 +15,7 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.client import Client, codec_of
+from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.dispatch import HANDLERS, Answer, dispatch, refusal
 from woosh_robot_agent.simulator.hooks import Hooks, Outgoing
 from woosh_robot_agent.simulator.pushes import TOPICS, StateWatch
@@ -58,23 +59,23 @@ class Exchange:
 
     Args:
         chassis: What does the requests.
-        hooks: What is to go otherwise than usual.
         max_waiting: How many requests of one client may wait, to be done or to be answered.
 
     Attributes:
         clients: Those that are connected.
+        hooks: What is to go otherwise than usual.
         received: What clients sent, oldest first; the last ten thousand.
         counts: How many messages of each type they sent since the start.
         bad_frames: How many frames could not be read.
     """
 
-    def __init__(self, chassis: Chassis, hooks: Hooks, max_waiting: int) -> None:
+    def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
         self.clients: set[Client] = set()
+        self.hooks = Hooks()
         self.received: deque[Received] = deque(maxlen=_RECEIVED_KEPT)
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
         self._chassis = chassis
-        self._hooks = hooks
         self._max_waiting = max_waiting
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
@@ -186,7 +187,7 @@ class Exchange:
         name = request.type
         if request.message is None or request.objection:
             return refusal(name, request.objection)
-        reason = self._hooks.refusal(name)
+        reason = self.hooks.refusal(name)
         if reason is not None:
             return refusal(name, reason)
         try:
@@ -233,7 +234,7 @@ class Exchange:
             self.push(message)
 
     def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
-        for out in self._hooks.outgoing(frame):
+        for out in self.hooks.outgoing(frame):
             data = self._encoded(codec, out)
             client.send_as(out, out.damage(codec, data) if out.damage else data)
 

@@ -42,16 +42,14 @@ class SimulatedChassis:
     Attributes:
         config: The options.
         chassis: The model.
-        hooks: Where connections, requests and frames can be caught.
         speed: How much faster than real time simulated time runs; can be changed any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         self.config = config or SimulatorConfig()
         self.chassis = Chassis(self.config)
-        self.hooks = Hooks()
         self.speed = self.config.speed
-        self._exchange = Exchange(self.chassis, self.hooks, self.config.max_waiting)
+        self._exchange = Exchange(self.chassis, self.config.max_waiting)
         seed = random.randrange(2**32) if self.config.seed is None else self.config.seed
         steps = self.config.scenario.steps if self.config.scenario else ()
         self._injector = Injector(self, seed, steps)
@@ -125,6 +123,11 @@ class SimulatedChassis:
         return self._ports.tcp_port
 
     # Faults
+
+    @property
+    def hooks(self) -> Hooks:
+        """Where connections, requests and frames can be caught."""
+        return self._exchange.hooks
 
     def inject(self, name: str, /, **arguments: object) -> Injection:
         """Put a fault in; `woosh_robot_agent.simulator.faults.FAULTS` has all of them.
