@@ -168,7 +168,6 @@ BAD: list[tuple[dict[str, bytes], str]] = [
     ({"a\n_png": b""}, "a plain name without folders"),
     ({"a" * 300: b""}, "at most 255 characters"),
     ({f"{number}_png": b"" for number in range(101)}, "more than a scene can have: 100 files"),
-    ({"big_bin": bytes(33 * 1024 * 1024)}, "1 files of 34603008 bytes are more than"),
 ]
 
 
@@ -195,6 +194,12 @@ def test_bad_uploads_change_nothing(
     assert reason in text
     assert len(text) < 1000
     assert state() == before
+
+
+def test_too_much_is_refused(client: JsonClient) -> None:
+    request = switch("new", big_bin=bytes(33 * 1024 * 1024))
+    text = client.refused("woosh.robot.SwitchMap", request)
+    assert text.startswith("1 files of 34603008 bytes are more than a scene can have")
 
 
 def test_a_bad_second_upload_leaves_the_first(client: JsonClient) -> None:
