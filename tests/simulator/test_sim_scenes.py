@@ -180,6 +180,7 @@ def test_paths_go_round_obstacles(name: str) -> None:
     planner = Planner(area, 0.5)
     obstacles = Obstacles()
     start, goal = (0.0, 0.0), (6.0, 0.0)
+    behind = planner.plan(start, (-9.5, -7.5))
     assert planner.plan(start, goal, obstacles.walls) == [goal]
     obstacles.put("a", 3.0, 0.2, 0.5)
     path = planner.plan(start, goal, obstacles.walls)
@@ -191,6 +192,9 @@ def test_paths_go_round_obstacles(name: str) -> None:
             assert obstacles.clearance(x, y) >= 0.48
     # It is not remembered, and one on the goal leaves no path.
     assert planner.plan(start, goal) == [goal]
+    obstacles.put("b", -4.5, -1.8, 0.6)  # where the way behind the partition turns
+    assert planner.plan(start, (-9.5, -7.5), obstacles.walls) != behind
+    assert planner.plan(start, (-9.5, -7.5)) == behind
     obstacles.put("a", 6.0, 0.3, 0.5)
     assert planner.plan(start, goal, obstacles.walls) is None
     # A ring around the start.
