@@ -16,7 +16,7 @@ from sim_wire import JsonClient
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scene_files, scenes
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.dispatch import dispatch
@@ -475,6 +475,13 @@ def test_unusable_pictures_say_why(tmp_path: Path) -> None:
         with pytest.raises(SceneError, match=r"room\.png: ") as error:
             load_scene(file)
         assert reason in str(error.value)
+
+
+def test_too_many_pixels_altogether(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_files, "_MOST_PIXELS", 2 * 60 * 40)
+    maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
+    with pytest.raises(SceneError, match=r"maps\[2\]: the scene's pictures have more than 4800"):
+        load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
 
 
 def test_a_start_in_a_wall_is_refused(tmp_path: Path) -> None:
