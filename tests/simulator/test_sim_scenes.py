@@ -16,7 +16,7 @@ from sim_wire import JsonClient
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scene_files, scenes
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.dispatch import dispatch
@@ -180,6 +180,7 @@ def test_paths_go_round_obstacles(name: str) -> None:
     planner = Planner(area, 0.5)
     obstacles = Obstacles()
     start, goal = (0.0, 0.0), (6.0, 0.0)
+    behind = planner.plan(start, (-9.5, -7.5))
     assert planner.plan(start, goal, obstacles.walls) == [goal]
     obstacles.put("a", 3.0, 0.2, 0.5)
     path = planner.plan(start, goal, obstacles.walls)
@@ -191,6 +192,9 @@ def test_paths_go_round_obstacles(name: str) -> None:
             assert obstacles.clearance(x, y) >= 0.48
     # It is not remembered, and one on the goal leaves no path.
     assert planner.plan(start, goal) == [goal]
+    obstacles.put("b", -4.5, -1.8, 0.6)  # where the way behind the partition turns
+    assert planner.plan(start, (-9.5, -7.5), obstacles.walls) != behind
+    assert planner.plan(start, (-9.5, -7.5)) == behind
     obstacles.put("a", 6.0, 0.3, 0.5)
     assert planner.plan(start, goal, obstacles.walls) is None
     # A ring around the start.
@@ -471,6 +475,13 @@ def test_unusable_pictures_say_why(tmp_path: Path) -> None:
         with pytest.raises(SceneError, match=r"room\.png: ") as error:
             load_scene(file)
         assert reason in str(error.value)
+
+
+def test_too_many_pixels_altogether(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_files, "_MOST_PIXELS", 2 * 60 * 40)
+    maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
+    with pytest.raises(SceneError, match=r"maps\[2\]: the scene's pictures have more than 4800"):
+        load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
 
 
 def test_a_start_in_a_wall_is_refused(tmp_path: Path) -> None:

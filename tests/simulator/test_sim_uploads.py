@@ -14,7 +14,9 @@ import pytest
 from PIL import Image
 from sim_wire import Json, JsonClient
 
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.pb.util.common_pb2 import FileData
+from woosh_robot_agent.simulator import SimulatorThread, uploads
+from woosh_robot_agent.simulator.refused import Refused
 
 NAV2 = b"""
 image: floor.png
@@ -159,6 +161,10 @@ BAD: list[tuple[dict[str, bytes], str]] = [
     ({"floor_yaml": NAV2.replace(b"floor.png", b"/etc/hostname")}, "/etc/hostname: not among"),
     ({"floor_yaml": NAV2.replace(b"floor.png", b"../floor.png")}, "../floor.png: not among"),
     ({"floor_yaml": b"x: " + b"[" * 60000}, "floor.yaml: nested more than"),
+    (
+        {"floor_yaml": NAV2, "floor_yml": NAV2, "floor_png": floor_png()},
+        "there are two files of a map floor",
+    ),
     ({"../floor_png": b""}, "'../floor.png': a plain name without folders is needed"),
     ({"/floor_png": b""}, "a plain name without folders"),
     ({"a\\b_png": b""}, "a plain name without folders"),
@@ -196,10 +202,12 @@ def test_bad_uploads_change_nothing(
     assert state() == before
 
 
-def test_too_much_is_refused(client: JsonClient) -> None:
-    request = switch("new", big_bin=bytes(33 * 1024 * 1024))
-    text = client.refused("woosh.robot.SwitchMap", request)
-    assert text.startswith("1 files of 34603008 bytes are more than a scene can have")
+def test_too_much_is_refused() -> None:
+    big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
+    files = uploads.checked({}, big)
+    assert list(uploads.checked(files, big)) == ["big.bin"]
+    with pytest.raises(Refused, match="2 files of 41943040 bytes are more than a scene can have"):
+        uploads.checked(files, [FileData(name="more.bin", data=big[0].data)])
 
 
 def test_a_bad_second_upload_leaves_the_first(client: JsonClient) -> None:

@@ -117,8 +117,10 @@ def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
         image.load()
         if "transparency" in image.info or "A" in image.getbands():
             image = image.convert("RGBA")
-        elif image.mode in ("1", "P"):
+        elif image.mode == "P":
             image = image.convert("RGB")
+        elif image.mode == "1":
+            image = image.convert("L")
     except SceneError:
         raise
     except Exception as error:  # Pillow checks as it reads, and raises whatever comes

@@ -58,6 +58,8 @@ _MOST_MARKS = 5000
 _MOST_WALLS = 1000
 _MOST_TASKS = 200
 _MOST_FILE_BYTES = 64 * 1024 * 1024
+#: Of all pictures together: reading more would take long, while nothing else goes on.
+_MOST_PIXELS = 32 * 1024 * 1024
 #: m along one side of a map.
 _LONGEST_SIDE_M = 500.0
 _FLOOR = "1F"
@@ -128,6 +130,9 @@ def read_scene(
                 maps.append(
                     Map(len(maps), Path(each).stem, _FLOOR, 1, low, high, walls=(), grid=grid)
                 )
+                _check_pictures(description, maps)
+                if maps[-1].name in [other.name for other in maps[:-1]]:
+                    raise description.error(f"there are two files of a map {maps[-1].name}")
     return Scene(name, maps) if maps else None
 
 
@@ -135,7 +140,10 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
     nodes = list(root.need("maps").items(_MOST_MAPS))
     if not nodes:
         raise root.need("maps").error("a scene needs at least one map")
-    maps = [_map(node, number, read) for number, node in enumerate(nodes)]
+    maps: list[Map] = []
+    for node in nodes:
+        maps.append(_map(node, len(maps), read))
+        _check_pictures(node, maps)
     _all_different(nodes, "name", [each.name for each in maps])
     _all_different(nodes, "id", [each.id for each in maps])
     scene = Scene(name, maps)
@@ -194,6 +202,17 @@ def _grid(name: str, description: Node, read: Read) -> Grid:
 
     folder = Path(name).parent
     return read_grid(description, lambda image: read(str(folder / image)))
+
+
+def _check_pictures(node: Node, maps: Iterable[Map]) -> None:
+    """Make sure that the pictures of a scene, of which `node` brought the last, are not too much.
+
+    Raises:
+        SceneError: They are.
+    """
+    pixels = sum(each.grid.cells.size for each in maps if each.grid)
+    if pixels > _MOST_PIXELS:
+        raise node.error(f"the scene's pictures have more than {_MOST_PIXELS} pixels altogether")
 
 
 def _bounds(node: Node, points: Iterable[Point]) -> tuple[Point, Point]:
