@@ -38,6 +38,8 @@ _NO_PROXY: dict[str, Any] = (
     {"proxy": None} if "proxy" in inspect.signature(_ws_connect).parameters else {}
 )
 _CHUNK = 256 * 1024
+_LONGEST_MESSAGE = 2**31 - 1
+"""Bytes of the largest protobuf message there can be."""
 _TOO_BIG = 1009
 
 
@@ -160,6 +162,16 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
     return Listener(await asyncio.start_server(handle, host, port))
 
 
+class _Connect(_ws_connect):
+    """The library's connecting, but without following redirects: to the chassis, or nowhere."""
+
+    def process_redirect(self, exc: Exception) -> Exception:
+        return exc
+
+    def handle_redirect(self, uri: str) -> None:  # of websockets before 14
+        raise InvalidHandshake(f"it redirects to {uri}")
+
+
 class _Client(_ClientSocket):
     """The library's client, which also tells when bytes come in."""
 
@@ -177,7 +189,7 @@ async def _open_websocket(config: LinkConfig, made: list[Any]) -> Transport:
         return socket
 
     try:
-        socket = await _ws_connect(
+        socket = await _Connect(
             config.address,
             max_size=config.max_frame_size,
             compression=None,
@@ -297,6 +309,8 @@ class TcpTransport:
         """See `Transport.recv`."""
         try:
             size = await self._read_varint()
+            if size > _LONGEST_MESSAGE:  # skipping it would last for ever
+                raise TransportClosedError(f"a length of {size} bytes: not our format")
             if size > self._max_size:
                 await self._skip(size)
                 raise FrameError(

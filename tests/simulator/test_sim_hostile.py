@@ -1,0 +1,53 @@
+"""Clients that mean harm: the simulated chassis goes on serving them and the others."""
+
+from __future__ import annotations
+
+import pytest
+from sim_wire import JsonClient, TcpClient, packed
+
+from woosh_robot_agent.simulator import SimulatorThread
+
+MODE = "woosh.robot.Mode"
+HOSTILE = {
+    "nested lists": "[" * 100_000,
+    "nested body": '{"type":"woosh.robot.Speak","sn":999,"body":' + "[" * 5000 + "]" * 5000 + "}",
+    "a type that is no name": '{"type":"' + "x" * 1_000_000 + '","sn":999}',
+    "very many objects": '{"type":"woosh.robot.Speak","sn":999,"body":['
+    + "{}," * 1_500_000
+    + "{}]}",
+    "a number of very many digits": '{"type":"woosh.robot.Speak","sn":' + "9" * 100_000 + "}",
+    "a long number": '{"type":"woosh.robot.Speak","sn":' + "9" * 4000 + "}",
+    "keys twice": '{"type":"woosh.robot.Speak","type":"woosh.Subscription","body":{"topics":1}}',
+    "subscription to everything": '{"type":"woosh.Subscription","body":{"topics":['
+    + ",".join(['"x"'] * 100_000)
+    + '],"sub":true}}',
+    "deep any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","sn":999,"body":{"info":'
+    + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
+    + "{}"
+    + "}" * 300
+    + "}}",
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_hostile_frame_ends_nothing(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient, what: str
+) -> None:
+    client.send(HOSTILE[what])
+    client.ask(MODE)
+    assert tcp.request(MODE).ok
+    assert simulator.connections == 2
+
+
+def test_an_answer_is_not_much_longer_than_its_request(client: JsonClient) -> None:
+    answer = client.request("x" * 1_000_000)
+    assert answer["ok"] is False
+    assert len(answer["msg"]) < 1000
+    assert len(answer["type"]) < 1000
+
+
+def test_deep_groups(simulator: SimulatorThread, tcp: TcpClient) -> None:
+    tcp.send(b"\xfb\x06" * 100_000 + b"\xfc\x06" * 100_000)
+    tcp.send(packed(MODE)[:-1])
+    assert tcp.request(MODE).ok
+    assert simulator.connections == 1
