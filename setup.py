@@ -180,7 +180,7 @@ setup(
     ],
     cmdclass={"build_proto": BuildProto, "build_py": BuildPy, "develop": Develop},
     python_requires=">=3.10",
-    install_requires=["websockets>=10.4", protobuf_requirement()],
+    install_requires=["websockets>=10.4", "pyyaml>=6.0", protobuf_requirement()],
     zip_safe=False,
     author="woosh_robot_agent maintainers",
     author_email="maintainers@example.com",

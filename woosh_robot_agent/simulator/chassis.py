@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import scenes
+from woosh_robot_agent.simulator import scenes, task_sets
 from woosh_robot_agent.simulator.actions import Actions
 from woosh_robot_agent.simulator.base import Base
 from woosh_robot_agent.simulator.battery import Battery
@@ -18,17 +18,22 @@ from woosh_robot_agent.simulator.codes import (
     BATTERY_LOW,
     EMERGENCY_STOP,
     IMPEDED,
+    KEY_AT_MANUAL,
     LOCALISATION_LOST,
     Codes,
 )
+from woosh_robot_agent.simulator.collision import Bumper
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS, inner_radius
-from woosh_robot_agent.simulator.geometry import Pose
+from woosh_robot_agent.simulator.errands import Errands
+from woosh_robot_agent.simulator.follow import Follower
+from woosh_robot_agent.simulator.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.geometry import Pose, Wall
 from woosh_robot_agent.simulator.jobs import Device
 from woosh_robot_agent.simulator.laser import Laser
 from woosh_robot_agent.simulator.lift import Lift
 from woosh_robot_agent.simulator.maps import Map, MarkKind, Scene
 from woosh_robot_agent.simulator.navigation import Navigate
+from woosh_robot_agent.simulator.obstacles import Obstacles
 from woosh_robot_agent.simulator.readiness import Readiness
 from woosh_robot_agent.simulator.refused import Refused
 from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
@@ -54,6 +59,7 @@ class Chassis:
         time: Simulated Unix time in s.
         elapsed: Simulated time since the start in s.
         footprint: The `woosh.robot.FootPrint` in use.
+        obstacles: What stands in the way without being in the map.
         setting: The settings, as the getter reports them.
         spoken: What it was told to say lately.
     """
@@ -70,8 +76,10 @@ class Chassis:
         self.scenes = scenes.default_scenes()
         self.scene: Scene = self.scenes[scenes.START_SCENE]
         self.map: Map = self.scene.maps[0]
-        self.predefined = scenes.predefined_tasks()
-        self.calls = scenes.call_tasks()
+        self.obstacles = Obstacles()
+        self._bumper = Bumper()
+        self.predefined = task_sets.predefined_tasks()
+        self.calls = task_sets.call_tasks()
 
         self.base = Base(scenes.START_POSE, odometer=1204.0)
         self.laser = Laser()
@@ -79,11 +87,10 @@ class Chassis:
         self.jack = Lift("lift", Device.JACK, travel=0.06, usual_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, usual_speed=0.2)
         self.wifi = WiFi()
-        self.readiness = Readiness()
+        self.readiness = Readiness(initialised=config.initialised, located=config.initialised)
         self.occupied = False
         self.call_muted = False
         self.program_muted = False
-        self.following = False
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
         self.spoken: deque[str] = deque(maxlen=_SPOKEN_KEPT)
         self.setting = robot_pb2.Setting(
@@ -96,6 +103,8 @@ class Chassis:
         )
 
         self.teleop = Teleop()
+        self.follower = Follower()
+        self.errands = Errands(config.charge_after, config.park_after)
         self.codes = Codes(self._stamp)
         self.tasks = Tasks(self)
         self.actions = Actions(self)
@@ -124,6 +133,16 @@ class Chassis:
         return job if isinstance(job, Navigate) else self.actions.navigation
 
     @property
+    def impeded(self) -> bool:
+        """Whether an obstacle stands in the way of what drives now."""
+        return self.tasks.impeded or self.actions.impeded
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """The walls of the map and the sides of the obstacles."""
+        return self.map.walls + self.obstacles.walls
+
+    @property
     def state(self) -> util_robot_pb2.State:
         """What the chassis says it is doing."""
         readiness = self.readiness
@@ -133,7 +152,7 @@ class Chassis:
             return util_robot_pb2.kUninit
         if self.battery.charges:
             return util_robot_pb2.kCharging
-        if self.following:
+        if self.follower.active:
             return util_robot_pb2.kFollowing
         if self.tasks.active:
             parking = self.tasks.proc.type == util_task_pb2.kParking
@@ -145,15 +164,25 @@ class Chassis:
         # Rounded, so that summing up leaves no dust: whole seconds stay whole.
         self.elapsed = round(self.elapsed + dt, 6)
         self._watch()
+        self.errands.tick(self, dt)
         self.teleop.tick(self.base, dt)
+        self.follower.tick(self, dt)
         self.tasks.tick(dt)
         self.actions.tick(dt)
         driven = self.base.odometer
-        self.base.tick(dt, self.map.clearance, inner_radius(FOOTPRINTS[self.footprint]))
+        self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - driven)
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
+
+    def clearance(self, x: float, y: float) -> float:
+        """How far the nearest wall or obstacle is from (x, y), in m."""
+        return min(self.map.clearance(x, y), self.obstacles.clearance(x, y))
+
+    def gap(self, pose: Pose) -> float:
+        """How far in m the outline at `pose` is from touching anything; negative if it does."""
+        return self._bumper.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
 
     def emit(self, event: Message) -> None:
         """Report a message of which each one counts; it must not change any more."""
@@ -174,6 +203,21 @@ class Chassis:
         if objections:
             raise Refused(objections[0])
 
+    def claim_wheels(self, user: str) -> None:
+        """Make sure that nothing drives but following and remote control, which give way.
+
+        Args:
+            user: What wants to drive, for the report of an errand that it ends.
+
+        Raises:
+            Refused: A task or an action of a client drives.
+        """
+        if self.tasks.uses(Device.WHEELS):
+            self.tasks.give_way(f"replaced by {user}")
+        if self.driver:
+            raise Refused(f"{self.driver} is driving: pause or cancel it first")
+        self.follower.stop()
+
     def take_tasks(self, orders: list[TaskOrder]) -> None:
         """Start a task or those of a set, in place of whatever uses the wheels.
 
@@ -186,7 +230,7 @@ class Chassis:
 
     def free_wheels(self, reason: str) -> None:
         """End following, remote control and every action that drives or charges."""
-        self.following = False
+        self.follower.stop()
         self.teleop.release()
         self.actions.clear(Device.WHEELS, reason)
         self.actions.clear(Device.CHARGER, reason)
@@ -203,9 +247,11 @@ class Chassis:
             Refused: It cannot be there.
         """
         if not self.map.contains(pose.x, pose.y):
-            raise Refused(f"pose {pose} is outside of map {self.map.name}")
-        if self.map.clearance(pose.x, pose.y) < inner_radius(FOOTPRINTS[self.footprint]):
-            raise Refused(f"pose {pose} is inside a wall of map {self.map.name}")
+            raise Refused(f"pose {pose} is outside of map {self.map.name}: choose one inside")
+        if self.gap(pose) < 0.0:
+            raise Refused(
+                f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
+            )
         self.base.place(pose)
         self.readiness.located = True
         if self.navigation:
@@ -215,8 +261,8 @@ class Chassis:
         """Work in another scene or map, at the same coordinates."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        room = inner_radius(FOOTPRINTS[self.footprint])
-        if area.clearance(*self.base.pose.point) < room:
+        pose = self.base.pose
+        if not area.contains(*pose.point) or self.gap(pose) < 0.0:
             self.readiness.located = False
         if self.navigation:
             self.navigation.replan()
@@ -234,11 +280,23 @@ class Chassis:
         self.readiness.emergency_stop = pressed
         self._watch()
 
+    def set_key_switch(self, manual: bool) -> None:
+        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        if manual and not self.readiness.key_manual:
+            self.codes.report(KEY_AT_MANUAL, _Level.kTips)
+        self.readiness.key_manual = manual
+        self._watch()
+
+    def lose_localisation(self) -> None:
+        """Forget where it is, as after having been carried away: it has to be told."""
+        self.readiness.located = False
+        self._watch()
+
     def scan(self) -> list[float]:
         """One scan of the laser, in m."""
         # Noise by time, not by how often somebody asked: equal seeds see equal scans.
         rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
-        return self.laser.scan(self.base.pose, self.map.walls, rng)
+        return self.laser.scan(self.base.pose, self.walls, rng)
 
     def _watch(self) -> None:
         """Notice what is wrong, and stop what must not go on."""
@@ -249,16 +307,16 @@ class Chassis:
         self.codes.watch(LOCALISATION_LOST, _Level.kFault, present=lost)
         low = self.battery.percent <= self.setting.power.alarm
         self.codes.watch(BATTERY_LOW, _Level.kWarn, present=low)
-        impeded = self.navigation is not None and self.navigation.impeded
-        self.codes.watch(IMPEDED, _Level.kWarn, present=impeded)
+        self.codes.watch(IMPEDED, _Level.kWarn, present=self.impeded)
         if readiness.emergency_stop:
             self.base.halt()
             self.teleop.release()
         objections = readiness.objections()
         if objections:
             reason = objections[0].partition(":")[0]
-            self.following = False
+            self.follower.stop()
             self.actions.abort(reason)
+            self.tasks.give_way(reason)
             if self.tasks.active:
                 self.tasks.pause(reason)
 

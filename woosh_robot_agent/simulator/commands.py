@@ -57,7 +57,11 @@ def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
 def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
-        raise Refused(f"unknown control mode {request.mode}")
+        raise Refused(
+            f"unknown control mode {request.mode}: 1 is automatic, 2 manual, 3 maintenance"
+        )
+    if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
+        raise Refused("key switch stands at manual: turn it to automatic first")
     chassis.readiness.ctrl = request.mode
     return reports.mode(chassis)
 
@@ -69,14 +73,14 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
         util_robot_pb2.kScheduleMode,
     )
     if request.mode not in known:
-        raise Refused(f"unknown work mode {request.mode}")
+        raise Refused(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
     chassis.readiness.work = request.mode
     return reports.mode(chassis)
 
 
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
     if request.type not in FOOTPRINTS:
-        raise Refused(f"unknown foot print {request.type}")
+        raise Refused(f"unknown foot print {request.type}: the known ones are {list(FOOTPRINTS)}")
     chassis.footprint = request.type
     if chassis.navigation:
         chassis.navigation.replan()
@@ -124,21 +128,20 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
-        if not chassis.driver:
-            chassis.base.halt()
+        # A stop that does not stop must not pass for one: while a task drives, this is refused.
+        chassis.claim_wheels("remote control")
         chassis.teleop.release()
+        chassis.base.halt()
         return None
     if chassis.readiness.emergency_stop:
         raise Refused("emergency stop is pressed: release it first")
     if chassis.readiness.battery_empty:
         raise Refused("battery is empty: charge first")
-    if chassis.readiness.ctrl == util_robot_pb2.kMaintain:
+    if chassis.readiness.control == util_robot_pb2.kMaintain:
         raise Refused("robot is in maintenance mode: switch to automatic or manual first")
     if velocity.left and not chassis.omnidirectional:
         raise Refused("a differential base cannot move sideways: linear_y must be 0")
-    if chassis.driver:
-        raise Refused(f"{chassis.driver} is driving: pause or cancel it first")
-    chassis.following = False
+    chassis.claim_wheels("remote control")
     chassis.teleop.command(velocity)
     return None
 
@@ -146,10 +149,11 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
 def _follow(chassis: Chassis, request: pack.Follow) -> Result:
     if request.type:
         chassis.require_ready()
-        if chassis.driver:
-            raise Refused(f"{chassis.driver} is driving: pause or cancel it first")
+        chassis.claim_wheels("following")
         chassis.teleop.release()
-    chassis.following = request.type
+        chassis.follower.start()
+    else:
+        chassis.follower.stop()
     return None
 
 
@@ -171,7 +175,9 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
         wifi.switch_hotspot(on=request.enable)
         answer.enable = request.enable
     else:
-        raise Refused(f"unknown WiFi order {order}")
+        raise Refused(
+            f"unknown WiFi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
+        )
     return answer
 
 

@@ -56,7 +56,7 @@ def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
 def mode(chassis: Chassis) -> robot_pb2.Mode:
     """Its control and work mode."""
     readiness = chassis.readiness
-    return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.ctrl, work=readiness.work)
+    return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.control, work=readiness.work)
 
 
 def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
@@ -145,10 +145,9 @@ def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
 def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
     """Whether it can take a task, and what its navigation meets."""
     state = robot_pb2.OperationState
-    impeded = chassis.navigation is not None and chassis.navigation.impeded
     return state(
         robot_id=chassis.robot_id,
-        nav=state.kImpede if impeded else 0,
+        nav=state.kImpede if chassis.impeded else 0,
         robot=state.kTaskable if chassis.taskable else 0,
     )
 

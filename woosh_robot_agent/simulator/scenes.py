@@ -1,4 +1,4 @@
-"""The scenes and predefined tasks that a simulated chassis starts with.
+"""The scenes that a simulated chassis starts with.
 
 `wooshmap` is a hall of 24 by 20 m with two partitions, three pillars and a gate; `scenex` is the
 same hall furnished differently, with a second, empty floor. Both have the marks that the interface
@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.geometry import Pose, Wall, box
 from woosh_robot_agent.simulator.maps import Map, Mark, MarkKind, Scene
 
@@ -76,39 +74,3 @@ def default_scenes() -> dict[str, Scene]:
         ),
     )
     return {scene.name: scene for scene in scenes}
-
-
-def predefined_tasks() -> woosh_task_pb2.RepeatTasks:
-    """The task sets that ExecPreTask can start."""
-    return woosh_task_pb2.RepeatTasks(
-        repeat_tasks=[
-            woosh_task_pb2.RepeatTask(times=1, task_set=_task_set(666, "round", "A1", "A10")),
-            woosh_task_pb2.RepeatTask(times=2, task_set=_task_set(1735291765, "supply", "K10")),
-        ]
-    )
-
-
-def call_tasks() -> woosh_task_pb2.CallTasks:
-    """The task sets that call buttons start."""
-    info = woosh_task_pb2.CallInfo
-    button = info.Caller(mac_addr="00:12:4b:00:1e:c5:7a:01", key_id=1)
-    call = info(type=info.kOr, events=[info.CallEvent(caller=button, release=1)])
-    return woosh_task_pb2.CallTasks(
-        call_tasks=[woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(501, "call", "U5"))]
-    )
-
-
-def _task_set(number: int, name: str, *marks: str) -> woosh_task_pb2.WooshTaskSet:
-    tasks = [
-        woosh_task_pb2.WooshTask(
-            base=task_pb2.TaskBase(
-                id=index, name=f"{name} {index}", mark_no=mark, type=util_task_pb2.kPick
-            ),
-            custom=woosh_task_pb2.WooshTask.Custom(executable=True),
-        )
-        for index, mark in enumerate(marks, start=1)
-    ]
-    return woosh_task_pb2.WooshTaskSet(
-        base=task_pb2.TaskSetBase(id=number, name=name, no=str(number), adapter="woosh"),
-        tasks=tasks,
-    )
