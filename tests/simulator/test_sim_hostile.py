@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import pytest
-from sim_wire import JsonClient, TcpClient, packed
+import time
 
+import pytest
+from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
+
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.simulator import SimulatorThread
 
 MODE = "woosh.robot.Mode"
+MIB = 1024 * 1024
 HOSTILE = {
     "nested lists": "[" * 100_000,
     "nested body": '{"type":"woosh.robot.Speak","sn":999,"body":' + "[" * 5000 + "]" * 5000 + "}",
@@ -51,3 +55,27 @@ def test_deep_groups(simulator: SimulatorThread, tcp: TcpClient) -> None:
     tcp.send(packed(MODE)[:-1])
     assert tcp.request(MODE).ok
     assert simulator.connections == 1
+
+
+def test_what_waits_for_a_client_that_does_not_read_is_bounded(
+    simulator: SimulatorThread, tcp: TcpClient
+) -> None:
+    """By bytes too: few frames can be large."""
+    assert tcp.request(MODE).ok
+    frame = b"x" * (20 * MIB)
+    for _ in range(6):
+        simulator.send_raw(frame)
+    deadline = time.monotonic() + TIMEOUT
+    while simulator.connections:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_the_record_of_what_clients_sent_is_bounded(
+    simulator: SimulatorThread, tcp: TcpClient
+) -> None:
+    speech = Speak(text="x" * (8 * MIB))
+    for number in range(1, 11):
+        assert tcp.request("woosh.robot.Speak", speech, number).sn == number
+    assert simulator.counts["woosh.robot.Speak"] == 10
+    assert len(simulator.received) == 7
