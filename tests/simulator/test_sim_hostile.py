@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 
 import pytest
 from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 MODE = "woosh.robot.Mode"
 MIB = 1024 * 1024
@@ -79,3 +80,45 @@ def test_the_record_of_what_clients_sent_is_bounded(
         assert tcp.request("woosh.robot.Speak", speech, number).sn == number
     assert simulator.counts["woosh.robot.Speak"] == 10
     assert len(simulator.received) == 7
+
+
+async def _handshake(port: int, origin: str) -> str:
+    """The first line that the simulator answers to a client of this origin."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    header = f"Origin: {origin}\r\n" if origin else ""
+    writer.write(
+        (
+            f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\n{header}"
+            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        ).encode()
+    )
+    line = await asyncio.wait_for(reader.readline(), TIMEOUT)
+    writer.close()
+    return line.decode()
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("", "101"),
+        ("http://localhost:3000", "101"),
+        ("http://127.0.0.1:5480", "101"),
+        ("http://[::1]", "101"),
+        ("https://somewhere.example", "403"),
+        ("http://localhost.somewhere.example", "403"),
+        ("http://127.0.0.1.somewhere.example", "403"),
+        ("null", "403"),
+    ],
+)
+def test_web_pages_of_others_are_refused(
+    simulator: SimulatorThread, origin: str, status: str
+) -> None:
+    """A page in the browser of this machine reaches its loopback too."""
+    assert f" {status} " in asyncio.run(_handshake(simulator.port, origin))
+
+
+def test_web_pages_are_not_refused_where_everybody_is_let_in() -> None:
+    config = SimulatorConfig(host="0.0.0.0", port=0, tcp_port=0)
+    with SimulatorThread(config) as simulator:
+        assert " 101 " in asyncio.run(_handshake(simulator.port, "https://somewhere.example"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
+import re
 import struct
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
@@ -165,6 +166,17 @@ async def open_transport(config: LinkConfig) -> Transport:
         raise
 
 
+class _LocalOrigin:
+    """Equals the origin of each web page of this machine; all releases of the library compare."""
+
+    _PATTERN = re.compile(r"https?://(localhost|127\.[0-9.]+|\[::1\])(:\d+)?")
+
+    def __eq__(self, origin: object) -> bool:
+        return isinstance(origin, str) and bool(self._PATTERN.fullmatch(origin))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
 async def serve_websocket(
     handler: Handler,
     host: str,
@@ -172,6 +184,7 @@ async def serve_websocket(
     *,
     max_size: int,
     before: Callable[[], Awaitable[object]] | None = None,
+    local_pages_only: bool = False,
 ) -> Listener:
     """Listen for WebSocket clients.
 
@@ -182,6 +195,7 @@ async def serve_websocket(
         max_size: of a frame, in bytes.
         before: is waited for before a client's handshake is answered, 10 s at the most: then the
             client is dropped.
+        local_pages_only: refuse clients that are web pages, but for those of this machine itself.
     """
 
     async def handle(socket: Any) -> None:
@@ -200,6 +214,7 @@ async def serve_websocket(
         ping_interval=None,
         close_timeout=1.0,
         process_request=process_request,
+        origins=[None, _LocalOrigin()] if local_pages_only else None,
     )
     return Listener(server)
 
