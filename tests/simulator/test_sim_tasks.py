@@ -151,17 +151,18 @@ def test_cancelling_a_set_ends_it(client: JsonClient) -> None:
     assert client.ask("woosh.robot.RobotState")["state"] == 2
 
 
-def test_wait_of_a_set_can_be_broken_off(simulator: SimulatorThread, client: JsonClient) -> None:
-    def add_wait(simulated: object) -> None:
-        repeat = simulated.chassis.predefined.repeat_tasks[0]  # type: ignore[attr-defined]
-        repeat.task_set.tasks[0].base.wait_time = 3600
-
-    simulator.call(add_wait)
-    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
-    waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
+def test_wait_of_a_set_ends_by_itself_or_by_order(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
+    client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
     client.ask("woosh.robot.ActionOrder", {"order": 6})
     assert client.push(PROC)["state"] == COMPLETED
+    waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 2}
+    end = client.push(PROC)
+    assert end["state"] == COMPLETED
+    assert 4 <= end["time"] - waiting["time"] <= 6
 
 
 def test_a_wait_without_an_end_lasts_until_the_order(
@@ -355,11 +356,37 @@ def test_remote_control_waits_for_the_task(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.push(PROC, lambda body: body["state"] == EXECUTING)
     assert "task 8 is driving" in client.refused("woosh.robot.Twist", {"linear": 0.2})
-    # A stop that does not stop must not pass for one.
-    assert client.refused("woosh.robot.Twist") == "task 8 is driving: pause or cancel it first"
     assert "task is running" in client.refused("woosh.robot.SwitchMap", {"sceneName": "scenex"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     client.ask("woosh.robot.Twist", {"linear": 0.2})
+
+
+def test_a_velocity_of_zero_stops_a_task_too(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe("woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
+    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.5)
+    answer = client.request("woosh.robot.Twist")
+    assert (answer["ok"], answer["msg"]) == (
+        True,
+        "stopped: task 8 is paused, continue or cancel it",
+    )
+    # Said before the answer, and true at once.
+    paused = [each["body"] for each in client.pushes if each["type"] == PROC][-1]
+    assert (paused["state"], paused["msg"]) == (PAUSED, "stopped by a velocity of zero")
+    assert simulator.state.velocity.speed == 0.0
+    client.pushes.clear()
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    assert client.push(PROC)["state"] == EXECUTING
+    assert client.push(PROC)["state"] == COMPLETED
+
+
+def test_a_velocity_of_zero_leaves_a_wait_alone(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
+    client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    assert client.request("woosh.robot.Twist")["ok"]
+    assert client.taken(PROC) == []
 
 
 def test_following_ends_with_a_task(client: JsonClient) -> None:

@@ -9,10 +9,12 @@ import logging
 import signal
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.yaml_fields import SceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             tcp_port=options.tcp_port,
             speed=options.speed,
             seed=options.seed,
+            scenes=tuple(options.scene),
             robot_id=options.robot_id,
             omnidirectional=options.base == "omnidirectional",
             initialised=not options.uninitialised,
@@ -64,6 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     try:
         asyncio.run(_serve(config))
+    except SceneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     except OSError as error:
         reason = error.strerror or str(error)
         print(f"error: cannot listen on {config.host}: {reason}", file=sys.stderr)
@@ -105,6 +111,15 @@ def _parser() -> argparse.ArgumentParser:
         type=int,
         default=default.seed,
         help="make laser noise, clock and faults' choices repeatable",
+    )
+    parser.add_argument(
+        "--scene",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="folder with scene.yaml, or a map of nav2 (YAML); again for more, it starts in the "
+        "first",
     )
     parser.add_argument("--robot-id", type=int, default=default.robot_id, help="robot number")
     parser.add_argument(

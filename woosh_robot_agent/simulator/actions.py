@@ -82,12 +82,13 @@ class Actions:
         Raises:
             Refused: It does not run.
         """
-        run = self._running(name)
-        if not run.paused:
-            run.paused = True
-            run.impeded = False
-            run.job.hold(self._chassis)
-            self._report(run, ros_pack_pb2.kRosPause, "paused")
+        self._pause(self._running(name), "paused")
+
+    def pause_on(self, device: Device, reason: str) -> None:
+        """Stop what runs on `device` for a while."""
+        for run in self._runs.values():
+            if run.job.device is device:
+                self._pause(run, reason)
 
     def resume(self, name: str) -> None:
         """Go on with a paused action.
@@ -140,7 +141,7 @@ class Actions:
 
     def _require_no_task(self, device: Device, name: str) -> None:
         tasks = self._chassis.tasks
-        if tasks.uses(device):
+        if device is Device.WHEELS or tasks.uses(device):
             tasks.give_way(f"replaced by {_short(name)}")
         if tasks.uses(device):
             task = tasks.proc.robot_task_id
@@ -151,6 +152,13 @@ class Actions:
         if run is None:
             raise Refused(f"{_short(name)} is not running: execute it first")
         return run
+
+    def _pause(self, run: _Run, reason: str) -> None:
+        if not run.paused:
+            run.paused = True
+            run.impeded = False
+            run.job.hold(self._chassis)
+            self._report(run, ros_pack_pb2.kRosPause, reason)
 
     def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
         del self._runs[run.name]

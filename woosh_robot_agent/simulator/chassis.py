@@ -8,9 +8,10 @@ from collections import deque
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import scenes, task_sets
+from woosh_robot_agent.simulator import scenes
 from woosh_robot_agent.simulator.actions import Actions
 from woosh_robot_agent.simulator.base import Base
 from woosh_robot_agent.simulator.battery import Battery
@@ -39,6 +40,7 @@ from woosh_robot_agent.simulator.refused import Refused
 from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
 from woosh_robot_agent.simulator.teleop import Teleop
 from woosh_robot_agent.simulator.wifi import WiFi
+from woosh_robot_agent.simulator.yaml_fields import SceneError
 
 #: Simulated seconds per step, and so the period of PoseSpeed pushes while moving.
 STEP_S = 0.05
@@ -54,6 +56,12 @@ class Chassis:
 
     It has neither sockets nor a clock of its own: `tick` moves simulated time on, requests change
     the state between ticks, and whatever must be reported message by message is in `take_events`.
+
+    Args:
+        config: The options.
+
+    Raises:
+        SceneError: A file of a scene cannot be used.
 
     Attributes:
         time: Simulated Unix time in s.
@@ -73,15 +81,12 @@ class Chassis:
         self._events: list[Message] = []
         self._last_task_id = 0
 
-        self.scenes = scenes.default_scenes()
-        self.scene: Scene = self.scenes[scenes.START_SCENE]
-        self.map: Map = self.scene.maps[0]
+        self.scenes, self.scene = scenes.known_scenes(config.scenes)
+        self.map, start = scenes.start(self.scene)
         self.obstacles = Obstacles()
         self._bumper = Bumper()
-        self.predefined = task_sets.predefined_tasks()
-        self.calls = task_sets.call_tasks()
 
-        self.base = Base(scenes.START_POSE, odometer=1204.0)
+        self.base = Base(start, odometer=1204.0)
         self.laser = Laser()
         self.battery = Battery(93.0)
         self.jack = Lift("lift", Device.JACK, travel=0.06, usual_speed=0.02)
@@ -109,6 +114,12 @@ class Chassis:
         self.tasks = Tasks(self)
         self.actions = Actions(self)
 
+        if not self._fits(start):
+            raise SceneError(
+                f"scene {self.scene.name}: the robot cannot start at {start} on map "
+                f"{self.map.name}, which is not free floor: name another pose under start"
+            )
+
     @property
     def time(self) -> float:
         """Simulated Unix time in s."""
@@ -118,6 +129,16 @@ class Chassis:
     def taskable(self) -> bool:
         """Whether it would take a task now."""
         return not self.readiness.objections()
+
+    @property
+    def predefined(self) -> woosh_task_pb2.RepeatTasks:
+        """The task sets of the scene that ExecPreTask can start."""
+        return self.scene.predefined
+
+    @property
+    def calls(self) -> woosh_task_pb2.CallTasks:
+        """The task sets of the scene that call buttons start."""
+        return self.scene.calls
 
     @property
     def driver(self) -> str:
@@ -212,11 +233,20 @@ class Chassis:
         Raises:
             Refused: A task or an action of a client drives.
         """
-        if self.tasks.uses(Device.WHEELS):
-            self.tasks.give_way(f"replaced by {user}")
+        self.tasks.give_way(f"replaced by {user}")
         if self.driver:
             raise Refused(f"{self.driver} is driving: pause or cancel it first")
         self.follower.stop()
+
+    def stop_wheels(self, reason: str) -> None:
+        """Stop at once, whatever drives: a task or an action is paused until it is resumed."""
+        self.tasks.give_way(reason)
+        if self.tasks.uses(Device.WHEELS):
+            self.tasks.pause(reason)
+        self.actions.pause_on(Device.WHEELS, reason)
+        self.follower.stop()
+        self.teleop.release()
+        self.base.halt()
 
     def take_tasks(self, orders: list[TaskOrder]) -> None:
         """Start a task or those of a set, in place of whatever uses the wheels.
@@ -261,8 +291,7 @@ class Chassis:
         """Work in another scene or map, at the same coordinates."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        pose = self.base.pose
-        if not area.contains(*pose.point) or self.gap(pose) < 0.0:
+        if not self._fits(self.base.pose):
             self.readiness.located = False
         if self.navigation:
             self.navigation.replan()
@@ -296,7 +325,11 @@ class Chassis:
         """One scan of the laser, in m."""
         # Noise by time, not by how often somebody asked: equal seeds see equal scans.
         rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
-        return self.laser.scan(self.base.pose, self.walls, rng)
+        return self.laser.scan(self.base.pose, self.walls, rng, self.map.grid)
+
+    def _fits(self, pose: Pose) -> bool:
+        """Whether the robot can stand there."""
+        return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 
     def _watch(self) -> None:
         """Notice what is wrong, and stop what must not go on."""

@@ -7,7 +7,7 @@ import dataclasses
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.simulator import reports
+from woosh_robot_agent.simulator import reports, uploads
 from woosh_robot_agent.simulator.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.footprints import FOOTPRINTS
@@ -99,25 +99,27 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
             f"unknown scene {name}: it comes with file_datas, or is one of these: "
             + ", ".join(chassis.scenes)
         )
-    area = scene.map(request.map_name)
+    wanted = request.map_name or uploads.first_map(scene, request.file_datas)
+    area = scene.map(wanted)
     if area is None:
-        raise Refused(f"unknown map {request.map_name} of scene {name}")
+        maps = ", ".join(each.name for each in scene.maps)
+        raise Refused(f"unknown map {wanted} of scene {name}, which has {maps}")
     chassis.enter(scene, area)
     return None
 
 
 def _with_files(chassis: Chassis, name: str, request: pack.SwitchMap) -> Scene:
     """The scene as it is after the upload: one version further, or new."""
-    files = {each.name: each.data for each in request.file_datas}
     old = chassis.scenes.get(name)
-    if old:
-        maps = [dataclasses.replace(each, version=each.version + 1) for each in old.maps]
-        return Scene(name, maps, old.files | files)
-    if len(chassis.scenes) >= _MOST_SCENES:
+    if not old and len(chassis.scenes) >= _MOST_SCENES:
         raise Refused(f"there are {_MOST_SCENES} scenes already")
+    files = uploads.checked(old.files if old else {}, request.file_datas)
+    scene = uploads.described(name, old, files)
+    if scene:
+        return scene
     # The robot still stands in the same building, whatever the files call it.
     area = dataclasses.replace(chassis.map, name=request.map_name or name, version=1)
-    return Scene(name, [area], files)
+    return dataclasses.replace(chassis.scene, name=name, maps=[area], files=files)
 
 
 def _speak(chassis: Chassis, request: pack.Speak) -> Result:
@@ -128,11 +130,9 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
-        # A stop that does not stop must not pass for one: while a task drives, this is refused.
-        chassis.claim_wheels("remote control")
-        chassis.teleop.release()
-        chassis.base.halt()
-        return None
+        driver = chassis.driver
+        chassis.stop_wheels("stopped by a velocity of zero")
+        return f"stopped: {driver} is paused, continue or cancel it" if driver else None
     if chassis.readiness.emergency_stop:
         raise Refused("emergency stop is pressed: release it first")
     if chassis.readiness.battery_empty:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # faults know the chassis, which knows its configuration
@@ -25,6 +26,8 @@ class SimulatorConfig:
         speed: How much faster than real time simulated time runs, 1 to 100.
         seed: Makes runs repeatable: the laser's noise, and the simulated clock's start, which is
             otherwise that of the machine's clock.
+        scenes: Folders or files of scenes besides the shipped ones, as for
+            `scene_files.load_scene`; the robot starts in the first.
         robot_id: The robot's number.
         omnidirectional: The base can move sideways too; else it is a differential one.
         initialised: It knows where it is when it starts; else a client has to tell it (InitRobot).
@@ -44,6 +47,7 @@ class SimulatorConfig:
     tcp_port: int = 5481
     speed: float = 1.0
     seed: int | None = None
+    scenes: tuple[Path, ...] = ()
     robot_id: int = 30001
     omnidirectional: bool = True
     initialised: bool = True

@@ -181,8 +181,8 @@ class Tasks:
                 self._jobs[0].kind,
                 progress.failure,
             )
+            # The rest of its set waits for it to be recovered.
             self._end(util_task_pb2.kFailed, progress.failure)
-            self._following.clear()
         elif progress.done and len(self._jobs) > 1:
             self.impeded = False
             self._change(self.proc.state, util_action_pb2.kRosSuccess)
