@@ -12,6 +12,7 @@ from sim_wait import wait_until
 from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from websockets.exceptions import ConnectionClosed
 
+from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import (
     FaultError,
     SimulatedChassis,
@@ -153,6 +154,20 @@ def test_freeze(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) 
     wait_until(lambda: simulator.state.elapsed > elapsed)
 
 
+def test_nothing_leaves_a_frozen_chassis(simulator: SimulatorThread, client: JsonClient) -> None:
+    """Neither pushes nor answers of requests from before."""
+    client.subscribe("woosh.robot.Battery")
+    delayed = simulator.inject("delay", seconds=0.1)
+    client.send({"type": MODE, "sn": 800})
+    wait_until(lambda: delayed.hits)
+    frozen = simulator.inject("freeze")
+    simulator.push(robot_pb2.Battery(power=3))
+    with pytest.raises(asyncio.TimeoutError):
+        client.receive(timeout=0.3)
+    frozen.clear()
+    assert {client.receive().get("sn") for _ in range(2)} == {800, None}
+
+
 def test_freeze_ends_by_itself(simulator: SimulatorThread, client: JsonClient) -> None:
     """Its own clock goes on, though that of the chassis stands still."""
     fault = simulator.inject("freeze", for_=10.0)
@@ -186,8 +201,11 @@ def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None
         ("dorp", {}, "no fault 'dorp'; there are: drop, "),
         ("delay", {"second": 1}, "delay has no argument 'second'; its arguments are: seconds, "),
         ("delay", {"seconds": "1"}, "delay: seconds: '1' is not a number from 0 to 86400 real s"),
-        ("delay", {"seconds": -1}, "seconds: -1.0 is not"),
+        ("delay", {"seconds": -1}, "seconds: -1 is not"),
         ("delay", {"seconds": float("nan")}, "seconds: nan is not"),
+        ("delay", {"seconds": 10**400}, "is not a number from 0 to 86400"),
+        ("delay", {"count": 10**400}, "is not an integer from 0"),
+        ("delay", {"for_": float("inf")}, "for: inf is not a number from 0 simulated s"),
         ("delay", {"count": 1.5}, "count: 1.5 is not an integer from 0"),
         ("delay", {"count": True}, "count: True is not an integer"),
         ("delay", {"frames": "some"}, "frames: 'some' is not answers or pushes or all"),

@@ -64,7 +64,7 @@ def test_files_are_read(scenario: Path) -> None:
         ("- {at: 1, 5: drop}", "entry 1: "),
         ("- {at: 1, do: drop}\n- {do: drop}", "entry 2: drop: `at` has to say when"),
         ("- {at: 1}", "entry 1: `do` has to name a fault"),
-        ("- {at: -1, do: drop}", "entry 1: drop: at: -1.0 is not a number from 0 simulated s"),
+        ("- {at: -1, do: drop}", "entry 1: drop: at: -1 is not a number from 0 simulated s"),
         ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
         ("- {at: 1, do: dorp}", "entry 1: no fault 'dorp'; there are: drop, "),
         ("- {at: 1, do: delay, secs: 3}", "entry 1: delay has no argument 'secs'"),

@@ -9,7 +9,10 @@ from typing import Any
 
 from woosh_robot_agent.protos import message_types
 
-Value = bool | int | float | str
+Value = int | float | str
+
+#: A number beyond this is a mistake, infinity included.
+_MOST = 1e300
 
 
 class FaultError(ValueError):
@@ -33,7 +36,7 @@ class Parameter:
     """
 
     name: str
-    kind: type[bool] | type[int] | type[float] | type[str]
+    kind: type[int] | type[float] | type[str]
     default: Value | None
     description: str
     unit: str = ""
@@ -47,10 +50,8 @@ class Parameter:
 
         What stands for none is left as it is, for `check` to complain of.
         """
-        if self.kind is bool:
-            return {"true": True, "false": False}.get(text.lower(), text)
         try:
-            return text if self.kind is str else self.kind(text)
+            return self.kind(text)
         except ValueError:
             return text
 
@@ -60,18 +61,19 @@ class Parameter:
         Raises:
             FaultError: It does not fit.
         """
-        if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if not isinstance(value, self.kind) or (isinstance(value, bool) and self.kind is not bool):
-            raise self._wrong(value)
-        if self.kind in (int, float):
-            if not self.low <= value <= self.high or not math.isfinite(value):  # type: ignore[operator,arg-type]
+        if self.kind is str:
+            if not isinstance(value, str) or (self.choices and value not in self.choices):
                 raise self._wrong(value)
-        elif self.choices and value not in self.choices:
+            if self.is_message and value and value not in message_types():
+                raise FaultError(f"{self.name}: no message has the type {value!r}")
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong(value)
-        elif self.is_message and value and value not in message_types():
-            raise FaultError(f"{self.name}: no message has the type {value!r}")
-        return value
+        if self.kind is int and not isinstance(value, int):
+            raise self._wrong(value)
+        if not (self.low <= value <= self.high and abs(value) <= _MOST):
+            raise self._wrong(value)
+        return self.kind(value)
 
     @property
     def allowed(self) -> str:
@@ -80,7 +82,7 @@ class Parameter:
             return " or ".join(self.choices)
         if self.is_message:
             return "message type"
-        text = {bool: "true or false", int: "integer", float: "number", str: "text"}[self.kind]
+        text = {int: "integer", float: "number", str: "text"}[self.kind]
         if math.isfinite(self.low):
             text += f" from {_number(self.low)}"
         if math.isfinite(self.high):
@@ -107,7 +109,7 @@ def resolve(
     known = {parameter.name: parameter for parameter in parameters}
     arguments: dict[str, Any] = {name: known[name].default for name in known}
     for key, value in given.items():
-        name = key.rstrip("_")
+        name = key.removesuffix("_")
         if name not in known:
             names = ", ".join(known) or "none"
             raise FaultError(f"{what} has no argument {name!r}; its arguments are: {names}")
@@ -125,6 +127,6 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    if text.startswith(("true", "answers")) or " or " in text:
+    if " or " in text:
         return text
     return f"{'an' if text[0] in 'aeiou' else 'a'} {text}"
