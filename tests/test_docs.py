@@ -11,6 +11,7 @@ import pytest
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorConfig, faults, load_scenario
 from woosh_robot_agent.simulator.__main__ import _parser
+from woosh_robot_agent.simulator.chassis import Chassis
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -51,6 +52,16 @@ def test_the_simulators_examples(tmp_path: Path) -> None:
         faults.parse_fault(command)
     injected = re.findall(r'\.inject\(\s*"(\w+)"', text)
     assert set(injected) <= set(faults.FAULTS)
+
+
+def test_the_scene_of_the_page_on_the_simulator(tmp_path: Path) -> None:
+    (scene,) = re.findall(
+        r"```yaml\n# scene\n(.*?)```", (DOCS / "simulator.md").read_text(), re.DOTALL
+    )
+    (tmp_path / "scene.yaml").write_text(scene)
+    chassis = Chassis(SimulatorConfig(scenes=(tmp_path,)))
+    assert chassis.scene.name == "lab"
+    assert set(chassis.map.marks) == {"A1", "P1"}
 
 
 def test_the_limits_in_the_page_on_security() -> None:
