@@ -5,77 +5,36 @@ Both are real: the link goes over a socket, the rest over DDS, in a domain of th
 
 from __future__ import annotations
 
-import contextlib
 import os
-import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from woosh_robot_agent.agent import make_executor
-from woosh_robot_agent.node import Agent
+from woosh_robot_agent.testing import TIMEOUT, Spinner, own_domain, wait_until
+from woosh_robot_agent.testing import AgentInProcess as RunningAgent
+from woosh_robot_agent.testing.agents import NAMESPACE
+
+__all__ = [
+    "NAMESPACE",
+    "TIMEOUT",
+    "Client",
+    "Collector",
+    "GoalClient",
+    "RunningAgent",
+    "Spinner",
+    "own_domain",
+    "wait_future",
+    "wait_until",
+]
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
-NAMESPACE = "/woosh_robot"
-TIMEOUT = 15.0
-"""s after which a test gives up waiting; far above what anything here takes."""
-_LOCK_PORT = 21000
-_domains = iter(range(10_000_000))
-
-
-@contextlib.contextmanager
-def own_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test on this machine uses now."""
-    start = (os.getpid() * 17 + next(_domains)) % 100
-    for offset in range(100):
-        domain = 1 + (start + offset) % 100
-        with socket.socket() as lock:
-            try:
-                lock.bind(("127.0.0.1", _LOCK_PORT + domain))
-            except OSError:
-                continue
-            yield domain
-            return
-    raise RuntimeError("all domains are taken")
-
-
-def wait_until(condition: Callable[[], Any], what: str = "", timeout: float = TIMEOUT) -> Any:
-    """Wait for a condition that no event announces; returns what it gave."""
-    deadline = time.monotonic() + timeout
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"timed out waiting for {what or condition}")
-        threading.Event().wait(0.005)
-    return value
-
-
-class Spinner:
-    """Spins an executor in a thread until it is stopped."""
-
-    def __init__(self, executor: Any) -> None:
-        self.executor = executor
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._stop.set()
-        self._thread.join(TIMEOUT)
-
-    def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            while not self._stop.is_set():
-                self.executor.spin_once(timeout_sec=0.05)
 
 
 class Collector:
@@ -195,37 +154,3 @@ class Client:
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
         return GoalClient(self._clients[action, name], goal)
-
-
-class RunningAgent:
-    """The agent in this process, with a context, an executor and a thread of its own."""
-
-    def __init__(self, domain: int, namespace: str = NAMESPACE, **parameters: Any) -> None:
-        self.context = Context()
-        arguments = ["--ros-args", "-r", f"__ns:={namespace}"] if namespace else []
-        rclpy.init(args=arguments, context=self.context, domain_id=domain)
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        try:
-            self.agent = Agent(context=self.context, parameter_overrides=overrides)
-        except BaseException:
-            rclpy.try_shutdown(context=self.context)
-            raise
-        self.executor = make_executor(self.agent.settings.executor, self.context)
-        self.executor.add_node(self.agent.node)
-        self._spinner = Spinner(self.executor)
-        self._closed = False
-
-    def close(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
-        self._spinner.stop()
-        self.agent.close(lambda: self.executor.spin_once(timeout_sec=0.02))
-        rclpy.try_shutdown(context=self.context)
-
-    def wait_connected(self, times: int = 1) -> None:
-        """Return when the link is ready, for so many times since the start."""
-        chassis = self.agent._chassis
-        wait_until(
-            lambda: chassis.stats.connects >= times and chassis.state.value == "ready", "the link"
-        )

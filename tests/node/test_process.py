@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +17,7 @@ from goals import ABORTED, EXECUTING, lift3, step, task
 from harness import NAMESPACE, TIMEOUT, Client, wait_until
 
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import AgentProcess
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
@@ -26,34 +25,11 @@ TWIST = "woosh.robot.Twist"
 LIMIT = 3.0
 
 
-class Program:
-    """The agent in a process of its own."""
+class Program(AgentProcess):
+    """The agent in a process of its own, and how it ends."""
 
     def __init__(self, domain: int, *arguments: str) -> None:
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "woosh_robot_agent.agent"),
-                *("--ros-args", "-r", f"__ns:={NAMESPACE}", *arguments),
-            ],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.lines.append(line)
-
-    @property
-    def output(self) -> str:
-        return "".join(self.lines)
-
-    def wait_says(self, text: str) -> None:
-        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
+        super().__init__(domain, NAMESPACE, *arguments)
 
     def end(self, number: int = signal.SIGINT) -> float:
         """Send a signal and wait; returns the s that it took to end, in good order."""
@@ -61,7 +37,7 @@ class Program:
         self.process.send_signal(number)
         status = self.process.wait(TIMEOUT)
         taken = time.monotonic() - begun
-        self._reader.join(TIMEOUT)
+        self.wait_read()
         assert status == 0, self.output
         assert "Traceback" not in self.output, self.output
         return taken
@@ -69,7 +45,7 @@ class Program:
     def wait_refused(self) -> str:
         """Wait for it to end with a complaint; returns that."""
         assert self.process.wait(TIMEOUT) not in (0, None)
-        self._reader.join(TIMEOUT)
+        self.wait_read()
         return self.output
 
 

@@ -26,7 +26,7 @@ from woosh_robot_agent.link.errors import (
 from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.link.latest import LatestWins
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.once import LogOnce, shown
 from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
@@ -341,7 +341,7 @@ class ChassisClient:
             )
             if not answer.ok or answer.type != full_name(RobotInfo):
                 reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
-                raise HandshakeError(f"the chassis did not give its RobotInfo: {reason}")
+                raise HandshakeError(f"the chassis did not give its RobotInfo: {shown(reason)}")
             if answer.defect:  # of newer firmware, perhaps: no reason to refuse all the rest
                 self._log.warn("no snapshot", f"there are no first values: {answer.defect}")
         except BaseException as error:

@@ -27,6 +27,9 @@ _WIDE = {
     FieldDescriptor.TYPE_SFIXED64,
 }
 _BAD_VALUE = (ValueError, TypeError, OverflowError)
+LONGEST_NUMBER = 400
+"""Characters of a number as text; an exact double has up to 325 digits. Reading a text of millions
+of digits would take Python seconds or, depending on its settings, hours."""
 
 Setter = Callable[[Any, Any], None]
 Field = Any
@@ -294,6 +297,8 @@ def _read_enum(value: Any, numbers: dict[str, int]) -> int | None:
 def _read_int(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise TypeError("not an integer")
+    if isinstance(value, str) and len(value) > LONGEST_NUMBER:
+        raise ValueError("too long for a number")
     number = float(value) if isinstance(value, str) and re.search(r"[.eE]", value) else value
     if isinstance(number, float) and not number.is_integer():
         raise ValueError("not an integer")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import functools
-import ipaddress
 import logging
 import signal
 import sys
@@ -61,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     except OSError as error:
         parser.error(f"scenario {options.scenario}: {error.strerror or error}")
-    if not _is_loopback(config.host):
+    if not config.local:
         print(
             f"warning: anybody who reaches {config.host} can command this simulated robot",
             file=sys.stderr,
@@ -178,13 +177,6 @@ def _add_limits(parser: argparse.ArgumentParser, default: SimulatorConfig) -> No
         default=default.max_outbox,
         help="frames that may wait for a client, one that is slower is dropped",
     )
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 if __name__ == "__main__":

@@ -23,6 +23,10 @@ def codec_of(data: str | bytes) -> Codec:
     return JSON if isinstance(data, str) else PROTOBUF
 
 
+_MOST_BYTES = 64 * 1024 * 1024
+"""Bytes that may wait for a client when one more frame comes, be they few frames or many."""
+
+
 class _Delayed(NamedTuple):
     timer: asyncio.TimerHandle
     frame: Outgoing
@@ -47,6 +51,7 @@ class Client:
         self.waiting = 0
         self._max_outbox = max_outbox
         self._outbox: deque[Encoded] = deque()
+        self._outbox_bytes = 0
         self._delayed: dict[object, _Delayed] = {}
         self._held = 0
         self._filled = asyncio.Event()
@@ -61,6 +66,7 @@ class Client:
         """Queue a frame; never waits."""
         if self._room():
             self._outbox.append(frame)
+            self._outbox_bytes += _size(frame)
             self._filled.set()
 
     def send_as(self, frame: Outgoing, data: Encoded) -> None:
@@ -87,6 +93,7 @@ class Client:
         """Send nothing any more."""
         self._open = False
         self._outbox.clear()
+        self._outbox_bytes = 0
         for delayed in self._delayed.values():
             delayed.timer.cancel()
         self._delayed.clear()
@@ -101,6 +108,7 @@ class Client:
                     self._filled.clear()
                     continue
                 frame = self._outbox.popleft()
+                self._outbox_bytes -= _size(frame)
                 if callable(frame):
                     await frame(self.transport)
                 else:
@@ -109,7 +117,8 @@ class Client:
 
     def _room(self) -> bool:
         """Whether one more frame may wait; a client for which none may is dropped."""
-        if self._open and self._held + len(self._delayed) + len(self._outbox) >= self._max_outbox:
+        waiting = self._held + len(self._delayed) + len(self._outbox)
+        if self._open and (waiting >= self._max_outbox or self._outbox_bytes > _MOST_BYTES):
             self.drop()
         return self._open
 
@@ -131,3 +140,8 @@ class Client:
         delayed = self._delayed.pop(key)
         self.waiting -= delayed.frame.is_answer
         self.send(delayed.data)
+
+
+def _size(frame: Encoded) -> int:
+    """About how many bytes a frame takes; what a fault writes by itself takes none."""
+    return 0 if callable(frame) else len(frame)

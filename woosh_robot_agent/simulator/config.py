@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,6 +72,14 @@ class SimulatorConfig:
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:
                 raise ValueError(f"port {port} is not within 0 to 65535")
+
+    @property
+    def local(self) -> bool:
+        """Whether only programs of this machine reach it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
 
     def start_time(self) -> float:
         """Where the simulated clock starts, Unix time in s."""

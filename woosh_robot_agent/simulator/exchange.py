@@ -23,6 +23,7 @@ from woosh_robot_agent.simulator.pushes import TOPICS, StateWatch
 _log = logging.getLogger(__name__)
 
 _RECEIVED_KEPT = 10_000
+_RECEIVED_BYTES = 64 * 1024 * 1024
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
 
 
@@ -64,7 +65,7 @@ class Exchange:
     Attributes:
         clients: Those that are connected.
         hooks: What is to go otherwise than usual.
-        received: What clients sent, oldest first; the last ten thousand.
+        received: What clients sent, oldest first; the last ten thousand, or 64 MiB of them.
         counts: How many messages of each type they sent since the start.
         bad_frames: How many frames could not be read.
     """
@@ -72,7 +73,9 @@ class Exchange:
     def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
         self.clients: set[Client] = set()
         self.hooks = Hooks()
-        self.received: deque[Received] = deque(maxlen=_RECEIVED_KEPT)
+        self.received: deque[Received] = deque()
+        self._received_sizes: deque[int] = deque()
+        self._received_bytes = 0
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
         self._chassis = chassis
@@ -226,6 +229,11 @@ class Exchange:
     def _record(self, type_name: str, message: Message) -> None:
         self.counts[type_name] += 1
         self.received.append(Received(type_name, message))
+        self._received_sizes.append(message.ByteSize())
+        self._received_bytes += self._received_sizes[-1]
+        while len(self.received) > _RECEIVED_KEPT or self._received_bytes > _RECEIVED_BYTES:
+            self.received.popleft()
+            self._received_bytes -= self._received_sizes.popleft()
         self._arrival.set()
         self._arrival = asyncio.Event()
 
