@@ -105,6 +105,14 @@ class Collector:
             return list(self.messages)
 
 
+class _Callbacks(dict[bytes, Any]):
+    """Those for feedback. rclpy takes them away with the result, and so loses what it has not read
+    by then: where several reports and the result have come, it reads the result first."""
+
+    def __delitem__(self, goal: bytes) -> None:
+        pass
+
+
 class GoalClient:
     """One goal as its client sees it."""
 
@@ -191,7 +199,14 @@ class Client:
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
         if (action, name) not in self._clients:
-            client = ActionClient(self.node, action, self.path(name))
+            client = ActionClient(
+                self.node,
+                action,
+                self.path(name),
+                # the usual depth of 10 loses reports when this process is slow
+                feedback_sub_qos_profile=QoSProfile(depth=1000),
+            )
+            client._feedback_callbacks = _Callbacks()
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
         return GoalClient(self._clients[action, name], goal)
