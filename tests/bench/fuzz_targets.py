@@ -11,6 +11,7 @@ import contextlib
 import logging
 import math
 import random
+import re
 import sys
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -204,7 +205,8 @@ class TcpFraming(_Loop):
             except FrameError as error:
                 kind = error.kind
             except TransportClosedError as error:
-                return found or Counter([str(error).partition(":")[0]])
+                said = str(error).partition(":")[0]
+                return found or Counter([re.sub(r"\d+", "so many", said)])
             found = found or Counter([kind])
 
 
