@@ -28,6 +28,7 @@ _MOST_MEMORY_MB = 1000
 """By how much the process may grow over all inputs of one target."""
 _CRASHES_SHOWN = 5
 _INPUT_SHOWN = 4000
+_LINES_SHOWN = 40
 
 
 class Hang(Exception):
@@ -109,7 +110,7 @@ def _anew(target: Target) -> Target:
 
 def _told(key: str, seed: int, number: int, batch: Sequence[Any], trace: str) -> str:
     again = f"--target {key} --seed {seed} --first {number} --inputs {len(batch)}"
-    said = "\n".join(line[:200] for line in trace.rstrip().splitlines())
+    said = "\n".join(line[:200] for line in trace.rstrip().splitlines()[:_LINES_SHOWN])
     lines = [f"{key}: crash; again: scripts/bench --fuzz {again}", said]
     for at, data in enumerate(batch[:_CRASHES_SHOWN]):
         lines.append(f"input {number + at} = {data!r}"[:_INPUT_SHOWN])
