@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -62,6 +63,14 @@ class Collector:
                 f"{len(self.messages)} of {count} came: {self.messages}"
             )
             return list(self.messages)
+
+
+class _Callbacks(dict[bytes, Any]):
+    """Those for feedback. rclpy takes them away with the result, and so loses what it has not read
+    by then: where several reports and the result have come, it reads the result first."""
+
+    def __delitem__(self, goal: bytes) -> None:
+        pass
 
 
 class GoalClient:
@@ -127,8 +136,29 @@ class Client:
             )
             # rclpy's own wait looks every 0.25 s only
             wait_until(client.service_is_ready, f"the service {name}")
+            parameters = self.path("agent/get_parameters")
+            if parameters in dict(self.node.get_service_names_and_types()):
+                self._wait_known(GetParameters, parameters)
             self._clients[srv, name] = client
         return self._clients[srv, name]
+
+    def _wait_known(self, srv: Any, path: str) -> None:
+        """Wait until the agent knows this node's end of all that was created so far.
+
+        A service is ready when this node knows the agent's end. What the agent answers before it
+        knows the other one is lost after 0.1 s. DDS makes ends known in the order of their making,
+        so an answer to a question that changes nothing tells it of all before.
+        """
+        asking = self.node.create_client(srv, path)
+        wait_until(asking.service_is_ready, path)
+
+        def answered() -> bool:
+            done = threading.Event()
+            asking.call_async(srv.Request()).add_done_callback(lambda _: done.set())
+            return done.wait(1.0)
+
+        wait_until(answered, f"an answer of {path}")
+        self.node.destroy_client(asking)
 
     def call(self, srv: Any, name: str, timeout: float = TIMEOUT, **fields: Any) -> Any:
         """Call a service and wait for its answer."""
@@ -150,7 +180,15 @@ class Client:
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
         if (action, name) not in self._clients:
-            client = ActionClient(self.node, action, self.path(name))
+            client = ActionClient(
+                self.node,
+                action,
+                self.path(name),
+                # the usual depth of 10 loses reports when this process is slow
+                feedback_sub_qos_profile=QoSProfile(depth=1000),
+            )
+            client._feedback_callbacks = _Callbacks()
+            self._wait_known(action.Impl.GetResultService, f"{self.path(name)}/_action/get_result")
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
         return GoalClient(self._clients[action, name], goal)

@@ -22,7 +22,8 @@ from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
 TWIST = "woosh.robot.Twist"
-LIMIT = 3.0
+LIMIT = 8.0
+"""s: less than any wait for an answer or a sign of life; it takes a third of it."""
 
 
 class Program(AgentProcess):
