@@ -44,9 +44,7 @@ class Report:
 def examine(capsys: pytest.CaptureFixture[str]) -> Callable[..., Report]:
     def run(port: int, *arguments: str, ip: str = "127.0.0.1", skew: str = "60") -> Report:
         # a loaded machine lets simulated time lag behind
-        status = main(
-            ["--ip", ip, "--port", str(port), "--max-skew", skew, "--json", *arguments]
-        )
+        status = main(["--ip", ip, "--port", str(port), "--max-skew", skew, "--json", *arguments])
         out, err = capsys.readouterr()
         assert err == ""
         return Report(status, out)
