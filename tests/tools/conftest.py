@@ -10,9 +10,7 @@ import pytest
 
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
-# what the tests of simulator and link use is of use here too
-for _folder in ("simulator", "tools"):
-    sys.path.insert(0, str(Path(__file__).parents[1] / _folder))
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture
