@@ -99,7 +99,9 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
         info = (await client.request(RobotInfo())).body
     found = read(path)
     assert events(found) == [("open", "client"), ("close", "client")]
-    assert all(isinstance(data, str if kind == "json" else bytes) for data in frames(found, "chassis"))
+    assert all(
+        isinstance(data, str if kind == "json" else bytes) for data in frames(found, "chassis")
+    )
     playback = prepare(found)
     assert playback.strays == 0
     async with ReplayedChassis(playback, speed=50) as replayed:
@@ -159,27 +161,32 @@ async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
         chassis.send_raw("{no json")
         await eventually(lambda: client.stats.bad_frames["json"], "the bad frame")
     assert "{no json" in frames(read(path), "chassis")
-    async with ReplayedChassis(prepare(read(path))) as replayed:
-        async with connected(replayed.port) as (client, _):
-            await eventually(lambda: client.stats.bad_frames["json"], "the bad frame again")
+    async with (
+        ReplayedChassis(prepare(read(path))) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        await eventually(lambda: client.stats.bad_frames["json"], "the bad frame again")
 
 
 @aio
 async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
-    async with simulator() as chassis, recording(path, chassis) as port:
-        async with connected(port) as (client, heard):
-            chassis.push(Mode(work=robot.kDeployMode))
-            await eventually(lambda: len(heard) == 1)
-            await chassis.stop_listening()
-            await eventually(lambda: client.state is LinkState.WAITING)
-            file = path.read_text
-            await eventually(lambda: '"refused"' in file(), "an attempt that fails")
-            await chassis.listen()
-            await eventually(lambda: client.stats.connects == 2)
-            await eventually(lambda: chassis.counts["woosh.Subscription"] == 2)
-            chassis.push(Mode(work=robot.kTaskMode))
-            await eventually(lambda: len(heard) == 2)
+    async with (
+        simulator() as chassis,
+        recording(path, chassis) as port,
+        connected(port) as (client, heard),
+    ):
+        chassis.push(Mode(work=robot.kDeployMode))
+        await eventually(lambda: len(heard) == 1)
+        await chassis.stop_listening()
+        await eventually(lambda: client.state is LinkState.WAITING)
+        file = path.read_text
+        await eventually(lambda: '"refused"' in file(), "an attempt that fails")
+        await chassis.listen()
+        await eventually(lambda: client.stats.connects == 2)
+        await eventually(lambda: chassis.counts["woosh.Subscription"] == 2)
+        chassis.push(Mode(work=robot.kTaskMode))
+        await eventually(lambda: len(heard) == 2)
     found = read(path)
     kinds = events(found)
     assert kinds[:2] == [("open", "client"), ("close", "chassis")]
@@ -225,11 +232,13 @@ async def test_the_end_of_the_recording_is_no_loss(tmp_path: Path) -> None:
             await client.wait_ready(10)
         await client.close()
     assert events(read(path))[-1] == ("close", "recorder")
-    async with ReplayedChassis(prepare(read(path))) as replayed:
-        async with connected(replayed.port) as (client, _):
-            await eventually(lambda: replayed.rounds)
-            assert (await client.request(RobotInfo())).ok
-            assert client.stats.connects == 1
+    async with (
+        ReplayedChassis(prepare(read(path))) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        await eventually(lambda: replayed.rounds)
+        assert (await client.request(RobotInfo())).ok
+        assert client.stats.connects == 1
 
 
 @aio
@@ -271,7 +280,9 @@ def subscribed(t: float, *topics: str, connection: int = 1) -> Any:
     return (t, connection, "client", {"type": "woosh.Subscription", "body": body})
 
 
-def exchange(t: float, name: str, sn: int, ask: Any, answer: Any = None, connection: int = 1) -> Any:
+def exchange(
+    t: float, name: str, sn: int, ask: Any, answer: Any = None, connection: int = 1
+) -> Any:
     records = [(t, connection, "client", {"type": name, "body": ask, "sn": sn})]
     if answer is not None:
         frame = {"type": name, "body": {}, "ok": True, "msg": answer, "sn": sn}
@@ -300,13 +311,13 @@ async def test_answers_come_in_their_order_and_by_their_body() -> None:
         *exchange(2, "woosh.robot.Speak", 2, {"text": "b"}, "b"),
         *exchange(3, "woosh.robot.Speak", 3, {"text": "a"}, "second a"),
     ]
-    async with replaying(*records, speed=100) as replayed:
-        async with connected(replayed.port) as (client, _):
-            said = [
-                (await client.request(Speak(text=text))).msg for text in ("a", "b", "a", "a", "b")
-            ]
-            assert said == ["first a", "b", "second a", "second a", "b"]
-            assert (await client.request(Speak(text="c"))).msg == "first a"
+    async with (
+        replaying(*records, speed=100) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        said = [(await client.request(Speak(text=text))).msg for text in ("a", "b", "a", "a", "b")]
+        assert said == ["first a", "b", "second a", "second a", "b"]
+        assert (await client.request(Speak(text="c"))).msg == "first a"
 
 
 @aio
@@ -355,14 +366,16 @@ async def test_pushes_only_to_those_who_want_them() -> None:
 @aio
 async def test_time_stands_still_until_somebody_listens() -> None:
     records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
-    async with replaying(*records) as replayed:
-        async with ChassisClient(config=link(replayed.port)) as client:  # no subscription
-            await asyncio.sleep(0.4)
-            assert replayed.rounds == 0
-            heard: list[Any] = []
-            client.subscribe(Mode, heard.append)
-            await eventually(lambda: replayed.rounds == 1)
-            await eventually(lambda: len(heard) == 1)
+    async with (
+        replaying(*records) as replayed,
+        ChassisClient(config=link(replayed.port)) as client,  # no subscription
+    ):
+        await asyncio.sleep(0.4)
+        assert replayed.rounds == 0
+        heard: list[Any] = []
+        client.subscribe(Mode, heard.append)
+        await eventually(lambda: replayed.rounds == 1)
+        await eventually(lambda: len(heard) == 1)
 
 
 @aio
@@ -372,12 +385,14 @@ async def test_commands_are_waited_for() -> None:
         *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
         pushed(0.3, "woosh.robot.Mode", {"work": 1}),
     ]
-    async with replaying(*records, wait_for_commands=True) as replayed:
-        async with connected(replayed.port) as (client, heard):
-            await asyncio.sleep(0.4)
-            assert heard == []
-            assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
-            await eventually(lambda: len(heard) == 1)
+    async with (
+        replaying(*records, wait_for_commands=True) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await asyncio.sleep(0.4)
+        assert heard == []
+        assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
+        await eventually(lambda: len(heard) == 1)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -402,10 +417,12 @@ async def test_again_and_again() -> None:
         subscribed(0.1, "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.Mode", {"work": 1}),
     ]
-    async with replaying(*records, loop=True) as replayed:
-        async with connected(replayed.port) as (client, heard):
-            await eventually(lambda: len(heard) >= 3)
-            assert client.stats.connects >= 3
+    async with (
+        replaying(*records, loop=True) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await eventually(lambda: len(heard) >= 3)
+        assert client.stats.connects >= 3
 
 
 @aio
@@ -420,13 +437,15 @@ async def test_of_clients_at_a_time_the_one_that_heard_most_counts() -> None:
         (0.25, 2, "close", "chassis"),
         pushed(0.3, "woosh.robot.Mode", {"work": 2}),
     ]
-    async with replaying(*records) as replayed:
-        async with connected(replayed.port) as (client, heard):
-            await eventually(lambda: replayed.rounds)
-            await eventually(lambda: len(heard) == 2)
-            assert [m.work for m in heard] == [1, 2]
-            assert (await client.request(Speak())).msg == "hello"
-            assert client.stats.connects == 1
+    async with (
+        replaying(*records) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await eventually(lambda: replayed.rounds)
+        await eventually(lambda: len(heard) == 2)
+        assert [m.work for m in heard] == [1, 2]
+        assert (await client.request(Speak())).msg == "hello"
+        assert client.stats.connects == 1
 
 
 @aio
@@ -454,5 +473,3 @@ async def test_frames_of_half_a_message(tmp_path: Path) -> None:
     (answer,) = frames(found, "chassis")
     assert json.loads(answer)["sn"] == 5
     assert events(found)[-1] == ("close", "client")
-
-

@@ -1,0 +1,207 @@
+"""The monitor's view over ROS: what the agent publishes, and whether the agent is there."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Bool
+
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.tools.view import LinkReport, View
+from woosh_robot_agent.topics import latched
+
+_LOOK_EVERY = 0.5
+_STALE = 3.0
+"""s without an answer of the agent after which what is shown may be old."""
+_SPIN = 0.1
+_INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
+_WATCHED = TOPICS[0]
+"""Topic by whose publisher the agent is found."""
+_ADDRESS = ("transport", "ip", "port")
+
+
+class RosSource:
+    """Listens to one agent; its values are brought to the asyncio loop that started it.
+
+    Args:
+        namespace: of the agent; `--ros-args -r __ns:=` goes first.
+        ros_args: arguments for rclpy.
+        domain: ROS_DOMAIN_ID; None takes the environment's.
+
+    Attributes:
+        name: the agent's namespace.
+        view: what the agent has published.
+
+    Raises:
+        Exception: rclpy's own, where namespace or arguments make no sense.
+    """
+
+    def __init__(
+        self, namespace: str, ros_args: Sequence[str] = (), domain: int | None = None
+    ) -> None:
+        self.view = View()
+        self._context = Context()
+        rclpy.init(args=list(ros_args), context=self._context, domain_id=domain)
+        try:
+            self._node = Node(f"monitor_{os.getpid()}", namespace=namespace, context=self._context)
+        except BaseException:
+            rclpy.try_shutdown(context=self._context)
+            raise
+        self.name = self._node.get_namespace()
+        self._agent: Any = None
+        """The client of the agent's parameters, by which it shows that it lives."""
+        self._asked: Any = None
+        self._answered = 0.0
+        self._address = ""
+        self._connected: bool | None = None
+        self._info: Any = None
+        self._wants_info = True
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="monitor", daemon=True)
+        self._loop: asyncio.AbstractEventLoop
+
+    async def start(self) -> None:
+        """See `Source.start`."""
+        self._loop = asyncio.get_running_loop()
+        node = self._node
+        for topic in TOPICS:
+            self._listen(topic.name, ros_type(topic.msg, "msg"), topic.push, latched(topic.depth))
+        for action in ACTIONS:
+            if action.member:  # the other one reports what the topic says, too
+                self._follow(action.name, ros_type(action.action, "action"), action.feedback)
+        node.create_subscription(Bool, "connected", self._on_connected, latched(1))
+        self._info_client = node.create_client(ros_type(_INFO.srv, "srv"), _INFO.name)
+        node.create_timer(_LOOK_EVERY, self._look)
+        self._thread.start()
+
+    async def close(self) -> None:
+        """See `Source.close`."""
+        self._stop.set()
+        if self._thread.is_alive():
+            await asyncio.get_running_loop().run_in_executor(None, self._thread.join)
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def link(self) -> LinkReport:
+        """See `Source.link`."""
+        agent, connected = self._agent, self._connected
+        if agent is None:
+            return LinkReport(
+                False,
+                f"no agent in {self.name}",
+                "start it, or check --namespace and ROS_DOMAIN_ID",
+            )
+        silent = time.monotonic() - self._answered
+        if silent > _STALE:
+            return LinkReport(
+                False,
+                f"the agent has not answered for {silent:.0f} s"
+                if self._answered
+                else "the agent has not answered yet",
+                "it hangs, was killed, or the network is gone",
+            )
+        where = self._address or "the chassis"
+        if connected is False:
+            return LinkReport(
+                False, f"the agent has lost {where}", "its log and `doctor` say what is wrong"
+            )
+        if connected is None:
+            return LinkReport(
+                True,
+                f"the agent answers; it does not say whether {where} does",
+                "start it with enable_connected true to see that",
+            )
+        return LinkReport(True, f"the agent answers, and is connected to {where}")
+
+    # In the executor's thread
+
+    def _spin(self) -> None:
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        try:
+            while not self._stop.is_set():
+                executor.spin_once(timeout_sec=_SPIN)
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()
+
+    def _take(self, message: Any) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self.view.take, message)
+
+    def _listen(self, name: str, ros_class: Any, push: str, qos: QoSProfile) -> None:
+        convert = converter(ros_class, message_type(push)).to_proto
+        self._node.create_subscription(
+            ros_class, name, lambda message: self._take(convert(message)), qos
+        )
+
+    def _follow(self, name: str, action_class: Any, feedback: str) -> None:
+        """Listen to what the action server tells those who sent the goals."""
+        message_class = action_class.Impl.FeedbackMessage
+        cls = type(message_class().feedback.fb)
+        convert = converter(cls, message_type(feedback)).to_proto
+        self._node.create_subscription(
+            message_class,
+            f"{name}/_action/feedback",
+            lambda message: self._take(convert(message.feedback.fb)),
+            QoSProfile(depth=10),
+        )
+
+    def _on_connected(self, message: Any) -> None:
+        if message.data and self._connected is False:
+            self._wants_info = True
+        self._connected = message.data
+
+    def _look(self) -> None:
+        """See whether the agent is there, and ask for RobotInfo when it, or its robot, has come."""
+        found = self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(_WATCHED.name)
+        )
+        if not found:
+            self._forget()
+            return
+        if self._agent is None:
+            node = f"{found[0].node_namespace.rstrip('/')}/{found[0].node_name}"
+            self._answered, self._wants_info = 0.0, True
+            self._agent = self._node.create_client(GetParameters, f"{node}/get_parameters")
+        if self._asked is None and self._agent.service_is_ready():
+            self._asked = self._agent.call_async(GetParameters.Request(names=list(_ADDRESS)))
+            self._asked.add_done_callback(self._on_parameters)
+        if self._wants_info and self._info_client.service_is_ready():
+            self._wants_info = False
+            asked = self._info_client.call_async(ros_type(_INFO.srv, "srv").Request())
+            asked.add_done_callback(self._on_info)
+
+    def _forget(self) -> None:
+        if self._agent is not None:
+            self._node.destroy_client(self._agent)
+        self._agent = self._asked = self._connected = None
+
+    def _on_parameters(self, future: Any) -> None:
+        if future is not self._asked:  # of an agent that has gone
+            return
+        self._asked = None
+        self._answered = time.monotonic()
+        transport, ip, port = future.result().values
+        self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
+        self._address += f" by {transport.string_value}"
+
+    def _on_info(self, future: Any) -> None:
+        info = future.result().info
+        self._take(converter(type(info), RobotInfo).to_proto(info))
