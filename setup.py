@@ -180,7 +180,7 @@ setup(
     ],
     cmdclass={"build_proto": BuildProto, "build_py": BuildPy, "develop": Develop},
     python_requires=">=3.10",
-    install_requires=["websockets>=10.4", protobuf_requirement()],
+    install_requires=["rich>=13.7", "websockets>=10.4", protobuf_requirement()],
     zip_safe=False,
     author="woosh_robot_agent maintainers",
     author_email="maintainers@example.com",
@@ -192,6 +192,10 @@ setup(
         "console_scripts": [
             "agent = woosh_robot_agent.agent:main",
             "simulator = woosh_robot_agent.simulator.__main__:main",
+            "monitor = woosh_robot_agent.tools.monitor:main",
+            "doctor = woosh_robot_agent.tools.doctor:main",
+            "record = woosh_robot_agent.tools.record:main",
+            "replay = woosh_robot_agent.tools.replay:main",
         ],
     },
 )

@@ -6,7 +6,7 @@ import asyncio
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
@@ -28,11 +28,56 @@ from woosh_robot_agent.topics import latched
 _LOOK_EVERY = 0.5
 _STALE = 3.0
 """s without an answer of the agent after which what is shown may be old."""
+_PATIENCE = 12.0
+"""s without RobotInfo after which it is asked for again; the agent gives the robot 10 s."""
 _SPIN = 0.1
 _INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
 _WATCHED = TOPICS[0]
 """Topic by whose publisher the agent is found."""
 _ADDRESS = ("transport", "ip", "port")
+
+
+class _Question:
+    """A service that is asked again when the answer does not come: DDS can lose the first one.
+
+    Args:
+        client: rclpy's client of it.
+        request: what is asked.
+        patience: s to wait for the answer.
+        answered: gets the answer.
+    """
+
+    def __init__(
+        self, client: Any, request: Any, patience: float, answered: Callable[[Any], None]
+    ) -> None:
+        self.client = client
+        self._request = request
+        self._patience = patience
+        self._answered = answered
+        self._future: Any = None
+        self._asked = 0.0
+
+    def ask(self) -> None:
+        """Ask, unless an answer is under way or nobody is there to ask."""
+        if self._future is not None:
+            if time.monotonic() - self._asked < self._patience:
+                return
+            self.drop()
+        if self.client.service_is_ready():
+            self._asked = time.monotonic()
+            self._future = self.client.call_async(self._request)
+            self._future.add_done_callback(self._done)
+
+    def drop(self) -> None:
+        """Want no answer any more."""
+        if self._future is not None:
+            future, self._future = self._future, None
+            self.client.remove_pending_request(future)
+
+    def _done(self, future: Any) -> None:
+        if future is self._future:  # else it was dropped
+            self._future = None
+            self._answered(future.result())
 
 
 class RosSource:
@@ -63,13 +108,12 @@ class RosSource:
             rclpy.try_shutdown(context=self._context)
             raise
         self.name = self._node.get_namespace()
-        self._agent: Any = None
-        """The client of the agent's parameters, by which it shows that it lives."""
-        self._asked: Any = None
+        self._agent: _Question | None = None
+        """Asks for the agent's parameters, by which it shows that it lives."""
         self._answered = 0.0
         self._address = ""
         self._connected: bool | None = None
-        self._info: Any = None
+        self._info: _Question
         self._wants_info = True
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="monitor", daemon=True)
@@ -85,7 +129,9 @@ class RosSource:
             if action.member:  # the other one reports what the topic says, too
                 self._follow(action.name, ros_type(action.action, "action"), action.feedback)
         node.create_subscription(Bool, "connected", self._on_connected, latched(1))
-        self._info_client = node.create_client(ros_type(_INFO.srv, "srv"), _INFO.name)
+        srv = ros_type(_INFO.srv, "srv")
+        client = node.create_client(srv, _INFO.name)
+        self._info = _Question(client, srv.Request(), _PATIENCE, self._on_info)
         node.create_timer(_LOOK_EVERY, self._look)
         self._thread.start()
 
@@ -177,31 +223,30 @@ class RosSource:
             self._forget()
             return
         if self._agent is None:
-            node = f"{found[0].node_namespace.rstrip('/')}/{found[0].node_name}"
             self._answered, self._wants_info = 0.0, True
-            self._agent = self._node.create_client(GetParameters, f"{node}/get_parameters")
-        if self._asked is None and self._agent.service_is_ready():
-            self._asked = self._agent.call_async(GetParameters.Request(names=list(_ADDRESS)))
-            self._asked.add_done_callback(self._on_parameters)
-        if self._wants_info and self._info_client.service_is_ready():
-            self._wants_info = False
-            asked = self._info_client.call_async(ros_type(_INFO.srv, "srv").Request())
-            asked.add_done_callback(self._on_info)
+            node = f"{found[0].node_namespace.rstrip('/')}/{found[0].node_name}"
+            client = self._node.create_client(GetParameters, f"{node}/get_parameters")
+            request = GetParameters.Request(names=list(_ADDRESS))
+            self._agent = _Question(client, request, _STALE, self._on_parameters)
+        self._agent.ask()
+        if self._wants_info:
+            self._info.ask()
 
     def _forget(self) -> None:
+        """The agent has gone."""
         if self._agent is not None:
-            self._node.destroy_client(self._agent)
-        self._agent = self._asked = self._connected = None
+            self._agent.drop()
+            self._node.destroy_client(self._agent.client)
+            self._info.drop()
+        self._agent = self._connected = None
 
-    def _on_parameters(self, future: Any) -> None:
-        if future is not self._asked:  # of an agent that has gone
-            return
-        self._asked = None
+    def _on_parameters(self, response: Any) -> None:
         self._answered = time.monotonic()
-        transport, ip, port = future.result().values
+        transport, ip, port = response.values
         self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
         self._address += f" by {transport.string_value}"
 
-    def _on_info(self, future: Any) -> None:
-        info = future.result().info
+    def _on_info(self, response: Any) -> None:
+        self._wants_info = False
+        info = response.info
         self._take(converter(type(info), RobotInfo).to_proto(info))
