@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -268,13 +266,3 @@ def test_wrong_usage(arguments, capsys):
         main(arguments)
     assert ending.value.code == 2
     assert "doctor: error:" in capsys.readouterr().err
-
-
-def test_needs_no_ros() -> None:
-    code = (
-        "import sys, woosh_robot_agent.tools.doctor, woosh_robot_agent.tools.record\n"
-        "import woosh_robot_agent.tools.replay, woosh_robot_agent.tools.monitor\n"
-        "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
-    )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout == "[]\n"

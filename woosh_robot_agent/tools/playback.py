@@ -50,7 +50,7 @@ class Step:
     Attributes:
         t: its time in the recording, s.
         kind: what it is.
-        frame: the push as it was recorded.
+        frame: the push or the command as it was recorded.
         type: the push's or the command's type, empty for a frame that cannot be read.
         wanted: whether the push's type had been subscribed to; others go to everybody.
     """
@@ -224,7 +224,7 @@ def _of_client(record: Frame, envelope: Envelope | None, topics: set[str]) -> It
         if first and topics:
             yield Step(record.t, Kind.SUBSCRIBED)
     elif envelope.type in COMMAND_TYPES:
-        yield Step(record.t, Kind.COMMAND, type=envelope.type)
+        yield Step(record.t, Kind.COMMAND, record.data, envelope.type)
 
 
 def is_subscription(envelope: Envelope) -> bool:

@@ -64,6 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = link_config(parser, options)
     if not options.max_size > 0:
         parser.error(f"--max-size {options.max_size} is not above 0")
+    if options.duration is not None and not options.duration > 0:
+        parser.error(f"--duration {options.duration} is not above 0")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
         return asyncio.run(_run(config, options))
@@ -88,7 +90,11 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         recorder = Recorder(config, writer)
         host, port = options.listen or (_LOCAL, 0)
         async with AsyncExitStack() as stack:
-            port = await recorder.start(host, port)
+            try:
+                port = await recorder.start(host, port)
+            except OSError:
+                options.output.unlink()  # nothing is in it, and it would be in the way
+                raise
             stack.push_async_callback(recorder.stop)
             if options.listen:
                 warn_if_not_local(host, "can command the robot")

@@ -143,7 +143,7 @@ class ReplayedChassis:
             self._stand_still_until_now(step)
         elif step.kind is Kind.COMMAND and self._wait_for_commands:
             if self._commands[step.type] < commands:
-                _LOG.info("%.3f s: waiting for %s", step.t, step.type)
+                _LOG.info("%.3f s: waiting for %s; recorded: %.500s", step.t, step.type, step.frame)
             while self._commands[step.type] < commands:
                 await self._change()
             self._stand_still_until_now(step)

@@ -26,14 +26,18 @@ from woosh_robot_agent.tools.view import LinkReport, View
 from woosh_robot_agent.topics import latched
 
 _LOOK_EVERY = 0.5
-_STALE = 3.0
+_STALE = 5.0
 """s without an answer of the agent after which what is shown may be old."""
+_BEAT_PATIENCE = 2.0
+"""s without the agent's parameters after which they are asked for again."""
 _PATIENCE = 12.0
 """s without RobotInfo after which it is asked for again; the agent gives the robot 10 s."""
 _SPIN = 0.1
 _INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
 _WATCHED = TOPICS[0]
 """Topic by whose publisher the agent is found."""
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""What rmw calls a node whose publishers it has met before itself."""
 _ADDRESS = ("transport", "ip", "port")
 
 
@@ -110,6 +114,7 @@ class RosSource:
         self.name = self._node.get_namespace()
         self._agent: _Question | None = None
         """Asks for the agent's parameters, by which it shows that it lives."""
+        self._agent_name = ""
         self._answered = 0.0
         self._address = ""
         self._connected: bool | None = None
@@ -216,21 +221,29 @@ class RosSource:
 
     def _look(self) -> None:
         """See whether the agent is there, and ask for RobotInfo when it, or its robot, has come."""
-        found = self._node.get_publishers_info_by_topic(
-            self._node.resolve_topic_name(_WATCHED.name)
-        )
-        if not found:
+        topic = self._node.resolve_topic_name(_WATCHED.name)
+        found = {
+            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in self._node.get_publishers_info_by_topic(topic)
+            if info.node_name != _UNKNOWN_NODE
+        }
+        if self._agent_name not in found:
             self._forget()
-            return
-        if self._agent is None:
-            self._answered, self._wants_info = 0.0, True
-            node = f"{found[0].node_namespace.rstrip('/')}/{found[0].node_name}"
-            client = self._node.create_client(GetParameters, f"{node}/get_parameters")
-            request = GetParameters.Request(names=list(_ADDRESS))
-            self._agent = _Question(client, request, _STALE, self._on_parameters)
+            if not found:
+                return
+            self._meet(min(found))
+        assert self._agent is not None
         self._agent.ask()
         if self._wants_info:
             self._info.ask()
+
+    def _meet(self, name: str) -> None:
+        """There is an agent."""
+        self._answered, self._wants_info = 0.0, True
+        client = self._node.create_client(GetParameters, f"{name}/get_parameters")
+        request = GetParameters.Request(names=list(_ADDRESS))
+        self._agent = _Question(client, request, _BEAT_PATIENCE, self._on_parameters)
+        self._agent_name = name
 
     def _forget(self) -> None:
         """The agent has gone."""
@@ -239,6 +252,7 @@ class RosSource:
             self._node.destroy_client(self._agent.client)
             self._info.drop()
         self._agent = self._connected = None
+        self._agent_name = ""
 
     def _on_parameters(self, response: Any) -> None:
         self._answered = time.monotonic()
