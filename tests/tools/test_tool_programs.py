@@ -17,7 +17,7 @@ from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools import record, replay
 from woosh_robot_agent.tools.playback import prepare
-from woosh_robot_agent.tools.recording import Event, read
+from woosh_robot_agent.tools.recording import Event, Writer, read
 
 TIMEOUT = 30.0
 ROOT = Path(__file__).parents[2]
@@ -90,7 +90,7 @@ def test_record_for_a_while(chassis: SimulatorThread, tmp_path: Path) -> None:
 
 def test_record_without_a_chassis(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
-    arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path), "--duration", "1"]
+    arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path), "--duration", "3"]
     status, _, err = run("record", *arguments)
     assert status == 0
     assert "does not answer: " in err
@@ -151,10 +151,13 @@ def test_listening_beyond_this_machine_is_said(chassis: SimulatorThread, tmp_pat
     assert "anybody who reaches 0.0.0.0 can command the robot" in err
 
 
-def test_replay_of_a_damaged_file(chassis: SimulatorThread, tmp_path: Path) -> None:
+def test_replay_of_a_damaged_file(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
-    run("record", *address(chassis), "--output", str(path), "--duration", "0.5")
-    path.write_bytes(path.read_bytes()[:-10])
+    file = Writer(path, "ws://x", 10_000, lambda reason: None)
+    file.event(1, "open", "client")
+    file.close()
+    with path.open("ab") as more:
+        more.write(b'{"t": 1, "conn')
     with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
         try:
             assert process.stdout is not None
