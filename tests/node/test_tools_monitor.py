@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import re
 import signal
@@ -15,8 +16,9 @@ import pytest
 from goals import SUCCEEDED, step
 from harness import NAMESPACE, wait_until
 
-from woosh_robot_agent.pb.robot.robot_pb2 import Mode
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.tools.ros_source import RosSource
 from woosh_robot_agent.tools.screen import draw
 from woosh_robot_agent.tools.view import LinkReport, View
@@ -126,6 +128,16 @@ def test_the_link_of_the_agent(watching, agent, client):
     assert "the agent has lost 127.0.0.1" in link.text
     publisher.publish(Bool(data=True))
     assert "is connected to" in watching.wait_link(lambda link: link.good).text
+
+
+def test_values_that_are_no_numbers(watching, agent, simulator):
+    """They end nothing, and are said."""
+    watching.wait(lambda view: view.complete, "RobotInfo")
+    simulator.push(PoseSpeed(pose=Pose2D(x=math.nan)))
+    link = watching.wait_link(lambda link: "could not be read" in link.detail)
+    assert "1 messages could not be read, the last because of pose.x" in link.detail
+    simulator.push(Battery(power=7))
+    watching.wait(lambda view: view.info.battery.power == 7, "the next push")
 
 
 def test_it_can_be_drawn(watching, agent):

@@ -93,6 +93,19 @@ def test_protobuf_has_no_clock(chassis, examine, arguments, port):
     assert report.found("ok") == list(CHECKS[:-1])
 
 
+def test_a_name_with_several_addresses(chassis, examine, monkeypatch):
+    """As localhost often has ::1 first, and the chassis the other one."""
+    port = chassis.port
+    addresses = [
+        (socket.AF_INET, socket.SOCK_STREAM, 6, "", (host, port))
+        for host in ("127.0.0.2", "127.0.0.1")
+    ]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: addresses)
+    report = examine(port, ip="robot.example")
+    assert report.status == 0
+    assert report.text("network").startswith("127.0.0.1 answers")
+
+
 def test_it_never_commands(chassis, examine):
     examine(chassis.port)
     assert dict(chassis.counts) == {INFO: 1}

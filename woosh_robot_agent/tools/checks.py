@@ -123,8 +123,7 @@ async def examine(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
 
 
 async def _checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
-    address = await _resolve(config)
-    refused = await _knock(config, address)
+    address, refused = await _knock_at_all(config, await _resolve(config))
     yield Result(Status.OK, f"{address[0]} answers, reached from {_own_address(address)}")
     if refused is not None:
         raise _Failed(
@@ -149,7 +148,7 @@ async def _checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
 # The way to the robot
 
 
-async def _resolve(config: LinkConfig) -> tuple[str, int]:
+async def _resolve(config: LinkConfig) -> list[tuple[str, int]]:
     loop = asyncio.get_running_loop()
     asking = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
     try:
@@ -159,8 +158,31 @@ async def _resolve(config: LinkConfig) -> tuple[str, int]:
             f"no address is known of {config.ip} ({error})",
             "check the spelling, or give --ip the robot's address in numbers",
         ) from None
-    host, port = found[0][4][:2]
-    return str(host), int(port)
+    return [(str(address[0]), int(address[1])) for *_, address in found]
+
+
+async def _knock_at_all(
+    config: LinkConfig, addresses: list[tuple[str, int]]
+) -> tuple[tuple[str, int], str | None]:
+    """The address that takes us, else one that is there, and why its port is closed.
+
+    A name can have several addresses, of which the robot need not use the first.
+    """
+    closed: tuple[tuple[str, int], str | None] | None = None
+    failed: _Failed | None = None
+    for address in addresses:
+        try:
+            refused = await _knock(config, address)
+        except _Failed as error:
+            failed = error
+            continue
+        if refused is None:
+            return address, None
+        closed = address, refused
+    if closed is None:
+        assert failed is not None
+        raise failed
+    return closed
 
 
 async def _knock(config: LinkConfig, address: tuple[str, int]) -> str | None:

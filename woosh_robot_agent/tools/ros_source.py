@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -17,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
-from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
@@ -118,6 +119,8 @@ class RosSource:
         self._answered = 0.0
         self._address = ""
         self._connected: bool | None = None
+        self._unreadable = (0, "")
+        """How many messages could not be read, and what was wrong with the last one."""
         self._info: _Question
         self._wants_info = True
         self._stop = threading.Event()
@@ -171,13 +174,15 @@ class RosSource:
             return LinkReport(
                 False, f"the agent has lost {where}", "its log and `doctor` say what is wrong"
             )
+        count, why = self._unreadable
+        bad = f"{count} messages could not be read, the last because of {why}" if count else ""
         if connected is None:
             return LinkReport(
                 True,
                 f"the agent answers; it does not say whether {where} does",
-                "start it with enable_connected true to see that",
+                bad or "start it with enable_connected true to see that",
             )
-        return LinkReport(True, f"the agent answers, and is connected to {where}")
+        return LinkReport(True, f"the agent answers, and is connected to {where}", bad)
 
     # In the executor's thread
 
@@ -192,25 +197,28 @@ class RosSource:
         finally:
             executor.shutdown()
 
-    def _take(self, message: Any) -> None:
+    def _take(self, convert: Converter, message: Any) -> None:
+        try:
+            readable = convert.to_proto(message)
+        except BadFieldError as error:  # robots do report what is no number
+            self._unreadable = self._unreadable[0] + 1, str(error)
+            return
         if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self.view.take, message)
+            self._loop.call_soon_threadsafe(self.view.take, readable)
 
     def _listen(self, name: str, ros_class: Any, push: str, qos: QoSProfile) -> None:
-        convert = converter(ros_class, message_type(push)).to_proto
-        self._node.create_subscription(
-            ros_class, name, lambda message: self._take(convert(message)), qos
-        )
+        convert = converter(ros_class, message_type(push))
+        self._node.create_subscription(ros_class, name, partial(self._take, convert), qos)
 
     def _follow(self, name: str, action_class: Any, feedback: str) -> None:
         """Listen to what the action server tells those who sent the goals."""
         message_class = action_class.Impl.FeedbackMessage
         cls = type(message_class().feedback.fb)
-        convert = converter(cls, message_type(feedback)).to_proto
+        convert = converter(cls, message_type(feedback))
         self._node.create_subscription(
             message_class,
             f"{name}/_action/feedback",
-            lambda message: self._take(convert(message.feedback.fb)),
+            lambda message: self._take(convert, message.feedback.fb),
             QoSProfile(depth=10),
         )
 
@@ -262,5 +270,4 @@ class RosSource:
 
     def _on_info(self, response: Any) -> None:
         self._wants_info = False
-        info = response.info
-        self._take(converter(type(info), RobotInfo).to_proto(info))
+        self._take(converter(type(response.info), RobotInfo), response.info)
