@@ -182,6 +182,7 @@ setup(
     python_requires=">=3.10",
     install_requires=[
         "websockets>=10.4",
+        "rich>=13.7",
         protobuf_requirement(),
         # The simulator's: scene files, and maps that are pictures. What Ubuntu 24.04 ships will do.
         "pyyaml>=6.0",
@@ -200,6 +201,10 @@ setup(
         "console_scripts": [
             "agent = woosh_robot_agent.agent:main",
             "simulator = woosh_robot_agent.simulator.__main__:main",
+            "monitor = woosh_robot_agent.tools.monitor:main",
+            "doctor = woosh_robot_agent.tools.doctor:main",
+            "record = woosh_robot_agent.tools.record:main",
+            "replay = woosh_robot_agent.tools.replay:main",
         ],
     },
 )
