@@ -88,6 +88,7 @@ class ChassisClient:
         self._log = LogOnce(_LOG)
         self._subscriptions = Subscriptions(self._config.push_queue, self.stats, self._log)
         self._state_callbacks: list[Callable[[LinkState], None]] = []
+        self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._connection: Connection | None = None
         self._latest = LatestWins[Answer]()
         self._runner: asyncio.Task[None] | None = None
@@ -258,6 +259,29 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(callback)
 
+    def on_accepted(self, cls: type[Message], callback: Callable[[], None]) -> None:
+        """Have `callback` called in the event loop when the chassis accepted a request of `cls`.
+
+        It is called in its place among the pushes, as `tap` of `request` is.
+        """
+        self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
+
+    def _tapped(
+        self, message: Message, tap: Callable[[Answer], None] | None
+    ) -> Callable[[Answer], None] | None:
+        """What is to be called with the answer, in its place among the pushes."""
+        callbacks = self._accepted_callbacks.get(full_name(message))
+        if not callbacks:
+            return None if tap is None else partial(self._subscriptions.answered, tap)
+
+        def told(answer: Answer) -> None:
+            for callback in callbacks if answer.ok else ():
+                callback()
+            if tap is not None:
+                tap(answer)
+
+        return partial(self._subscriptions.answered, told)
+
     async def _request(
         self,
         message: Message,
@@ -269,10 +293,9 @@ class ChassisClient:
     ) -> Answer:
         if self._connection is None or self.state is not LinkState.READY:
             raise self._not_connected()
-        queued = None if tap is None else partial(self._subscriptions.answered, tap)
         try:
             return await self._connection.request(
-                message, timeout, urgent=urgent, fresh=fresh, tap=queued
+                message, timeout, urgent=urgent, fresh=fresh, tap=self._tapped(message, tap)
             )
         except NotConnectedError as error:  # it has ended this moment
             self._down(error.__cause__)

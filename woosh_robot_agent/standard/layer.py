@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.odom import Odom
 
-#: Makes the part that `enable_<name>` switches.
-PARTS: dict[str, Callable[[Host], Part]] = {}
+#: What makes each part, with the parameters of which any switches it on.
+PARTS: tuple[tuple[Callable[[Host], Part], tuple[str, ...]], ...] = (
+    (Odom, ("enable_odom", "publish_tf")),
+)
 
 
 class StandardLayer:
@@ -21,7 +24,9 @@ class StandardLayer:
         self._host = host
         settings = host.settings()
         self._parts = [
-            make(host) for name, make in PARTS.items() if getattr(settings, f"enable_{name}")
+            make(host)
+            for make, switches in PARTS
+            if any(getattr(settings, switch) for switch in switches)
         ]
 
     def start(self) -> None:

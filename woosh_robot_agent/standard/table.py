@@ -27,7 +27,7 @@ class Standard:
         name: its name.
         type: its ROS type, `package/Name`.
         kind: what it is.
-        part: the part that offers it: the parameter `enable_<part>` switches it.
+        switch: the parameter that switches it.
         meaning: for people.
         depth: messages that are queued.
     """
@@ -35,52 +35,92 @@ class Standard:
     name: str
     type: str
     kind: Kind
-    part: str
+    switch: str
     meaning: str
     depth: int = 1
 
 
 STANDARD = (
     Standard(
-        "odom", "nav_msgs/Odometry", Kind.STREAM, "odom", "pose in `odom`, speed in `base_link`", 10
+        "odom",
+        "nav_msgs/Odometry",
+        Kind.STREAM,
+        "enable_odom",
+        "pose in `odom`, speed in `base_link`",
+        10,
     ),
-    Standard("scan", "sensor_msgs/LaserScan", Kind.SENSOR, "scan", "asked for while subscribed", 5),
+    Standard(
+        "/tf",
+        "tf2_msgs/TFMessage",
+        Kind.STREAM,
+        "publish_tf",
+        "`map` -> `odom` -> `base_link`, with each odom",
+        100,
+    ),
+    Standard(
+        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "publish_tf", "`base_link` -> `laser`"
+    ),
+    Standard(
+        "scan", "sensor_msgs/LaserScan", Kind.SENSOR, "enable_scan", "asked for while subscribed", 5
+    ),
     Standard(
         "battery_state",
         "sensor_msgs/BatteryState",
         Kind.LATCHED,
-        "battery_state",
+        "enable_battery_state",
         "charge and whether it charges",
     ),
-    Standard("map", "nav_msgs/OccupancyGrid", Kind.LATCHED, "map", "the map in use"),
-    Standard("plan", "nav_msgs/Path", Kind.LATCHED, "plan", "the path being driven"),
+    Standard("map", "nav_msgs/OccupancyGrid", Kind.LATCHED, "enable_map", "the map in use"),
+    Standard("plan", "nav_msgs/Path", Kind.LATCHED, "enable_plan", "the path being driven"),
     Standard(
-        "footprint", "geometry_msgs/PolygonStamped", Kind.LATCHED, "footprint", "the outline in use"
+        "footprint",
+        "geometry_msgs/PolygonStamped",
+        Kind.LATCHED,
+        "enable_footprint",
+        "the outline in use",
     ),
     Standard(
-        "cmd_vel", "geometry_msgs/Twist", Kind.INPUT, "cmd_vel", "drives, while it is repeated", 1
+        "cmd_vel",
+        "geometry_msgs/Twist",
+        Kind.INPUT,
+        "enable_cmd_vel",
+        "drives, while it is repeated",
+        1,
     ),
     Standard(
         "initialpose",
         "geometry_msgs/PoseWithCovarianceStamped",
         Kind.INPUT,
-        "initialpose",
+        "enable_initialpose",
         "tells the robot where it is",
         10,
     ),
     Standard(
-        "goal_pose", "geometry_msgs/PoseStamped", Kind.INPUT, "goal_pose", "navigates there", 10
+        "goal_pose",
+        "geometry_msgs/PoseStamped",
+        Kind.INPUT,
+        "enable_goal_pose",
+        "navigates there",
+        10,
     ),
-    Standard("cancel", "std_srvs/Trigger", Kind.SERVICE, "goal_pose", "cancels the goal_pose"),
-    Standard("stop", "std_srvs/Trigger", Kind.SERVICE, "stop", "stops and cancels everything"),
     Standard(
-        "connected", "std_msgs/Bool", Kind.LATCHED, "connected", "whether the chassis is there"
+        "cancel", "std_srvs/Trigger", Kind.SERVICE, "enable_goal_pose", "cancels the goal_pose"
+    ),
+    Standard(
+        "stop", "std_srvs/Trigger", Kind.SERVICE, "enable_stop", "stops and cancels everything"
+    ),
+    Standard(
+        "connected",
+        "std_msgs/Bool",
+        Kind.LATCHED,
+        "enable_connected",
+        "whether the chassis is there",
     ),
     Standard(
         "/diagnostics",
         "diagnostic_msgs/DiagnosticArray",
         Kind.STREAM,
-        "diagnostics",
+        "enable_diagnostics",
         "link, chassis, battery, hardware and abnormal codes, at 1 Hz",
         10,
     ),
