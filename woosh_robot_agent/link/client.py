@@ -186,6 +186,7 @@ class ChassisClient:
         message: Message,
         timeout: float | None = None,
         *,
+        first: bool = False,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         """Send a request and wait for the answer; a refusal is an answer too, with `ok` False.
@@ -195,6 +196,7 @@ class ChassisClient:
         Args:
             message: the request.
             timeout: s to wait, the configured `request_timeout` by default.
+            first: send it before all that waits to be sent, however much waits for answers.
             tap: is called with the answer in its place among the pushes: what was pushed before
                 it has been delivered, what was pushed after it has not.
 
@@ -208,10 +210,20 @@ class ChassisClient:
         if isinstance(message, Twist):
 
             def send(fresh: float) -> Coroutine[Any, Any, Answer]:
-                return self._request(message, timeout, urgent=True, fresh=fresh, tap=tap)
+                return self._request(
+                    message, timeout, urgent=True, first=first, fresh=fresh, tap=tap
+                )
 
             return await self._latest.request(message, send)
-        return await self._request(message, timeout, tap=tap)
+        return await self._request(message, timeout, urgent=first, first=first, tap=tap)
+
+    def withdraw(self, classes: Iterable[type[Message]], reason: str) -> None:
+        """Do not send the requests of these types that wait to be sent.
+
+        Whoever made them gets a SupersededError with `reason`.
+        """
+        if self._connection is not None:
+            self._connection.withdraw({full_name(cls) for cls in classes}, reason)
 
     async def stop_driving(self, timeout: float) -> None:
         """Send a zero velocity if the last one that this client sent was not zero.
@@ -288,6 +300,7 @@ class ChassisClient:
         timeout: float | None = None,
         *,
         urgent: bool = False,
+        first: bool = False,
         fresh: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
@@ -295,7 +308,12 @@ class ChassisClient:
             raise self._not_connected()
         try:
             return await self._connection.request(
-                message, timeout, urgent=urgent, fresh=fresh, tap=self._tapped(message, tap)
+                message,
+                timeout,
+                urgent=urgent,
+                first=first,
+                fresh=fresh,
+                tap=self._tapped(message, tap),
             )
         except NotConnectedError as error:  # it has ended this moment
             self._down(error.__cause__)

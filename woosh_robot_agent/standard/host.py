@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -53,6 +54,10 @@ class Host:
         settings = self.settings()
         return settings.frame_prefix + str(getattr(settings, f"{which}_frame"))
 
+    def now(self) -> Any:
+        """The agent's time as a stamp (builtin_interfaces/Time)."""
+        return self.node.get_clock().now().to_msg()
+
     def publisher(self, name: str) -> Any:
         """A publisher of the table; it may publish from the link's thread."""
         entry = BY_NAME[name]
@@ -67,19 +72,27 @@ class Host:
         )
         return self.node.create_publisher(ros_type(entry.type, "msg"), name, qos)
 
-    def subscribe(self, name: str, callback: Callable[[Any], None], type_name: str = "") -> None:
-        """Have `callback` called in the link's thread with each message of an input of the table.
+    def subscribe(
+        self,
+        name: str,
+        callback: Callable[[Any], None],
+        type_name: str = "",
+        *,
+        in_executor: bool = False,
+    ) -> None:
+        """Have `callback` called with each message of an input of the table; it must not block.
 
         Args:
             name: the topic.
-            callback: must not block.
+            callback: is called in the link's thread.
             type_name: its ROS type where it is not the table's.
+            in_executor: call it in the executor's thread instead.
         """
         entry = BY_NAME[name]
         self.node.create_subscription(
             ros_type(type_name or entry.type, "msg"),
             name,
-            lambda message: self.thread.call(callback, message),
+            callback if in_executor else partial(self.thread.call, callback),
             QoSProfile(depth=entry.depth),
         )
 

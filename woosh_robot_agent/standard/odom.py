@@ -74,7 +74,7 @@ class Odom:
 
     def _publish(self, now: float) -> None:
         self._sent = now
-        stamp = self._host.node.get_clock().now().to_msg()
+        stamp = self._host.now()
         if self._odom is not None:
             self._odom.publish(self._message(stamp))
         if self._tf is not None:
