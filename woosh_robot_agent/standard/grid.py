@@ -24,8 +24,8 @@ _RATE_HZ = 2.0
 _RETRY_S = 10.0
 _MOST_CELLS = 100_000_000
 
-# nav2's map_server at its defaults: dark is occupied, light is free, between them is unknown.
-_OCCUPIED, _FREE = 0.65, 0.25
+# As map_server has it: dark is occupied, light is free, grey from 205 down is unknown.
+_OCCUPIED, _FREE = 0.65, 0.196
 _CELLS = bytes(
     100 if (255 - grey) / 255 > _OCCUPIED else 0 if (255 - grey) / 255 < _FREE else 255
     for grey in range(256)
