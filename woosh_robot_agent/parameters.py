@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -189,5 +191,21 @@ def markdown() -> str:
     return "\n".join(rows)
 
 
+def yaml() -> str:
+    """All parameters with their defaults as a parameter file, as in config/agent.yaml."""
+    lines = ["# Every parameter of the agent at its default, as a file for ros2 run and launch:"]
+    lines += [
+        "#   ros2 run woosh_robot_agent agent --ros-args -r __ns:=/woosh_robot --params-file FILE",
+        "# Keep what you change, and leave out the rest.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for p in PARAMETERS:
+        limits = f"; {p.limits}" if p.limits else ""
+        lines.append(f"    # {p.description}{limits}")
+        lines.append(f"    {p.name}: {json.dumps(p.initial)}")
+    return "\n".join(lines) + "\n"
+
+
 if __name__ == "__main__":
-    print(markdown())
+    print(yaml() if "--yaml" in sys.argv else markdown() + "\n", end="")

@@ -24,7 +24,7 @@ class Scan:
     """Publishes scan at `scan_rate` while it has subscribers and the link is ready.
 
     The chassis gives scans only when asked. Its laser's place, where the firmware tells it, goes
-    out on /tf_static with `publish_tf`; for that it is asked once on each new link.
+    out on /tf_static with `publish_laser_tf`; for that it is asked once on each new link.
     """
 
     def __init__(self, host: Host) -> None:
@@ -32,7 +32,8 @@ class Scan:
         self._log = LogOnce(_LOG)
         settings = host.settings()
         self._scan = host.publisher("scan") if settings.enable_scan else None
-        self._tf_static = host.publisher("/tf_static") if settings.publish_tf else None
+        place = settings.publish_tf and settings.publish_laser_tf
+        self._tf_static = host.publisher("/tf_static") if place else None
         self._place: Plane | None = None
         self._height = 0.0
         self._ask_place = False

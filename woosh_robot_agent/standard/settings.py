@@ -40,8 +40,12 @@ class StandardSettings:
     enable_stop: bool = _part("Offer the service stop")
     enable_connected: bool = _part("Publish connected")
     enable_diagnostics: bool = _part("Publish /diagnostics")
-    publish_tf: bool = _parameter(
-        False, "Publish map -> odom -> base_link and the laser's place on /tf", fixed=True
+    publish_tf: bool = _parameter(False, "Publish map -> odom -> base_link on /tf", fixed=True)
+    publish_laser_tf: bool = _parameter(
+        True,
+        "With publish_tf, publish base_link -> laser on /tf_static where the firmware tells it; "
+        "false where a URDF does",
+        fixed=True,
     )
 
     frame_prefix: str = _parameter("", "Put before every frame, e.g. robot1/", fixed=True)
