@@ -2,9 +2,9 @@
 
     ros2 launch woosh_robot_agent bringup.launch.py ip:=172.20.8.74
 
-Arguments: as agent.launch.py; frame_prefix, for several robots that share /tf; urdf, a model of your
-own. Without robot_state_publisher (apt install ros-jazzy-robot-state-publisher) there is no model,
-and the agent itself says where the laser is, if the robot's firmware tells it.
+Arguments: as agent.launch.py; frame_prefix, for several robots that share /tf; urdf, a model of
+your own. Without robot_state_publisher (apt install ros-jazzy-robot-state-publisher) there is no
+model, and the agent itself says where the laser is, if the robot's firmware tells it.
 """
 
 from pathlib import Path

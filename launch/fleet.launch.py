@@ -43,7 +43,7 @@ def _robots(context):
 
 
 def fleet(path):
-    """The arguments of bringup.launch.py for each robot of a file; ValueError says what is wrong."""
+    """The arguments of bringup.launch.py for each robot; ValueError says what is wrong."""
     robots = yaml.safe_load(path.read_text())
     if not isinstance(robots, dict) or not isinstance(robots.get("robots"), list):
         raise ValueError(f"{path} has no list of robots: see config/fleet.yaml")
