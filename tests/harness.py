@@ -169,14 +169,22 @@ class Client:
 
     def echo(self, msg: Any, name: str, depth: int = 100) -> Collector:
         """Subscribe as latched as the agent publishes."""
-        collector = Collector()
         qos = QoSProfile(
             depth=depth,
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
+        return self.echo_with(msg, name, qos)
+
+    def echo_with(self, msg: Any, name: str, qos: QoSProfile) -> Collector:
+        """Subscribe with a quality of service of one's own."""
+        collector = Collector()
         self.node.create_subscription(msg, self.path(name), collector.add, qos)
         return collector
+
+    def publishers(self, name: str) -> int:
+        """How many publish on a topic."""
+        return int(self.node.count_publishers(self.path(name)))
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
         if (action, name) not in self._clients:

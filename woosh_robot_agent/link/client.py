@@ -88,6 +88,7 @@ class ChassisClient:
         self._log = LogOnce(_LOG)
         self._subscriptions = Subscriptions(self._config.push_queue, self.stats, self._log)
         self._state_callbacks: list[Callable[[LinkState], None]] = []
+        self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._connection: Connection | None = None
         self._latest = LatestWins[Answer]()
         self._runner: asyncio.Task[None] | None = None
@@ -185,6 +186,7 @@ class ChassisClient:
         message: Message,
         timeout: float | None = None,
         *,
+        first: bool = False,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         """Send a request and wait for the answer; a refusal is an answer too, with `ok` False.
@@ -194,6 +196,7 @@ class ChassisClient:
         Args:
             message: the request.
             timeout: s to wait, the configured `request_timeout` by default.
+            first: send it before all that waits to be sent, however much waits for answers.
             tap: is called with the answer in its place among the pushes: what was pushed before
                 it has been delivered, what was pushed after it has not.
 
@@ -207,10 +210,20 @@ class ChassisClient:
         if isinstance(message, Twist):
 
             def send(fresh: float) -> Coroutine[Any, Any, Answer]:
-                return self._request(message, timeout, urgent=True, fresh=fresh, tap=tap)
+                return self._request(
+                    message, timeout, urgent=True, first=first, fresh=fresh, tap=tap
+                )
 
             return await self._latest.request(message, send)
-        return await self._request(message, timeout, tap=tap)
+        return await self._request(message, timeout, urgent=first, first=first, tap=tap)
+
+    def withdraw(self, classes: Iterable[type[Message]], reason: str) -> None:
+        """Do not send the requests of these types that wait to be sent.
+
+        Whoever made them gets a SupersededError with `reason`.
+        """
+        if self._connection is not None:
+            self._connection.withdraw({full_name(cls) for cls in classes}, reason)
 
     async def stop_driving(self, timeout: float) -> None:
         """Send a zero velocity if the last one that this client sent was not zero.
@@ -258,21 +271,49 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(callback)
 
+    def on_accepted(self, cls: type[Message], callback: Callable[[], None]) -> None:
+        """Have `callback` called in the event loop when the chassis accepted a request of `cls`.
+
+        It is called in its place among the pushes, as `tap` of `request` is.
+        """
+        self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
+
+    def _tapped(
+        self, message: Message, tap: Callable[[Answer], None] | None
+    ) -> Callable[[Answer], None] | None:
+        """What is to be called with the answer, in its place among the pushes."""
+        callbacks = self._accepted_callbacks.get(full_name(message))
+        if not callbacks:
+            return None if tap is None else partial(self._subscriptions.answered, tap)
+
+        def told(answer: Answer) -> None:
+            for callback in callbacks if answer.ok else ():
+                callback()
+            if tap is not None:
+                tap(answer)
+
+        return partial(self._subscriptions.answered, told)
+
     async def _request(
         self,
         message: Message,
         timeout: float | None = None,
         *,
         urgent: bool = False,
+        first: bool = False,
         fresh: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         if self._connection is None or self.state is not LinkState.READY:
             raise self._not_connected()
-        queued = None if tap is None else partial(self._subscriptions.answered, tap)
         try:
             return await self._connection.request(
-                message, timeout, urgent=urgent, fresh=fresh, tap=queued
+                message,
+                timeout,
+                urgent=urgent,
+                first=first,
+                fresh=fresh,
+                tap=self._tapped(message, tap),
             )
         except NotConnectedError as error:  # it has ended this moment
             self._down(error.__cause__)
