@@ -274,9 +274,9 @@ def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
     """Neither an answer nor an end of the connection."""
     goal = short_task(client, 1.0)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    simulator.freeze()
+    simulator.inject("half_open")
     new = short_task(client, 2.0)
     status, ret = new.result()
     assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
-    simulator.thaw()
+    simulator.clear_faults()
     assert goal.done or goal.result()

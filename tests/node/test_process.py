@@ -47,7 +47,7 @@ def test_ends_by_a_signal(
 
 
 def test_ends_with_a_frozen_chassis(program: Program, simulator: SimulatorThread) -> None:
-    simulator.freeze()
+    simulator.inject("half_open")
     assert program.end() < LIMIT
 
 
@@ -58,7 +58,7 @@ def test_ends_while_driving_a_frozen_chassis_with_an_open_goal(
     goal = lift3(client, 0.4, speed=0.001)
     goal.feedback.wait_count(1)
     drive(client)
-    simulator.freeze()
+    simulator.inject("half_open")
     assert program.end() < LIMIT
     assert goal.result()[0] == ABORTED
 
@@ -96,7 +96,7 @@ def test_ends_while_starting(start_program: Callable[..., Program], loaded: str)
 
 def test_signals_while_ending(program: Program, simulator: SimulatorThread, client: Client) -> None:
     drive(client)
-    simulator.freeze()
+    simulator.inject("half_open")
     program.process.send_signal(signal.SIGINT)
     with pytest.raises(subprocess.TimeoutExpired):
         program.process.wait(0.4)
