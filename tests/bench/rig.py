@@ -29,6 +29,7 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 SPEED = 20
 """How much faster than real time the chassis lives."""
 BACKOFF_MAX = 0.2
+MAX_FRAME_MIB = 8
 PATIENCE: dict[str, Any] = {
     "poll_timeout": 400,
     "connect_timeout": 1.0,
@@ -39,6 +40,7 @@ PATIENCE: dict[str, Any] = {
     "backoff_max": BACKOFF_MAX,
     "stable_after": 0.5,
     "goal_link_timeout": 0.6,
+    "max_frame_size": MAX_FRAME_MIB * 1024 * 1024,
 }
 """The agent's parameters: as usual, but in haste."""
 _POLL_PERIOD = 0.5

@@ -11,10 +11,10 @@ import random
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from bench.rig import BACKOFF_MAX, GIVE_UP, KINDS, Rig, Trouble
+from bench.rig import BACKOFF_MAX, GIVE_UP, KINDS, MAX_FRAME_MIB, Rig, Trouble
 from bench.traffic import Mark, Traffic, marks_of
 
 from woosh_robot_agent.simulator.faults import FAULTS
@@ -26,6 +26,8 @@ BLOCK = 23
 """Scenarios in a row that share one agent, one chassis and one client."""
 BACK_WITHIN = 2.0 + BACKOFF_MAX
 """s after the chassis's return within which a command must succeed again."""
+_LAST = 1_000_000
+"""Comes after everything else that is due at the same time."""
 _ENDS_BY_ITSELF = 1.0
 """s that goals get after the faults before their client cancels them."""
 _REQUESTS = (
@@ -50,28 +52,45 @@ def _any_answers(rng: random.Random) -> dict[str, Any]:
     return arguments
 
 
+def _any_frames(rng: random.Random) -> dict[str, Any]:
+    """As `_any_answers`, or pushes, or everything that the chassis says."""
+    frames = rng.choice(("answers", "answers", "pushes", "all"))
+    return {"frames": frames, **(_any_answers(rng) if frames == "answers" else {})}
+
+
+def _any_truncated(rng: random.Random) -> dict[str, Any]:
+    if rng.random() < 0.5:
+        return {"where": "payload", **_any_frames(rng)}
+    return {"where": "wire", "count": 1, "frames": rng.choice(("answers", "pushes"))}
+
+
 _ARGUMENTS: dict[str, Callable[[random.Random], dict[str, Any]]] = {
-    "delay": lambda rng: {"seconds": rng.uniform(0.01, 0.6), "jitter": rng.uniform(0.0, 0.3)},
     "refuse": lambda rng: {"text": f"refused {rng.random()}", **_any_answers(rng)},
-    "burst": lambda rng: {"count": rng.randint(100, 3000)},
+    "delay": lambda rng: {
+        "seconds": rng.uniform(0.01, 0.6),
+        "jitter": rng.uniform(0.0, 0.3),
+        **_any_frames(rng),
+    },
+    "reorder": lambda rng: {"window": rng.randint(2, 8), **_any_answers(rng)},
+    "lose_answer": _any_answers,
+    "answer_twice": _any_answers,
     "wrong_sn": lambda rng: {"by": rng.choice((1, 2, 1_000_000)), **_any_answers(rng)},
+    "wrong_type": _any_answers,
+    "garbage": lambda rng: {"length": rng.choice((1, 64, 4096)), **_any_frames(rng)},
+    "truncated": _any_truncated,
+    "oversize": lambda rng: {**_any_frames(rng), "mib": MAX_FRAME_MIB + 1, "count": 2},
+    "invalid_utf8": _any_frames,
+    "unknown_fields": _any_frames,
+    "wrong_field_type": _any_frames,
     "obstacle": lambda rng: {"ahead": rng.uniform(0.6, 2.0), "radius": rng.uniform(0.1, 0.4)},
-    **dict.fromkeys(
-        (
-            "reorder",
-            "lose_answer",
-            "answer_twice",
-            "wrong_type",
-            "unknown_fields",
-            "wrong_field_type",
-        ),
-        _any_answers,
-    ),
+    "burst": lambda rng: {"count": rng.randint(100, 3000)},
 }
 """How the arguments of a fault are drawn; its defaults where it is not named."""
 _LENGTHS = {"half_open": (0.3, 1.5), "freeze": (0.2, 1.0), "off": (0.2, 0.8)}
 """Shortest and longest duration of a lasting fault, s, where it is not the usual one."""
 _USUAL_LENGTH = (0.1, 0.6)
+_SHOWN_BY = {"accept_then_drop": "drop"}
+"""What has to happen too for a fault to show: this one meets new connections only."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +155,9 @@ def plan(seed: int) -> Plan:
         lasts = rng.uniform(*_LENGTHS.get(name, _USUAL_LENGTH))
         arguments = _ARGUMENTS.get(name, lambda _rng: {})(rng)
         faults.append(PlannedFault(name, arguments, at, at + lasts))
-    length = max(length, *(fault.until for fault in faults))
+    last = max(faults, key=lambda fault: fault.until)
+    length = max(length, last.until)
+    faults[faults.index(last)] = replace(last, until=length)  # the end: the chassis is back
     acts = [
         (rng.uniform(0, length), rng.choice(("query", "query", "speak", "speak", "set_sound")))
         for _ in range(rng.randint(10, 25))
@@ -219,9 +240,11 @@ def _timeline(rig: Rig, what: Plan, traffic: Traffic, rng: random.Random) -> Non
 
         def inject(fault: PlannedFault = fault, cleared: list[Any] = cleared) -> None:
             cleared.append(rig.simulator.inject(fault.name, **fault.arguments).clear)
+            if fault.name in _SHOWN_BY:
+                rig.simulator.inject(_SHOWN_BY[fault.name])
 
         events.append((fault.at, number, inject))
-        events.append((fault.until, number, lambda cleared=cleared: cleared.pop()()))
+        events.append((fault.until, _LAST, lambda cleared=cleared: cleared.pop()()))
     for number, (at, act) in enumerate(what.acts):
         events.append((at, number, lambda act=act: getattr(traffic, act)(rng)))
     begun = time.monotonic()
