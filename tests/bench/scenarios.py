@@ -26,6 +26,7 @@ BLOCK = 23
 """Scenarios in a row that share one agent, one chassis and one client."""
 BACK_WITHIN = 2.0 + BACKOFF_MAX
 """s after the chassis's return within which a command must succeed again."""
+_VOLLEY = ("speak", "speak", "query", "twist", "task", "step")
 _LAST = 1_000_000
 """Comes after everything else that is due at the same time."""
 _ENDS_BY_ITSELF = 1.0
@@ -168,6 +169,8 @@ def plan(seed: int) -> Plan:
     for act in ("task", "step", "lift"):
         if rng.random() < 0.5:
             acts += [(rng.uniform(0, length), act) for _ in range(rng.randint(1, 2))]
+    for fault in faults:  # a fault that meets nothing under way shows little
+        acts += [(fault.at, act) for act in rng.choices(_VOLLEY, k=rng.randint(1, 6))]
     acts += [(rng.uniform(0, length), "cancel") for _ in range(rng.randint(0, 2))]
     kind = KINDS[seed // BLOCK % len(KINDS)]
     return Plan(seed, kind, tuple(faults), tuple(sorted(acts)))
@@ -243,7 +246,7 @@ def _timeline(rig: Rig, what: Plan, traffic: Traffic, rng: random.Random) -> Non
             if fault.name in _SHOWN_BY:
                 rig.simulator.inject(_SHOWN_BY[fault.name])
 
-        events.append((fault.at, number, inject))
+        events.append((fault.at, _LAST, inject))
         events.append((fault.until, _LAST, lambda cleared=cleared: cleared.pop()()))
     for number, (at, act) in enumerate(what.acts):
         events.append((at, number, lambda act=act: getattr(traffic, act)(rng)))
