@@ -13,7 +13,6 @@ from itertools import groupby
 
 from bench.rig import KINDS, Rig, Trouble
 from bench.scenarios import BACK_WITHIN, BLOCK, Outcome, plan, run
-
 from woosh_robot_agent.simulator.faults import FAULTS
 
 NOTICED_WITHIN = 10.0

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import harness
-from bench.traffic import Surplus, Traffic
 from rcl_interfaces.msg import Log
 from rclpy.logging import LoggingSeverity
 
+from bench.traffic import Surplus, Traffic
 from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.link import transports
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
@@ -33,7 +33,7 @@ MAX_FRAME_MIB = 8
 PATIENCE: dict[str, Any] = {
     "poll_timeout": 400,
     "connect_timeout": 1.0,
-    "handshake_timeout": 0.5,
+    "handshake_timeout": 5.0,
     "close_timeout": 0.2,
     "liveness_timeout": 0.8,
     "backoff_min": 0.1,
@@ -104,9 +104,7 @@ class Rig:
             self.simulator = stack.enter_context(
                 SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=SPEED))
             )
-            port = (
-                self.simulator.tcp_port if kind["transport"] == "tcp" else self.simulator.port
-            )
+            port = self.simulator.tcp_port if kind["transport"] == "tcp" else self.simulator.port
             values = {**(PATIENCE if parameters is None else parameters), **kind}
             self.agent = harness.RunningAgent(domain, ip="127.0.0.1", port=port, **values)
             stack.callback(self.agent.close)
@@ -220,9 +218,7 @@ class Rig:
     @contextlib.contextmanager
     def _watched_sockets(self) -> Iterator[None]:
         """Count the velocity commands that go out, at the last place before the network."""
-        plain = {
-            cls: cls.send for cls in (transports.WebSocketTransport, transports.TcpTransport)
-        }
+        plain = {cls: cls.send for cls in (transports.WebSocketTransport, transports.TcpTransport)}
 
         def watched(cls: type[Any]) -> Any:
             async def send(transport: Any, data: str | bytes) -> None:

@@ -16,7 +16,6 @@ from typing import Any
 
 from bench.rig import BACKOFF_MAX, GIVE_UP, KINDS, MAX_FRAME_MIB, Rig, Trouble
 from bench.traffic import Mark, Traffic, marks_of
-
 from woosh_robot_agent.simulator.faults import FAULTS
 
 ALONE: tuple[tuple[str, ...], ...] = tuple((name,) for name in FAULTS)
@@ -195,9 +194,7 @@ def run(rig: Rig, what: Plan, back_within: float = BACK_WITHIN) -> Outcome:
     return outcome
 
 
-def _play(
-    rig: Rig, what: Plan, traffic: Traffic, outcome: Outcome, back_within: float
-) -> None:
+def _play(rig: Rig, what: Plan, traffic: Traffic, outcome: Outcome, back_within: float) -> None:
     begin = _until_served(rig, traffic)[0]
     rig.check_footprint()
     rng = random.Random(what.seed)
@@ -238,7 +235,7 @@ def _play(
 def _timeline(rig: Rig, what: Plan, traffic: Traffic, rng: random.Random) -> None:
     """Let everything happen when it is due."""
     events: list[tuple[float, int, Callable[[], Any]]] = []
-    for number, fault in enumerate(what.faults):
+    for fault in what.faults:
         cleared: list[Callable[[], Any]] = []
 
         def inject(fault: PlannedFault = fault, cleared: list[Any] = cleared) -> None:

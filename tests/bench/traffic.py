@@ -17,10 +17,10 @@ from typing import Any
 from google.protobuf.message import Message
 from harness import Client
 
+from woosh_map_msgs.srv import SceneDataEasy
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_map_msgs.srv import SceneDataEasy
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.msg import Sound as SoundMsg
 from woosh_robot_msgs.msg import Speak as SpeakMsg

@@ -16,9 +16,7 @@ EACH = 9
 def pairs(kind: int) -> list[int]:
     """Seeds of pairs that an agent of this kind meets, from all over the table."""
     seeds = [
-        seed
-        for seed in range(len(ALONE), len(COMBINATIONS))
-        if seed // BLOCK % len(KINDS) == kind
+        seed for seed in range(len(ALONE), len(COMBINATIONS)) if seed // BLOCK % len(KINDS) == kind
     ]
     return seeds[kind :: len(seeds) // EACH][:EACH]
 
