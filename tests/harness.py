@@ -6,7 +6,9 @@ Both are real: the link goes over a socket, the rest over DDS, in a domain of th
 from __future__ import annotations
 
 import os
+import signal
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from woosh_robot_agent.testing import TIMEOUT, Spinner, own_domain, wait_until
+from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
 from woosh_robot_agent.testing.agents import NAMESPACE
 
@@ -28,6 +30,7 @@ __all__ = [
     "Client",
     "Collector",
     "GoalClient",
+    "Program",
     "RunningAgent",
     "Spinner",
     "own_domain",
@@ -76,14 +79,17 @@ class _Callbacks(dict[bytes, Any]):
 class GoalClient:
     """One goal as its client sees it."""
 
-    def __init__(self, client: ActionClient, goal: Any) -> None:
+    def __init__(self, client: Client, action: ActionClient, goal: Any) -> None:
         self.feedback = Collector()
-        sent = client.send_goal_async(
-            goal, feedback_callback=lambda message: self.feedback.add(message.feedback.fb)
+        self._client = client
+        sent = client.in_executor(
+            lambda: action.send_goal_async(
+                goal, feedback_callback=lambda message: self.feedback.add(message.feedback.fb)
+            )
         )
         self.handle = wait_future(sent)
         assert self.handle.accepted
-        self._result = self.handle.get_result_async()
+        self._result = client.in_executor(self.handle.get_result_async)
 
     def result(self, timeout: float = TIMEOUT) -> tuple[int, Any]:
         """Status (action_msgs/GoalStatus) and `ret`, once the goal has ended."""
@@ -96,7 +102,7 @@ class GoalClient:
 
     def cancel(self) -> Any:
         """Ask to cancel; returns the action_msgs/CancelGoal response."""
-        return wait_future(self.handle.cancel_goal_async())
+        return wait_future(self._client.in_executor(self.handle.cancel_goal_async))
 
 
 def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
@@ -114,9 +120,9 @@ class Client:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node("client", context=self.context)
-        executor = SingleThreadedExecutor(context=self.context)
-        executor.add_node(self.node)
-        self._spinner = Spinner(executor)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._spinner = Spinner(self.executor)
         self._clients: dict[Any, Any] = {}
         """By type and name: a service and an action may share a name."""
 
@@ -124,6 +130,14 @@ class Client:
         self._spinner.stop()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
+
+    def in_executor(self, function: Callable[[], Any]) -> Any:
+        """What `function` gives in the executor's thread.
+
+        rclpy's action clients are for that thread alone: elsewhere an answer may be there before
+        the request is noted down, and is then lost.
+        """
+        return wait_future(self.executor.create_task(function))
 
     def path(self, name: str) -> str:
         return name if name.startswith("/") else f"{self.namespace}/{name}"
@@ -186,7 +200,7 @@ class Client:
         """How many publish on a topic."""
         return int(self.node.count_publishers(self.path(name)))
 
-    def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
+    def action(self, action: Any, name: str) -> ActionClient:
         if (action, name) not in self._clients:
             client = ActionClient(
                 self.node,
@@ -199,4 +213,31 @@ class Client:
             self._wait_known(action.Impl.GetResultService, f"{self.path(name)}/_action/get_result")
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
-        return GoalClient(self._clients[action, name], goal)
+        return self._clients[action, name]
+
+    def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
+        return GoalClient(self, self.action(action, name), goal)
+
+
+class Program(AgentProcess):
+    """The agent in a process of its own, and how it ends."""
+
+    def __init__(self, domain: int, *arguments: str) -> None:
+        super().__init__(domain, NAMESPACE, *arguments)
+
+    def end(self, number: int = signal.SIGINT) -> float:
+        """Send a signal and wait; returns the s that it took to end, in good order."""
+        begun = time.monotonic()
+        self.process.send_signal(number)
+        status = self.process.wait(TIMEOUT)
+        taken = time.monotonic() - begun
+        self.wait_read()
+        assert status == 0, self.output
+        assert "Traceback" not in self.output, self.output
+        return taken
+
+    def wait_refused(self) -> str:
+        """Wait for it to end with a complaint; returns that."""
+        assert self.process.wait(TIMEOUT) not in (0, None)
+        self.wait_read()
+        return self.output

@@ -7,61 +7,21 @@ import signal
 import socket
 import subprocess
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from goals import ABORTED, EXECUTING, lift3, step, task
-from harness import NAMESPACE, TIMEOUT, Client, wait_until
+from harness import TIMEOUT, Client, Program, wait_until
 
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import AgentProcess
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
 TWIST = "woosh.robot.Twist"
 LIMIT = 8.0
 """s: less than any wait for an answer or a sign of life; it takes a third of it."""
-
-
-class Program(AgentProcess):
-    """The agent in a process of its own, and how it ends."""
-
-    def __init__(self, domain: int, *arguments: str) -> None:
-        super().__init__(domain, NAMESPACE, *arguments)
-
-    def end(self, number: int = signal.SIGINT) -> float:
-        """Send a signal and wait; returns the s that it took to end, in good order."""
-        begun = time.monotonic()
-        self.process.send_signal(number)
-        status = self.process.wait(TIMEOUT)
-        taken = time.monotonic() - begun
-        self.wait_read()
-        assert status == 0, self.output
-        assert "Traceback" not in self.output, self.output
-        return taken
-
-    def wait_refused(self) -> str:
-        """Wait for it to end with a complaint; returns that."""
-        assert self.process.wait(TIMEOUT) not in (0, None)
-        self.wait_read()
-        return self.output
-
-
-@pytest.fixture
-def start_program(domain: int) -> Iterator[Callable[..., Program]]:
-    programs: list[Program] = []
-
-    def start(*arguments: str) -> Program:
-        programs.append(Program(domain, *arguments))
-        return programs[-1]
-
-    yield start
-    for program in programs:
-        program.process.kill()
-        program.process.wait()
 
 
 @pytest.fixture
