@@ -1,0 +1,41 @@
+"""`scripts/bench`: picks one measurement; the rest of the arguments are its own."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+BENCHES = {
+    "faults": "every fault at every point: what the agent answers, and how soon it is back",
+    "flood": "clients and a chassis that send too much, and one that answers too slowly",
+    "fuzz": "frames, requests and goals that make no sense",
+    "soak": "mixed traffic and a fault every now and then, for an hour",
+}
+"""Modules of this package, each with `main(arguments) -> exit status`."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the measurement that the arguments name.
+
+    Returns:
+        0, or 1 where a limit was exceeded.
+    """
+    parser = argparse.ArgumentParser(
+        prog="scripts/bench",
+        description="Measures the agent's robustness and prints a Markdown table. "
+        "The exit status is 1 if a limit is exceeded.",
+        epilog="Options after the first are those of the measurement: scripts/bench --soak --help.",
+        allow_abbrev=False,
+    )
+    which = parser.add_mutually_exclusive_group(required=True)
+    for name, what in BENCHES.items():
+        which.add_argument(f"--{name}", dest="name", action="store_const", const=name, help=what)
+    chosen = parser.parse_args(arguments[:1])
+    status: int = importlib.import_module(f"bench.{chosen.name}").main(arguments[1:])
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
