@@ -22,10 +22,12 @@ from woosh_robot_agent.link.errors import (
     HandshakeError,
     LinkError,
     NotConnectedError,
+    SupersededError,
 )
 from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.link.latest import LatestWins
+from woosh_robot_agent.link.losses import Losses
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
@@ -86,7 +88,10 @@ class ChassisClient:
         """Unix time in s since which the link is ready, or is not."""
         self.last_error: LinkError | None = None
         self._log = LogOnce(_LOG)
-        self._subscriptions = Subscriptions(self._config.push_queue, self.stats, self._log)
+        self._losses = Losses(_LOG)
+        self._subscriptions = Subscriptions(
+            self._config.push_queue, self.stats, self._log, self._losses
+        )
         self._state_callbacks: list[Callable[[LinkState], None]] = []
         self._connection: Connection | None = None
         self._latest = LatestWins[Answer]()
@@ -134,6 +139,7 @@ class ChassisClient:
             task.cancel()
         if tasks:
             await asyncio.wait(tasks)
+        self._losses.finish()
         if self._runner is None and self.state is not LinkState.STOPPED:
             self._enter(LinkState.STOPPED)
 
@@ -209,7 +215,12 @@ class ChassisClient:
             def send(fresh: float) -> Coroutine[Any, Any, Answer]:
                 return self._request(message, timeout, urgent=True, fresh=fresh, tap=tap)
 
-            return await self._latest.request(message, send)
+            try:
+                return await self._latest.request(message, send)
+            except SupersededError as error:
+                self.stats.superseded += 1
+                self._losses.count("velocity commands were out of date and not sent", str(error))
+                raise
         return await self._request(message, timeout, tap=tap)
 
     async def stop_driving(self, timeout: float) -> None:
@@ -329,6 +340,7 @@ class ChassisClient:
             config,
             self.stats,
             self._log,
+            self._losses,
             partial(self._subscriptions.pushed, codec),
         )
         self._connection = connection  # subscriptions go to it; requests wait for READY
