@@ -63,6 +63,19 @@ else:
         running.close()
 
     @pytest.fixture
+    def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:
+        programs: list[harness.Program] = []
+
+        def start(*arguments: str) -> harness.Program:
+            programs.append(harness.Program(domain, *arguments))
+            return programs[-1]
+
+        yield start
+        for program in programs:
+            program.process.kill()
+            program.process.wait()
+
+    @pytest.fixture
     def logs() -> Iterator[harness.Collector]:
         """What agents in this process log, as logging.LogRecord."""
         collector = harness.Collector()

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -189,12 +192,15 @@ class Client:
         self.node.create_subscription(msg, self.path(name), collector.add, qos)
         return collector
 
-    def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
+    def action(self, action: Any, name: str) -> ActionClient:
         if (action, name) not in self._clients:
             client = ActionClient(self.node, action, self.path(name))
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
-        return GoalClient(self._clients[action, name], goal)
+        return self._clients[action, name]
+
+    def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
+        return GoalClient(self.action(action, name), goal)
 
 
 class RunningAgent:
@@ -229,3 +235,50 @@ class RunningAgent:
         wait_until(
             lambda: chassis.stats.connects >= times and chassis.state.value == "ready", "the link"
         )
+
+
+class Program:
+    """The agent in a process of its own."""
+
+    def __init__(self, domain: int, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "woosh_robot_agent.agent"),
+                *("--ros-args", "-r", f"__ns:={NAMESPACE}", *arguments),
+            ],
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.lines.append(line)
+
+    @property
+    def output(self) -> str:
+        return "".join(self.lines)
+
+    def wait_says(self, text: str) -> None:
+        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
+
+    def end(self, number: int = signal.SIGINT) -> float:
+        """Send a signal and wait; returns the s that it took to end, in good order."""
+        begun = time.monotonic()
+        self.process.send_signal(number)
+        status = self.process.wait(TIMEOUT)
+        taken = time.monotonic() - begun
+        self._reader.join(TIMEOUT)
+        assert status == 0, self.output
+        assert "Traceback" not in self.output, self.output
+        return taken
+
+    def wait_refused(self) -> str:
+        """Wait for it to end with a complaint; returns that."""
+        assert self.process.wait(TIMEOUT) not in (0, None)
+        self._reader.join(TIMEOUT)
+        return self.output

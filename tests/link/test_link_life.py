@@ -313,3 +313,21 @@ async def test_failures_are_told_once_and_the_recovery_too(
         r.levelno for r in caplog.records if r.message == f"connected to {client.config.address}"
     ]
     assert ready == [logging.INFO]
+
+
+@aio
+async def test_a_lost_first_answer_does_not_cost_the_whole_handshake() -> None:
+    """It is asked for again, and the first answer counts, whichever of the questions it is to."""
+    unanswered: list[Frame] = []
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != INFO:
+            return False
+        unanswered.append(frame)
+        if len(unanswered) == 2:
+            await wire.answer(unanswered[0])  # a slow chassis answers in its own time
+        return True
+
+    async with Peer(script=script) as peer, peer.client(handshake_timeout=30.0) as client:
+        assert len(unanswered) == 2
+        assert client.stats.connects == 1

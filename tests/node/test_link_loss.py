@@ -8,6 +8,7 @@ import pytest
 from goals import (
     ABORTED,
     CALL_ACTION,
+    CANCELED,
     EXEC_TASK,
     EXECUTING,
     FEEDBACKS,
@@ -24,6 +25,7 @@ from goals import (
 from harness import Client, GoalClient, RunningAgent, wait_until
 
 from woosh_robot_agent.actions.run import GoalRun
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 pytestmark = pytest.mark.usefixtures("agent")
@@ -274,9 +276,61 @@ def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
     """Neither an answer nor an end of the connection."""
     goal = short_task(client, 1.0)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    simulator.freeze()
+    simulator.inject("half_open")
     new = short_task(client, 2.0)
     status, ret = new.result()
     assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
-    simulator.thaw()
+    simulator.clear_faults()
     assert goal.done or goal.result()
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: str) -> None:
+    """Its pings are answered, so that the link stays; nothing else is, perhaps for ever."""
+    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
+    goal.feedback.wait_count(2)
+    simulator.inject("freeze")
+    status, ret = goal.result()
+    assert status == ABORTED
+    assert "does not answer" in ret.msg
+    assert "the robot may go on with it" in ret.msg
+
+
+@pytest.mark.parametrize("kind", ["task", "action"])
+def test_chassis_that_hung_for_a_while(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    goal = task(client) if kind == "task" else step(client, 8.0)
+    goal.feedback.wait_count(2)
+    asks = TASK_PROC if kind == "task" else FEEDBACKS
+    mute = simulator.inject("lose_answer", type=asks, count=1)
+    silence = simulator.intercept(lambda out: [out] if out.sn else [])
+    wait_until(lambda: not mute.active, "a question without an answer")
+    simulator.wait_received(asks, 2)
+    silence()
+    assert goal.result()[0] == SUCCEEDED
+
+
+def test_cancel_is_repeated_only_where_the_goal_still_runs(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """Whoever has come with a new task meanwhile keeps it: a cancel of tasks names none."""
+    goal = task(client, task_id=5)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    pause(simulator)
+    simulator.inject("lose_answer", type="woosh.robot.ActionOrder")
+    simulator.refuse("woosh.robot.ActionOrder", "")  # nor does it get done
+    asked = simulator.counts[TASK_PROC]
+    simulator.mute(TASK_PROC)
+    goal.cancel()
+
+    def asked_twice() -> bool:
+        simulator.push(PoseSpeed())  # it is not silent altogether
+        return simulator.counts[TASK_PROC] >= asked + 2
+
+    wait_until(asked_twice)
+    assert simulator.counts["woosh.robot.ActionOrder"] == 1
+    simulator.accept(TASK_PROC)
+    simulator.clear_faults()
+    simulator.accept("woosh.robot.ActionOrder")
+    assert goal.result()[0] == CANCELED

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import socket
 import subprocess
-import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from goals import ABORTED, EXECUTING, lift3, step, task
-from harness import NAMESPACE, TIMEOUT, Client, wait_until
+from harness import TIMEOUT, Client, Program, wait_until
 
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -24,67 +21,6 @@ from woosh_robot_msgs.srv import Twist
 
 TWIST = "woosh.robot.Twist"
 LIMIT = 3.0
-
-
-class Program:
-    """The agent in a process of its own."""
-
-    def __init__(self, domain: int, *arguments: str) -> None:
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "woosh_robot_agent.agent"),
-                *("--ros-args", "-r", f"__ns:={NAMESPACE}", *arguments),
-            ],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.lines.append(line)
-
-    @property
-    def output(self) -> str:
-        return "".join(self.lines)
-
-    def wait_says(self, text: str) -> None:
-        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
-
-    def end(self, number: int = signal.SIGINT) -> float:
-        """Send a signal and wait; returns the s that it took to end, in good order."""
-        begun = time.monotonic()
-        self.process.send_signal(number)
-        status = self.process.wait(TIMEOUT)
-        taken = time.monotonic() - begun
-        self._reader.join(TIMEOUT)
-        assert status == 0, self.output
-        assert "Traceback" not in self.output, self.output
-        return taken
-
-    def wait_refused(self) -> str:
-        """Wait for it to end with a complaint; returns that."""
-        assert self.process.wait(TIMEOUT) not in (0, None)
-        self._reader.join(TIMEOUT)
-        return self.output
-
-
-@pytest.fixture
-def start_program(domain: int) -> Iterator[Callable[..., Program]]:
-    programs: list[Program] = []
-
-    def start(*arguments: str) -> Program:
-        programs.append(Program(domain, *arguments))
-        return programs[-1]
-
-    yield start
-    for program in programs:
-        program.process.kill()
-        program.process.wait()
 
 
 @pytest.fixture
@@ -110,7 +46,7 @@ def test_ends_by_a_signal(
 
 
 def test_ends_with_a_frozen_chassis(program: Program, simulator: SimulatorThread) -> None:
-    simulator.freeze()
+    simulator.inject("half_open")
     assert program.end() < LIMIT
 
 
@@ -121,7 +57,7 @@ def test_ends_while_driving_a_frozen_chassis_with_an_open_goal(
     goal = lift3(client, 0.4, speed=0.001)
     goal.feedback.wait_count(1)
     drive(client)
-    simulator.freeze()
+    simulator.inject("half_open")
     assert program.end() < LIMIT
     assert goal.result()[0] == ABORTED
 
@@ -159,7 +95,7 @@ def test_ends_while_starting(start_program: Callable[..., Program], loaded: str)
 
 def test_signals_while_ending(program: Program, simulator: SimulatorThread, client: Client) -> None:
     drive(client)
-    simulator.freeze()
+    simulator.inject("half_open")
     program.process.send_signal(signal.SIGINT)
     with pytest.raises(subprocess.TimeoutExpired):
         program.process.wait(0.4)

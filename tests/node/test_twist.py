@@ -126,7 +126,7 @@ def test_nothing_stale_comes_out_of_a_half_open_link(
     client: Client, simulator: SimulatorThread
 ) -> None:
     answers([drive(client, 0.1)])
-    simulator.freeze()
+    simulator.inject("half_open")
     calls = [drive(client, 0.2)]
     begun = time.monotonic()
     while time.monotonic() - begun < 0.8:
@@ -134,7 +134,7 @@ def test_nothing_stale_comes_out_of_a_half_open_link(
         wait_until(lambda: time.monotonic() > begun + 0.02 * len(calls))
     late = drive(client, 0.4)
     assert "too old" in wait_future(late).msg
-    simulator.thaw()
+    simulator.clear_faults()
     stop = wait_future(drive(client, 0.0))
     assert stop.ok
     assert 0.4 not in speeds(simulator)

@@ -211,7 +211,7 @@ def test_subscriptions_end_with_the_connection(simulator: SimulatorThread) -> No
 
 def test_freeze_and_thaw(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe("woosh.robot.Mode")
-    simulator.freeze()
+    simulator.inject("half_open")
     pong = client._await(client.socket.ping())
     client.send({"type": "woosh.robot.Battery", "sn": 900})
     before = simulator.counts["woosh.robot.Battery"]
@@ -220,7 +220,7 @@ def test_freeze_and_thaw(simulator: SimulatorThread, client: JsonClient) -> None
     assert not pong.done()
     assert simulator.counts["woosh.robot.Battery"] == before == 0
     assert simulator.connections == 1
-    simulator.thaw()
+    simulator.clear_faults()
     assert client.receive()["sn"] == 900
     client._await(pong)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from google.protobuf.message import Message
 
 from woosh_robot_agent.actions.server import Outcome
-from woosh_robot_agent.link import Answer
+from woosh_robot_agent.link import Answer, LinkError
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,13 @@ class Asked:
 
     Attributes:
         end: the goal's end, if the chassis does not know it.
+        error: why it could not be asked, None if it answered.
+        silent: whether nothing at all came from it meanwhile.
     """
 
     end: End | None
+    error: LinkError | None = None
+    silent: bool = False
 
 
 class CancelAsked:

@@ -128,6 +128,8 @@ class GoalRun(ABC):
         self._events: asyncio.Queue[Event] = asyncio.Queue()
         self._deadline: float | None = None
         self._deadline_reason = ""
+        self._silent = False
+        """Whether the deadline is there because the chassis answers nothing."""
         self._next_poll = 0.0
         self._cancel_due = False
         self._work: dict[str, asyncio.Task[None]] = {}
@@ -231,10 +233,15 @@ class GoalRun(ABC):
             case LinkChanged():
                 self._limit("the link was lost")
                 self._ask()
-            case Asked(end):
+            case Asked(error=None, end=end):
                 if end is not None and self.took.done():  # else it may still be on its way
                     return end
+                if self._silent:
+                    self._silent, self._deadline = False, None
                 self._cancel_soon()  # a wish that did not get through still stands
+            case Asked(error=error, silent=True) if self._deadline is None:
+                self._limit(f"the chassis does not answer ({error})")
+                self._silent = True
             case Tick():
                 return self._look_at_the_time()
         return None
@@ -313,6 +320,7 @@ class GoalRun(ABC):
         return End(Outcome.ABORTED, end.ret)
 
     def _limit(self, reason: str) -> None:
+        self._silent = False
         self._deadline_reason = reason
         self._deadline = asyncio.get_running_loop().time() + self.link_timeout
 
@@ -331,7 +339,8 @@ class GoalRun(ABC):
             self.post(Answered(error))
 
     def _ask(self) -> None:
-        haste = 1.0 if self._deadline is None else _HASTE
+        in_doubt = self._deadline is not None or self._cancel_due
+        haste = _HASTE if in_doubt else 1.0
         self._next_poll = asyncio.get_running_loop().time() + self.poll_period * haste
         # before the answer to the start, what the chassis tells may be of an earlier goal
         ready = self._answered and self.chassis.state is LinkState.READY
@@ -339,12 +348,14 @@ class GoalRun(ABC):
             self._spawn("ask", self._recover())
 
     async def _recover(self) -> None:
-        end = None
+        before = self.chassis.stats.rx
         try:
-            end = await self.recover()
+            asked = Asked(await self.recover())
         except LinkError as error:
             _LOG.debug("cannot ask how a goal stands: %s", error)
-        self.post(Asked(end))
+            timed_out = isinstance(error, RequestTimeoutError)
+            asked = Asked(None, error, silent=timed_out and self.chassis.stats.rx == before)
+        self.post(asked)
 
     def _cancel_soon(self) -> None:
         """Pass the wish to cancel on: once the chassis has the goal, and not twice at a time."""

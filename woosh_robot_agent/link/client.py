@@ -33,7 +33,7 @@ from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.transports import TransportClosedError, open_transport
-from woosh_robot_agent.link.within import within
+from woosh_robot_agent.link.within import drop, within
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_types
@@ -41,6 +41,8 @@ from woosh_robot_agent.protos import full_name, message_types
 _LOG = logging.getLogger(__name__)
 _RUNNER = "link to the chassis"
 _DEFAULTS = LinkConfig()
+_ASK_AGAIN = 1.0
+"""s without an answer after which a new link asks for RobotInfo once more."""
 _CHANGEABLE = (
     "request_timeout",
     "connect_timeout",
@@ -346,11 +348,7 @@ class ChassisClient:
         self._connection = connection  # subscriptions go to it; requests wait for READY
         try:
             connection.subscribe(self._subscriptions.wanted, on=True)
-            answer = await connection.request(
-                RobotInfo(robot_id=config.robot_id or None),
-                config.handshake_timeout,
-                tap=self._subscriptions.snapshot,
-            )
+            answer = await self._ask_for_info(connection, config)
             if not answer.ok or answer.type != full_name(RobotInfo):
                 reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
                 raise HandshakeError(f"the chassis did not give its RobotInfo: {reason}")
@@ -362,6 +360,28 @@ class ChassisClient:
             await connection.close(cause)
             raise
         return connection
+
+    async def _ask_for_info(self, connection: Connection, config: LinkConfig) -> Answer:
+        """Ask for RobotInfo, and again while no answer comes: one that is lost costs little."""
+        left = config.handshake_timeout
+        ask = RobotInfo(robot_id=config.robot_id or None)
+        asking: set[asyncio.Task[Answer]] = set()
+        try:
+            while True:
+                request = connection.request(ask, left, tap=self._subscriptions.snapshot)
+                asking.add(asyncio.ensure_future(request))
+                done, _ = await asyncio.wait(
+                    asking,
+                    timeout=_ASK_AGAIN if left > 2 * _ASK_AGAIN else None,
+                    return_when=asyncio.FIRST_COMPLETED,
+                )
+                if done:
+                    return done.pop().result()
+                left -= _ASK_AGAIN
+        except NotConnectedError:  # it has ended before it was asked
+            raise connection.ended.result() from None
+        finally:
+            await drop(*asking)
 
     async def _serve(self, connection: Connection) -> float:
         """Be ready until the connection ends; returns for how long it was."""

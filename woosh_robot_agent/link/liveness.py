@@ -11,6 +11,8 @@ from woosh_robot_agent.link.within import within
 
 _IDLE_SHARE = 0.4
 """Share of the limit that may pass in silence before the other end is asked for a sign of life."""
+_MARGIN = 0.03
+"""Share of the limit that is left for timers that come late, so that the limit is kept."""
 
 
 class Liveness:
@@ -21,7 +23,7 @@ class Liveness:
 
     Args:
         transport: what to watch.
-        limit: s without a sign of life after which the other end counts as gone.
+        limit: s without a sign of life within which the other end counts as gone.
         probe: asks for a sign of life and waits for it.
         sent: number of frames that the transport has taken so far.
     """
@@ -35,6 +37,7 @@ class Liveness:
     ) -> None:
         self._transport = transport
         self._limit = limit
+        self._patience = limit * (1 - _MARGIN)
         self._probe = probe
         self._sent = sent
         self._now = asyncio.get_running_loop().time
@@ -57,9 +60,9 @@ class Liveness:
                 await asyncio.sleep(self._limit * _IDLE_SHARE - quiet)
                 continue
             try:
-                await within(max(self._limit - quiet, 0.01), self._asked())
+                await within(max(self._patience - quiet, 0.01), self._asked())
             except (TimeoutError, RequestTimeoutError):
-                if self._look() >= self._limit:
+                if self._look() >= self._patience:
                     raise ConnectionLostError(
                         f"nothing was heard for {self._limit:g} s; is the robot on, and in reach "
                         "of the network?"

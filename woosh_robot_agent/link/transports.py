@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
+import struct
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
+from websockets.frames import Opcode
 
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.frames import FrameError
@@ -39,6 +41,8 @@ _NO_PROXY: dict[str, Any] = (
 )
 _CHUNK = 256 * 1024
 _TOO_BIG = 1009
+_FINAL = 0x80
+_DRAIN_POLL = 0.002
 
 
 class TransportClosedError(Exception):
@@ -60,6 +64,24 @@ class Transport(Protocol):
 
     async def send(self, data: str | bytes) -> None:
         """Hand one frame to the connection; waits while its buffer is full.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    def header(self, size: int, *, text: bool = False) -> bytes:
+        """What stands before a frame of `size` bytes from the server's end.
+
+        Args:
+            size: up to 2^63 - 1.
+            text: a text frame, where the transport has them; else a binary one.
+        """
+
+    async def send_raw(self, data: bytes) -> None:
+        """Write bytes, with no frame around them, where a frame could begin.
+
+        Waits while the buffer is full. It is for tests of the other end: bytes that are no frame
+        may leave the connection useless.
 
         Raises:
             TransportClosedError: the connection has ended.
@@ -97,11 +119,19 @@ Handler = Callable[[Transport], Awaitable[None]]
 
 
 class Listener:
-    """A server socket; `port` is the one it really has."""
+    """A server's sockets.
+
+    Attributes:
+        port: The one it really has.
+        addresses: Family and address of each socket.
+    """
 
     def __init__(self, server: Any) -> None:
         self._server = server
-        self.port: int = next(iter(server.sockets)).getsockname()[1]
+        self.addresses: list[tuple[int, Any]] = [
+            (each.family, each.getsockname()) for each in server.sockets
+        ]
+        self.port: int = self.addresses[0][1][1]
 
     async def close(self) -> None:
         """Stop listening; connections that are open end with their handlers."""
@@ -133,11 +163,31 @@ async def open_transport(config: LinkConfig) -> Transport:
         raise
 
 
-async def serve_websocket(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
-    """Listen for WebSocket clients; port 0 takes a free one."""
+async def serve_websocket(
+    handler: Handler,
+    host: str,
+    port: int,
+    *,
+    max_size: int,
+    before: Callable[[], Awaitable[object]] | None = None,
+) -> Listener:
+    """Listen for WebSocket clients.
+
+    Args:
+        handler: serves one connection.
+        host: the address to listen at.
+        port: 0 takes a free one.
+        max_size: of a frame, in bytes.
+        before: is waited for before a client's handshake is answered, 10 s at the most: then the
+            client is dropped.
+    """
 
     async def handle(socket: Any) -> None:
         await handler(WebSocketTransport(socket, raw_text=False))
+
+    async def process_request(*_: Any) -> None:
+        if before:
+            await before()
 
     server = await _ws_serve(
         handle,
@@ -147,6 +197,7 @@ async def serve_websocket(handler: Handler, host: str, port: int, *, max_size: i
         compression=None,
         ping_interval=None,
         close_timeout=1.0,
+        process_request=process_request,
     )
     return Listener(server)
 
@@ -228,6 +279,25 @@ class WebSocketTransport:
         except ConnectionClosed as error:
             raise TransportClosedError(_reason(error)) from None
 
+    def header(self, size: int, *, text: bool = False) -> bytes:
+        """See `Transport.header`."""
+        first = _FINAL | (Opcode.TEXT if text else Opcode.BINARY)
+        if size < 126:
+            return struct.pack("!BB", first, size)
+        if size < 2**16:
+            return struct.pack("!BBH", first, 126, size)
+        return struct.pack("!BBQ", first, 127, size)
+
+    async def send_raw(self, data: bytes) -> None:
+        """See `Transport.send_raw`."""
+        transport = self._socket.transport
+        transport.write(data)
+        # The library's own waiting differs from release to release, and is not public.
+        while transport.get_write_buffer_size() > _CHUNK and not transport.is_closing():
+            await asyncio.sleep(_DRAIN_POLL)
+        if transport.is_closing():
+            raise TransportClosedError("the connection broke off without a close")
+
     async def recv(self) -> str | bytes:
         """See `Transport.recv`."""
         try:
@@ -287,8 +357,16 @@ class TcpTransport:
     async def send(self, data: str | bytes) -> None:
         """See `Transport.send`."""
         frame = data.encode() if isinstance(data, str) else data
+        await self.send_raw(self.header(len(frame)) + frame)
+
+    def header(self, size: int, *, text: bool = False) -> bytes:
+        """See `Transport.header`."""
+        return varint(size)
+
+    async def send_raw(self, data: bytes) -> None:
+        """See `Transport.send_raw`."""
         try:
-            self._writer.write(_varint(len(frame)) + frame)
+            self._writer.write(data)
             await self._writer.drain()
         except (OSError, RuntimeError) as error:
             raise TransportClosedError(str(error) or type(error).__name__) from None
@@ -359,7 +437,8 @@ class TcpTransport:
             self.heard = self._now()
 
 
-def _varint(value: int) -> bytes:
+def varint(value: int) -> bytes:
+    """A number as protobuf writes it: seven bits a byte, the least first."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)

@@ -54,7 +54,7 @@ class Base:
         odometry: Where its wheels say it is: never jumps, heading not wrapped.
         velocity: How it moves now.
         odometer: m driven since it was built.
-        blocked: A wall stopped it in the last step.
+        blocked: Something stopped it in the last step.
     """
 
     def __init__(self, pose: Pose, odometer: float) -> None:
@@ -82,30 +82,34 @@ class Base:
         """Put the base somewhere else in the map, as localisation does."""
         self.pose = Pose(pose.x, pose.y, wrap(pose.theta))
 
-    def tick(self, dt: float, clearance: Callable[[float, float], float], radius: float) -> None:
+    def tick(self, dt: float, gap: Callable[[Pose], float]) -> None:
         """Move for `dt` seconds.
+
+        A move that would run the outline into something is not made. A base that is in something
+        already, because it was placed there or the thing was, can move out of it.
 
         Args:
             dt: s.
-            clearance: The distance in m from a point of the map to its nearest wall.
-            radius: The distance in m from a wall at which the base touches it.
+            gap: How far in m the base's outline at a pose is from touching anything; negative if
+                something is inside of it.
         """
         self.velocity = _accelerated(self.velocity, self._wanted, dt)
         self._wanted = STANDSTILL
         self.blocked = False
         if not self.moving:
             return
-        forward, left, turn = _displacement(self.velocity, dt)
-        goal = self.pose.moved(forward, left, turn)
-        room = clearance(goal.x, goal.y)
-        if room < radius and room < clearance(self.pose.x, self.pose.y):
+        least = min(0.0, gap(self.pose) - _DUST)
+        # Where it cannot drive on, it may still turn.
+        for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
+            moved = _displacement(velocity, dt)
+            goal = self.pose.moved(*moved)
+            if velocity == STANDSTILL or gap(goal) >= least:
+                break
             self.blocked = True
-            self.velocity = Velocity(turn=self.velocity.turn)
-            forward = left = 0.0
-            goal = self.pose.moved(0.0, 0.0, turn)
+        self.velocity = velocity
         self.place(goal)
-        self.odometry = self.odometry.moved(forward, left, turn)
-        self.odometer += self.velocity.speed * dt
+        self.odometry = self.odometry.moved(*moved)
+        self.odometer += velocity.speed * dt
 
 
 def approach(distance: float, fastest: float, acceleration: float, dt: float) -> float:

@@ -21,14 +21,16 @@ from woosh_robot_agent.simulator.codes import (
     LOCALISATION_LOST,
     Codes,
 )
+from woosh_robot_agent.simulator.collision import Bumper
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS, inner_radius
-from woosh_robot_agent.simulator.geometry import Pose
+from woosh_robot_agent.simulator.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.geometry import Pose, Wall
 from woosh_robot_agent.simulator.jobs import Device
 from woosh_robot_agent.simulator.laser import Laser
 from woosh_robot_agent.simulator.lift import Lift
 from woosh_robot_agent.simulator.maps import Map, MarkKind, Scene
 from woosh_robot_agent.simulator.navigation import Navigate
+from woosh_robot_agent.simulator.obstacles import Obstacles
 from woosh_robot_agent.simulator.readiness import Readiness
 from woosh_robot_agent.simulator.refused import Refused
 from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
@@ -54,6 +56,7 @@ class Chassis:
         time: Simulated Unix time in s.
         elapsed: Simulated time since the start in s.
         footprint: The `woosh.robot.FootPrint` in use.
+        obstacles: What stands in the way without being in the map.
         setting: The settings, as the getter reports them.
         spoken: What it was told to say lately.
     """
@@ -70,6 +73,8 @@ class Chassis:
         self.scenes = scenes.default_scenes()
         self.scene: Scene = self.scenes[scenes.START_SCENE]
         self.map: Map = self.scene.maps[0]
+        self.obstacles = Obstacles()
+        self._bumper = Bumper()
         self.predefined = scenes.predefined_tasks()
         self.calls = scenes.call_tasks()
 
@@ -124,6 +129,11 @@ class Chassis:
         return job if isinstance(job, Navigate) else self.actions.navigation
 
     @property
+    def walls(self) -> tuple[Wall, ...]:
+        """The walls of the map and the sides of the obstacles."""
+        return self.map.walls + self.obstacles.walls
+
+    @property
     def state(self) -> util_robot_pb2.State:
         """What the chassis says it is doing."""
         readiness = self.readiness
@@ -149,11 +159,19 @@ class Chassis:
         self.tasks.tick(dt)
         self.actions.tick(dt)
         driven = self.base.odometer
-        self.base.tick(dt, self.map.clearance, inner_radius(FOOTPRINTS[self.footprint]))
+        self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - driven)
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
+
+    def clearance(self, x: float, y: float) -> float:
+        """How far the nearest wall or obstacle is from (x, y), in m."""
+        return min(self.map.clearance(x, y), self.obstacles.clearance(x, y))
+
+    def gap(self, pose: Pose) -> float:
+        """How far in m the outline at `pose` is from touching anything; negative if it does."""
+        return self._bumper.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
 
     def emit(self, event: Message) -> None:
         """Report a message of which each one counts; it must not change any more."""
@@ -204,7 +222,7 @@ class Chassis:
         """
         if not self.map.contains(pose.x, pose.y):
             raise Refused(f"pose {pose} is outside of map {self.map.name}")
-        if self.map.clearance(pose.x, pose.y) < inner_radius(FOOTPRINTS[self.footprint]):
+        if self.gap(pose) < 0.0:
             raise Refused(f"pose {pose} is inside a wall of map {self.map.name}")
         self.base.place(pose)
         self.readiness.located = True
@@ -215,8 +233,8 @@ class Chassis:
         """Work in another scene or map, at the same coordinates."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        room = inner_radius(FOOTPRINTS[self.footprint])
-        if area.clearance(*self.base.pose.point) < room:
+        pose = self.base.pose
+        if not area.contains(*pose.point) or self.gap(pose) < 0.0:
             self.readiness.located = False
         if self.navigation:
             self.navigation.replan()
@@ -238,7 +256,7 @@ class Chassis:
         """One scan of the laser, in m."""
         # Noise by time, not by how often somebody asked: equal seeds see equal scans.
         rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
-        return self.laser.scan(self.base.pose, self.map.walls, rng)
+        return self.laser.scan(self.base.pose, self.walls, rng)
 
     def _watch(self) -> None:
         """Notice what is wrong, and stop what must not go on."""

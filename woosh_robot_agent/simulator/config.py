@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # faults know the chassis, which knows its configuration
+    from woosh_robot_agent.simulator.faults.scenario import Scenario
 
 #: Where a seeded simulation's clock starts, Unix time in s: 2025-01-01 00:00 UTC.
 SEEDED_START = 1735689600.0
@@ -24,7 +28,10 @@ class SimulatorConfig:
         omnidirectional: The base can move sideways too; else it is a differential one.
         max_frame: Bytes of the largest frame that it takes from a client.
         max_connections: How many clients it serves at a time.
+        max_waiting: How many requests of one client may wait, to be done or for their answers to
+            be let go; further ones are refused.
         max_outbox: How many frames may wait for one client before it is dropped as too slow.
+        scenario: Faults, and when they happen.
     """
 
     host: str = "127.0.0.1"
@@ -35,14 +42,19 @@ class SimulatorConfig:
     robot_id: int = 30001
     omnidirectional: bool = True
     max_frame: int = 64 * 1024 * 1024
-    max_connections: int = 1000
+    max_connections: int = 64
+    max_waiting: int = 256
     max_outbox: int = 10_000
+    scenario: Scenario | None = None
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.speed <= 100.0:
             raise ValueError(f"speed {self.speed:g} is not within 1 to 100")
         if not 0 < self.robot_id < 2**32:
             raise ValueError(f"robot id {self.robot_id} is not within 1 to {2**32 - 1}")
+        for name in ("max_frame", "max_connections", "max_waiting", "max_outbox"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} {getattr(self, name)} is not at least 1")
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:
                 raise ValueError(f"port {port} is not within 0 to 65535")

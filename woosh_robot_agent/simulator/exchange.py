@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import Counter, deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, FrameError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
@@ -31,26 +32,54 @@ class Received(NamedTuple):
     message: Message
 
 
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """A frame of a client that could be read.
+
+    Attributes:
+        client: Who sent it.
+        codec: That of its frame, and so of its answer.
+        type: What the frame says its body is.
+        sn: Its number.
+        message: The body, None where it could not be read.
+        objection: Why it cannot be done; empty if nothing is known against it.
+    """
+
+    client: Client
+    codec: Codec
+    type: str
+    sn: int
+    message: Message | None
+    objection: str = ""
+
+
 class Exchange:
     """What goes between a chassis and its clients.
 
+    Args:
+        chassis: What does the requests.
+        hooks: What is to go otherwise than usual.
+        max_waiting: How many requests of one client may wait, to be done or to be answered.
+
     Attributes:
         clients: Those that are connected.
-        hooks: What is to go otherwise than usual.
         received: What clients sent, oldest first; the last ten thousand.
         counts: How many messages of each type they sent since the start.
         bad_frames: How many frames could not be read.
     """
 
-    def __init__(self, chassis: Chassis) -> None:
+    def __init__(self, chassis: Chassis, hooks: Hooks, max_waiting: int) -> None:
         self.clients: set[Client] = set()
-        self.hooks = Hooks()
         self.received: deque[Received] = deque(maxlen=_RECEIVED_KEPT)
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
         self._chassis = chassis
+        self._hooks = hooks
+        self._max_waiting = max_waiting
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
+        self._hung = False
+        self._queue: deque[_Request] = deque()
 
     def join(self, client: Client) -> None:
         """Talk to a new client."""
@@ -58,6 +87,7 @@ class Exchange:
 
     def leave(self, client: Client) -> None:
         """Forget a client and its subscriptions."""
+        client.forget()
         self.clients.discard(client)
         self._watch_subscribed()
 
@@ -65,29 +95,36 @@ class Exchange:
         """Deal with a frame, in the encoding in which it came."""
         codec = codec_of(data)
         try:
-            envelope = codec.decode(data)
-            if envelope.type in _SUBSCRIPTIONS:
-                self._subscribe(client, codec, codec.body(envelope, Subscription))
-                return
+            request = self._read(client, codec, data)
         except FrameError as error:
             self.skip(client, error)
             return
-        answer = self._answer(codec, envelope)
-        # What a request ended is said before its answer, what it changed after it.
-        self._push_events()
-        self._send(
-            client,
-            codec,
-            Outgoing(
-                answer.type, answer.body, envelope.sn, answer.ok, answer.msg, request=envelope.type
-            ),
-        )
-        self.report_changes(while_moving=False)
+        if request.message is not None:
+            self._record(request.type, request.message)
+        subscribes = request.type == SUBSCRIPTION_TYPE
+        if client.waiting >= self._max_waiting and (self._hung or not subscribes):
+            self._turn_down(request)
+        elif self._hung:
+            client.queued += 1
+            self._queue.append(request)
+        else:
+            self._do(request)
 
     def skip(self, client: Client, error: FrameError) -> None:
         """Count a frame that nobody can read; there is nothing that an answer could refer to."""
         self.bad_frames += 1
         _log.debug("%s: unreadable frame: %s", client.transport.peer, error)
+
+    def hang(self, hung: bool) -> None:
+        """Only queue what clients send from now on, or do all that is queued and go on."""
+        self._hung = hung
+        while self._queue and not self._hung:
+            request = self._queue.popleft()
+            request.client.queued -= 1
+            try:
+                self._do(request)
+            except Exception:  # an interceptor's fault, say: the others are served on
+                _log.exception("a frame of %s failed", request.client.transport.peer)
 
     def push(self, message: Message) -> None:
         """Push a message to everybody who subscribed to its type."""
@@ -112,31 +149,67 @@ class Exchange:
         while self.counts[type_name] < count:
             await self._arrival.wait()
 
-    def _answer(self, codec: Codec, envelope: Envelope) -> Answer:
+    def _read(self, client: Client, codec: Codec, data: str | bytes) -> _Request:
+        envelope = codec.decode(data)
         name = envelope.type
-        if not name:
-            return refusal(name, "the request has no type")
+        if name in _SUBSCRIPTIONS:
+            subscription = codec.body(envelope, Subscription)
+            return _Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
+        message, objection = None, ""
         try:
-            request = codec.body(envelope, message_type(name))
+            message = codec.body(envelope, message_type(name)) if name else None
         except KeyError:
-            return refusal(name, f"unknown message type {name}")
+            pass
         except FrameError as error:
             self.bad_frames += 1
-            return refusal(name, f"unreadable body: {error}")
-        self._record(name, request)
-        if name not in HANDLERS:
-            return refusal(name, f"unknown message type {name}")
-        reason = self.hooks.refusal(name)
+            objection = f"unreadable body: {error}"
+        if not name:
+            objection = "the request has no type"
+        elif name not in HANDLERS and not objection:
+            objection = f"unknown message type {name}"
+        return _Request(client, codec, name, envelope.sn, message, objection)
+
+    def _do(self, request: _Request) -> None:
+        if isinstance(request.message, Subscription):
+            self._subscribe(request.client, request.codec, request.message)
+            return
+        answer = self._answer(request)
+        # What a request ended is said before its answer, what it changed after it.
+        self._push_events()
+        out = Outgoing(
+            answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
+        )
+        self._send(request.client, request.codec, out)
+        self.report_changes(while_moving=False)
+
+    def _answer(self, request: _Request) -> Answer:
+        name = request.type
+        if request.message is None or request.objection:
+            return refusal(name, request.objection)
+        reason = self._hooks.refusal(name)
         if reason is not None:
             return refusal(name, reason)
         try:
-            return dispatch(self._chassis, request)
+            return dispatch(self._chassis, request.message)
         except Exception:  # a fault of ours must not end the client's connection
             _log.exception("%s failed", name)
             return refusal(name, "internal error of the simulator: see its log")
 
+    def _turn_down(self, request: _Request) -> None:
+        """Refuse a request at once: an answer that had to wait itself would be no limit."""
+        text = (
+            f"{self._max_waiting} requests of this connection wait already: "
+            "wait for their answers first"
+        )
+        if request.type == SUBSCRIPTION_TYPE:  # which has no answer
+            _log.warning("%s dropped: %s", request.client.transport.peer, text)
+            request.client.drop()
+            return
+        answer = refusal(request.type, text)
+        frame = Outgoing(answer.type, None, request.sn, answer.ok, answer.msg)
+        request.client.send(self._encoded(request.codec, frame))
+
     def _subscribe(self, client: Client, codec: Codec, subscription: Subscription) -> None:
-        self._record(SUBSCRIPTION_TYPE, subscription)
         # What changed before is not for the new subscriber.
         self.report_changes(while_moving=False)
         for topic in subscription.topics:
@@ -160,12 +233,12 @@ class Exchange:
             self.push(message)
 
     def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
+        for out in self._hooks.outgoing(frame):
+            data = self._encoded(codec, out)
+            client.send_as(out, out.damage(codec, data) if out.damage else data)
+
+    def _encoded(self, codec: Codec, out: Outgoing) -> str | bytes:
         timestamp = round(self._chassis.time * 1000)
-        for out in self.hooks.outgoing(frame):
-            data = codec.encode(
-                out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg, timestamp=timestamp
-            )
-            if out.delay:
-                asyncio.get_running_loop().call_later(out.delay, client.send, data)
-            else:
-                client.send(data)
+        return codec.encode(
+            out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg, timestamp=timestamp
+        )

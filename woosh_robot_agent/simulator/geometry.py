@@ -36,6 +36,12 @@ class Pose:
             self.theta + turn,
         )
 
+    def local(self, x: float, y: float) -> Point:
+        """Where (x, y) lies in this pose's own frame: forward, left."""
+        dx, dy = x - self.x, y - self.y
+        cos, sin = math.cos(self.theta), math.sin(self.theta)
+        return dx * cos + dy * sin, dy * cos - dx * sin
+
     def distance(self, point: Point) -> float:
         """How far `point` is from here, in m."""
         return math.hypot(point[0] - self.x, point[1] - self.y)

@@ -1,12 +1,24 @@
-"""Where tests reach in: every frame that goes out passes through interceptors."""
+"""Where faults and tests reach in: connections, requests, and every frame that goes out."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from google.protobuf.message import Message
+
+from woosh_robot_agent.link.frames import Codec
+from woosh_robot_agent.link.transports import Transport
+
+#: Writes something to a connection where an ordinary frame would be sent.
+Write = Callable[[Transport], Awaitable[None]]
+#: An encoded frame, or what writes one that could not be sent in the ordinary way.
+Encoded = str | bytes | Write
+#: Makes what goes out of an encoded frame.
+Damage = Callable[[Codec, str | bytes], Encoded]
+#: Sends a frame that was held back.
+Release = Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +33,8 @@ class Outgoing:
         msg: The text of an answer.
         request: The type of the request it answers; empty for a push.
         delay: Seconds of real time to hold it back.
+        hold: Is given what sends the frame, instead of its being sent; before the delay.
+        damage: What is done to the frame once it is encoded.
     """
 
     type: str
@@ -30,64 +44,71 @@ class Outgoing:
     msg: str = ""
     request: str = ""
     delay: float = 0.0
+    hold: Callable[[Release], None] | None = None
+    damage: Damage | None = None
 
 
 #: Gives what shall go out instead of a frame: the same, another, several or none.
 Interceptor = Callable[[Outgoing], Iterable[Outgoing]]
+#: Why a request of this type is refused, None if it is not.
+Objector = Callable[[str], "str | None"]
+#: Whether a new connection is served.
+Screen = Callable[[], bool]
+#: Takes a hook away again.
+Remove = Callable[[], None]
+
+_T = TypeVar("_T")
 
 
 class Hooks:
     """What is to go otherwise than usual."""
 
     def __init__(self) -> None:
-        self._refusals: dict[str, str] = {}
+        self._screens: list[Screen] = []
+        self._objectors: list[Objector] = []
+        self._faults: list[Interceptor] = []
         self._interceptors: list[Interceptor] = []
-        self._answers: dict[tuple[str, str], Callable[[Outgoing], Iterable[Outgoing]]] = {}
 
-    def refuse(self, type_name: str, text: str) -> None:
-        """Refuse every request of a type with `text`, without doing it."""
-        self._refusals[type_name] = text
+    def screen(self, screen: Screen) -> Remove:
+        """Ask `screen` about each new connection."""
+        return _add(self._screens, screen)
+
+    def object(self, objector: Objector) -> Remove:
+        """Ask `objector` about each request before it is done."""
+        return _add(self._objectors, objector)
+
+    def tamper(self, interceptor: Interceptor) -> Remove:
+        """Let all frames through `interceptor`, before those of `intercept`."""
+        return _add(self._faults, interceptor)
+
+    def intercept(self, interceptor: Interceptor) -> Remove:
+        """Let all frames through `interceptor`; the returned function takes it away again."""
+        return _add(self._interceptors, interceptor)
+
+    def admits(self) -> bool:
+        """Whether a new connection is served."""
+        return all(screen() for screen in list(self._screens))
 
     def refusal(self, type_name: str) -> str | None:
-        """Why requests of a type are refused, None if they are not."""
-        return self._refusals.get(type_name)
-
-    def delay(self, type_name: str, seconds: float) -> None:
-        """Hold back every answer to a type for `seconds` of real time."""
-        self._on_answer("delay", type_name, lambda out: [dataclasses.replace(out, delay=seconds)])
-
-    def mute(self, type_name: str) -> None:
-        """Do what requests of a type ask but never answer them."""
-        self._on_answer("mute", type_name, lambda out: [])
-
-    def answer_as(self, type_name: str, other: str) -> None:
-        """Say in every answer to a type that its body is of the type `other`."""
-        self._on_answer("type", type_name, lambda out: [dataclasses.replace(out, type=other)])
-
-    def accept(self, type_name: str) -> None:
-        """Treat requests of a type as usual again."""
-        self._refusals.pop(type_name, None)
-        for key in [key for key in self._answers if key[1] == type_name]:
-            del self._answers[key]
-
-    def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
-        """Let all frames through `interceptor`; the returned function takes it away again."""
-        self._interceptors.append(interceptor)
-        return lambda: self._interceptors.remove(interceptor)
+        """Why a request of a type is refused, by the last who objects; None if nobody does."""
+        reasons = (objector(type_name) for objector in reversed(list(self._objectors)))
+        return next((reason for reason in reasons if reason is not None), None)
 
     def outgoing(self, frame: Outgoing) -> list[Outgoing]:
         """What goes out in place of `frame`."""
         frames = [frame]
-        for interceptor in [self._answered, *self._interceptors]:
+        for interceptor in [*self._faults, *self._interceptors]:
             frames = [out for each in frames for out in interceptor(each)]
         return frames
 
-    def _on_answer(self, what: str, type_name: str, interceptor: Interceptor) -> None:
-        self._answers[what, type_name] = interceptor
 
-    def _answered(self, frame: Outgoing) -> list[Outgoing]:
-        frames = [frame]
-        for (_, type_name), interceptor in self._answers.items():
-            if frame.request == type_name:
-                frames = [out for each in frames for out in interceptor(each)]
-        return frames
+def _add(hooks: list[_T], hook: _T) -> Remove:
+    hooks.append(hook)
+
+    def remove() -> None:
+        for place, each in enumerate(hooks):
+            if each is hook:
+                del hooks[place]
+                return
+
+    return remove

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from woosh_robot_agent.simulator.geometry import Point, Pose, Wall
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.simulator.collision import Hull
 
 
 class MarkKind(Enum):
@@ -68,6 +72,15 @@ class Map:
     def clearance(self, x: float, y: float) -> float:
         """How far the nearest wall is from (x, y), in m."""
         return min((wall.distance(x, y) for wall in self.walls), default=float("inf"))
+
+    @property
+    def blur(self) -> float:
+        """By how many m `clearance` may be too great."""
+        return 0.0
+
+    def gap(self, hull: Hull, pose: Pose) -> float:
+        """How far in m an outline at `pose` is from touching a wall: see `collision`."""
+        return hull.gap(pose, self.walls)
 
     def contains(self, x: float, y: float) -> bool:
         """Whether (x, y) lies in the mapped area."""

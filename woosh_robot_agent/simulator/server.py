@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import random
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
@@ -11,18 +12,15 @@ from types import TracebackType
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.transports import (
-    Listener,
-    Transport,
-    TransportClosedError,
-    serve_tcp,
-    serve_websocket,
-)
+from woosh_robot_agent.link.transports import Transport, TransportClosedError
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.client import Client
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.exchange import Exchange, Received
-from woosh_robot_agent.simulator.hooks import Interceptor
+from woosh_robot_agent.simulator.faults.fault import Injection
+from woosh_robot_agent.simulator.faults.injector import Injector
+from woosh_robot_agent.simulator.hooks import Hooks, Interceptor
+from woosh_robot_agent.simulator.ports import Ports
 from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 
 _log = logging.getLogger(__name__)
@@ -44,20 +42,24 @@ class SimulatedChassis:
     Attributes:
         config: The options.
         chassis: The model.
-        port: The WebSocket port, once started.
-        tcp_port: The TCP port, once started.
+        hooks: Where connections, requests and frames can be caught.
         speed: How much faster than real time simulated time runs; can be changed any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         self.config = config or SimulatorConfig()
         self.chassis = Chassis(self.config)
-        self.port = self.config.port
-        self.tcp_port = self.config.tcp_port
+        self.hooks = Hooks()
         self.speed = self.config.speed
-        self._exchange = Exchange(self.chassis)
-        self._listeners: list[Listener] = []
-        self._running = asyncio.Event()
+        self._exchange = Exchange(self.chassis, self.hooks, self.config.max_waiting)
+        seed = random.randrange(2**32) if self.config.seed is None else self.config.seed
+        steps = self.config.scenario.steps if self.config.scenario else ()
+        self._injector = Injector(self, seed, steps)
+        self._held = False
+        self._hung = False
+        self._reading = asyncio.Event()
+        self._writing = asyncio.Event()
+        self._ports = Ports(self.config, self._serve, self._reading.wait)
         self._ticker: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> SimulatedChassis:
@@ -79,17 +81,21 @@ class SimulatedChassis:
             OSError: A port is taken.
         """
         await self.listen()
-        self._running.set()
+        self._update_gates()
+        self._injector.advance(0.0)
+        await self.settle()
         self._ticker = asyncio.ensure_future(self._tick())
 
     async def stop(self) -> None:
         """Close everything, within about a second."""
         if self._ticker:
             self._ticker.cancel()
+        self._injector.clear()  # readers and writers that it holds have to see the end too
+        await self.settle()
         closing = [client.transport.close(_CLOSE_TIMEOUT_S) for client in self._exchange.clients]
         await asyncio.gather(*closing, return_exceptions=True)
-        self._running.set()  # readers that `freeze` holds have to see the end too
-        await self.stop_listening()
+        self.drop()
+        await self._ports.close(reserve=False)
 
     async def listen(self) -> None:
         """Take clients, at the ports of the start.
@@ -97,23 +103,111 @@ class SimulatedChassis:
         Raises:
             OSError: A port is taken.
         """
-        if self._listeners:
-            return
-        config = self.config
-        for serve, port in ((serve_websocket, self.port), (serve_tcp, self.tcp_port)):
-            try:
-                listener = await serve(self._serve, config.host, port, max_size=config.max_frame)
-            except OSError:
-                await self.stop_listening()
-                raise
-            self._listeners.append(listener)
-        self.port, self.tcp_port = (listener.port for listener in self._listeners)
+        await self._ports.listen()
 
     async def stop_listening(self) -> None:
         """Drop every client and take no new ones, as if switched off."""
         self.drop()
-        listeners, self._listeners = self._listeners, []
-        await asyncio.gather(*(listener.close() for listener in listeners))
+        await self._ports.close(reserve=True)
+
+    async def settle(self) -> None:
+        """Wait until the ports are as the fault `off` wants them."""
+        await self._ports.settle()
+
+    @property
+    def port(self) -> int:
+        """The WebSocket port, once started."""
+        return self._ports.port
+
+    @property
+    def tcp_port(self) -> int:
+        """The TCP port, once started."""
+        return self._ports.tcp_port
+
+    # Faults
+
+    def inject(self, name: str, /, **arguments: object) -> Injection:
+        """Put a fault in; `woosh_robot_agent.simulator.faults.FAULTS` has all of them.
+
+        The ports follow the fault `off` a little later: `settle` waits for them.
+
+        Args:
+            name: That of the fault.
+            arguments: Those of the fault, `for_` among them.
+
+        Returns:
+            What ends it again, if it lasts.
+
+        Raises:
+            FaultError: There is none of this name, or an argument is wrong.
+        """
+        return self._injector.inject(name, **arguments)
+
+    def clear_faults(self) -> None:
+        """End all faults, and let go at once what they hold back."""
+        self._injector.clear()
+        for client in list(self._exchange.clients):
+            client.release()
+
+    @property
+    def faults(self) -> list[Injection]:
+        """The faults that last, oldest first."""
+        return self._injector.active
+
+    @property
+    def injected(self) -> Counter[str]:
+        """How many faults of each name there were since the start."""
+        return Counter(self._injector.counts)
+
+    # What faults do
+
+    def drop(self) -> None:
+        """End every connection at once, as a broken cable would."""
+        for client in list(self._exchange.clients):
+            client.drop()
+
+    def switch(self, on: bool) -> None:
+        """Drop every client and refuse new connections; or listen again at the same ports."""
+        if not on:
+            self.drop()
+        self._ports.switch(on)
+
+    def hold_link(self, held: bool) -> None:
+        """Neither read nor write, but keep the connections; or go on."""
+        self._held = held
+        self._update_gates()
+        for client in self._exchange.clients:
+            if held:
+                client.transport.pause()
+            else:
+                client.transport.resume()
+
+    def hang(self, hung: bool) -> None:
+        """Let model time stand still and queue what is read; or go on."""
+        self._hung = hung
+        self._update_gates()
+        self._exchange.hang(hung)
+
+    def set_emergency_stop(self, pressed: bool) -> None:
+        """Press or release the emergency stop button."""
+        self.chassis.set_emergency_stop(pressed)
+        self.report()
+
+    def push(self, message: Message) -> None:
+        """Push a message to everybody who subscribed to its type, whatever the state says."""
+        self._exchange.push(message)
+
+    def report(self) -> None:
+        """Push what changed."""
+        self._exchange.report_changes(while_moving=True)
+
+    def backlog(self) -> int:
+        """The most frames that wait for one client."""
+        return max((client.backlog for client in self._exchange.clients), default=0)
+
+    def room(self) -> int:
+        """How many frames may wait for one client."""
+        return self.config.max_outbox
 
     # What tests look at
 
@@ -166,58 +260,41 @@ class SimulatedChassis:
 
     def refuse(self, type_name: str, text: str) -> None:
         """Refuse every request of a type with `text`, without doing it."""
-        self._exchange.hooks.refuse(type_name, text)
+        self._instead("refuse", type_name, text=text)
 
     def delay(self, type_name: str, seconds: float) -> None:
         """Hold back every answer to a type for `seconds` of real time."""
-        self._exchange.hooks.delay(type_name, seconds)
+        self._instead("delay", type_name, seconds=seconds)
 
     def mute(self, type_name: str) -> None:
         """Do what requests of a type ask but never answer them."""
-        self._exchange.hooks.mute(type_name)
+        self._instead("lose_answer", type_name)
 
     def answer_as(self, type_name: str, other: str) -> None:
         """Say in every answer to a type that its body is of the type `other`."""
-        self._exchange.hooks.answer_as(type_name, other)
+        self._instead("wrong_type", type_name, other=other)
 
     def accept(self, type_name: str) -> None:
-        """Treat requests of a type as usual again."""
-        self._exchange.hooks.accept(type_name)
+        """Treat requests of a type as usual again: end every fault that is only for them."""
+        for injection in self.faults:
+            if injection.arguments.get("type") == type_name:
+                injection.clear()
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
         """Let all frames through `interceptor`; the returned function takes it away again."""
-        return self._exchange.hooks.intercept(interceptor)
-
-    def push(self, message: Message) -> None:
-        """Push a message to everybody who subscribed to its type, whatever the state says."""
-        self._exchange.push(message)
+        return self.hooks.intercept(interceptor)
 
     def send_raw(self, data: str | bytes) -> None:
         """Send a frame to every client as it is."""
         for client in list(self._exchange.clients):
             client.send(data)
 
-    def drop(self) -> None:
-        """End every connection at once, as a broken cable would."""
-        for client in list(self._exchange.clients):
-            client.drop()
-
-    def freeze(self) -> None:
-        """Neither read nor write any more, but keep the connections: the link is half-open."""
-        self._running.clear()
-        for client in self._exchange.clients:
-            client.transport.pause()
-
-    def thaw(self) -> None:
-        """Go on after `freeze`, with what has piled up."""
-        self._running.set()
-        for client in self._exchange.clients:
-            client.transport.resume()
-
-    def set_emergency_stop(self, pressed: bool) -> None:
-        """Press or release the emergency stop button."""
-        self.chassis.set_emergency_stop(pressed)
-        self._exchange.report_changes(while_moving=True)
+    def _instead(self, name: str, type_name: str, **arguments: object) -> None:
+        """Put in a fault for one type, in place of one of the same name."""
+        for injection in self.faults:
+            if injection.name == name and injection["type"] == type_name:
+                injection.clear()
+        self.inject(name, type=type_name, **arguments)
 
     # Clients and time
 
@@ -226,11 +303,15 @@ class SimulatedChassis:
             _log.warning("%s refused: %d clients already", transport.peer, self.connections)
             transport.abort()
             return
+        if not self.hooks.admits():
+            _log.info("%s connected and is dropped by a fault", transport.peer)
+            transport.abort()
+            return
         client = Client(transport, self.config.max_outbox)
         self._exchange.join(client)
-        writer = asyncio.ensure_future(client.write(self._running))
+        writer = asyncio.ensure_future(client.write(self._writing))
         _log.info("%s connected", transport.peer)
-        if not self._running.is_set():
+        if self._held:
             transport.pause()
         try:
             while True:
@@ -249,7 +330,7 @@ class SimulatedChassis:
         except FrameError as error:
             self._exchange.skip(client, error)
         else:
-            await self._running.wait()
+            await self._reading.wait()
             try:
                 self._exchange.receive(client, data)
             except Exception:  # an interceptor's fault, say: the others are served on
@@ -262,7 +343,19 @@ class SimulatedChassis:
             due = max(due + STEP_S / self.speed, loop.time() - _MOST_LAG_S)
             await asyncio.sleep(max(0.0, due - loop.time()))
             try:
-                self.chassis.tick(STEP_S)
-                self._exchange.report_changes(while_moving=True)
+                self._injector.advance(STEP_S)
+                if not self._hung:
+                    self.chassis.tick(STEP_S)
+                    self.report()
             except Exception:  # time has to go on
                 _log.exception("a step failed")
+
+    def _update_gates(self) -> None:
+        for gate, is_open in (
+            (self._reading, not self._held),
+            (self._writing, not (self._held or self._hung)),
+        ):
+            if is_open:
+                gate.set()
+            else:
+                gate.clear()

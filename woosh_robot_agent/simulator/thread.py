@@ -14,6 +14,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.exchange import Received
+from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.hooks import Interceptor
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.simulator.snapshot import Snapshot
@@ -21,6 +22,44 @@ from woosh_robot_agent.simulator.snapshot import Snapshot
 T = TypeVar("T")
 
 _CALL_TIMEOUT_S = 10.0
+
+
+class ThreadInjection:
+    """A fault that was put into a `SimulatorThread`; see `Injection`."""
+
+    def __init__(
+        self, injection: Injection, change: Callable[[Callable[[SimulatedChassis], Any]], Any]
+    ) -> None:
+        self._injection = injection
+        self._change = change
+
+    def __str__(self) -> str:
+        """As on the command line, without what is at its default."""
+        return str(self._injection)
+
+    @property
+    def name(self) -> str:
+        """The name of its kind."""
+        return self._injection.name
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """All of them, defaults included, by name."""
+        return self._injection.arguments
+
+    @property
+    def hits(self) -> int:
+        """How many answers, frames or connections it has met."""
+        return self._injection.hits
+
+    @property
+    def active(self) -> bool:
+        """Whether it still lasts."""
+        return self._injection.active
+
+    def clear(self) -> None:
+        """End it; nothing happens if it is over."""
+        self._change(lambda simulator: self._injection.clear())
 
 
 class SimulatorThread:
@@ -167,13 +206,38 @@ class SimulatorThread:
         """End every connection at once, as a broken cable would."""
         self.call(lambda simulator: simulator.drop())
 
-    def freeze(self) -> None:
-        """Neither read nor write any more, but keep the connections: the link is half-open."""
-        self.call(lambda simulator: simulator.freeze())
+    def inject(self, name: str, /, **arguments: object) -> ThreadInjection:
+        """Put a fault in; `woosh_robot_agent.simulator.faults.FAULTS` has all of them.
 
-    def thaw(self) -> None:
-        """Go on after `freeze`, with what has piled up."""
-        self.call(lambda simulator: simulator.thaw())
+        Args:
+            name: That of the fault.
+            arguments: Those of the fault, `for_` among them.
+
+        Returns:
+            What ends it again, if it lasts.
+
+        Raises:
+            FaultError: There is none of this name, or an argument is wrong.
+        """
+        injection = self._change(lambda simulator: simulator.inject(name, **arguments))
+        return ThreadInjection(injection, self._change)
+
+    def clear_faults(self) -> None:
+        """End all faults, and let go at once what they hold back."""
+        self._change(lambda simulator: simulator.clear_faults())
+
+    @property
+    def faults(self) -> list[ThreadInjection]:
+        """The faults that last, oldest first."""
+        return [
+            ThreadInjection(injection, self._change)
+            for injection in self.call(lambda simulator: simulator.faults)
+        ]
+
+    @property
+    def injected(self) -> Counter[str]:
+        """How many faults of each name there were since the start."""
+        return self.call(lambda simulator: simulator.injected)
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
@@ -186,6 +250,17 @@ class SimulatorThread:
     def stop_listening(self) -> None:
         """Drop every client and take no new ones, as if switched off."""
         self._await(self._simulator.stop_listening())
+
+    def _change(self, do: Callable[[SimulatedChassis], T]) -> T:
+        """Run `do` in the simulator's thread, and return when the ports follow it."""
+        simulator = self._simulator
+
+        async def run() -> T:
+            result = do(simulator)
+            await simulator.settle()
+            return result
+
+        return self._await(run())
 
     @property
     def _simulator(self) -> SimulatedChassis:

@@ -1,0 +1,80 @@
+"""A link that is half open, with the agent as it comes: nobody waits for it for ever."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from goals import ABORTED, EXEC_TASK, EXECUTING, lift3, step, task
+from harness import Client, RunningAgent, wait_future, wait_until
+
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import Speak as SpeakMsg
+from woosh_robot_msgs.srv import Speak
+
+SPEAK = "woosh.robot.Speak"
+NOTICED = 10.0
+"""s, as promised."""
+SLACK = 5.0
+"""s that a machine with much else to do may take on top."""
+
+
+@pytest.fixture(params=["websocket", "tcp"])
+def agent(
+    request: Any, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> RunningAgent:
+    """With the default of everything that has to do with time."""
+    port = simulator.tcp_port if request.param == "tcp" else simulator.port
+    started = start_agent(ip="127.0.0.1", port=port, transport=request.param)
+    started.wait_connected()
+    return started
+
+
+def speak(client: Client, text: str) -> Any:
+    return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
+
+
+@pytest.mark.timeout(180)
+def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: SimulatorThread) -> None:
+    goals = [lift3(client, 0.4, speed=0.001), task(client, mark="A23")]
+    goals[1].feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    goals[0].feedback.wait_count(1)
+    assert wait_future(speak(client, "before")).ok
+    injection = simulator.inject("half_open")
+    call = speak(client, "during")
+    chassis = agent.agent._chassis
+    wait_until(lambda: chassis.state.value != "ready", "the notice", NOTICED + SLACK)
+    assert "nothing was heard" in str(chassis.last_error)
+
+    answer = wait_future(call)
+    assert not answer.ok
+    assert "whether it took effect is not known" in answer.msg
+    for goal in goals:
+        status, ret = goal.result(agent.agent.settings.goal_link_timeout + SLACK)
+        assert status == ABORTED
+        assert "link was lost" in ret.msg
+    late = wait_future(speak(client, "late"))
+    assert not late.ok
+    assert "not connected" in late.msg
+
+    injection.clear()
+    wait_until(lambda: wait_future(speak(client, "after")).ok, "the service", 30)
+    texts = [each.message.text for each in simulator.received if each.type == SPEAK]
+    assert set(texts) <= {"before", "during", "after"}
+    assert texts.count("during") <= 1
+    assert simulator.counts[EXEC_TASK] == 1
+
+
+@pytest.mark.parametrize("agent", ["websocket"], indirect=True)
+def test_short_one_is_nobodys_business(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    goal = step(client, 8.0)
+    goal.feedback.wait_count(2)
+    injection = simulator.inject("half_open")
+    call = speak(client, "held up")
+    injection.clear()
+    assert wait_future(call).ok
+    assert goal.result()[0] == 4
+    assert agent.agent._chassis.stats.connects == 1

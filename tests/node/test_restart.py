@@ -1,0 +1,123 @@
+"""An agent that dies without a word and is started again: nothing reaches the chassis twice."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from goals import EXEC_TASK, EXECUTING, SUCCEEDED, short_task, task
+from harness import TIMEOUT, Client, Program, wait_until
+
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import Speak as SpeakMsg
+from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
+from woosh_robot_msgs.msg import Twist as TwistMsg
+from woosh_robot_msgs.srv import Speak, Twist
+
+SPEAK = "woosh.robot.Speak"
+TWIST = "woosh.robot.Twist"
+COMMANDS = (SPEAK, EXEC_TASK, TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallAction")
+
+
+@pytest.fixture
+def start(
+    simulator: SimulatorThread, start_program: Callable[..., Program]
+) -> Callable[[], Program]:
+    """Starts the agent's program; returns when it is connected."""
+
+    def start_connected() -> Program:
+        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+        program.wait_says("connected to")
+        return program
+
+    return start_connected
+
+
+@pytest.fixture
+def start_client(domain: int) -> Iterator[Callable[[], Client]]:
+    clients: list[Client] = []
+
+    def start_one() -> Client:
+        clients.append(Client(domain))
+        return clients[-1]
+
+    yield start_one
+    for each in clients:
+        each.close()
+
+
+def served(client: Client, texts: Iterator[str]) -> str:
+    """Ask until the agent answers, as clients do whose agent comes back; returns what it said."""
+    while True:
+        text = next(texts)
+        call = client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
+        answered = threading.Event()
+        call.add_done_callback(lambda _future, answered=answered: answered.set())
+        if answered.wait(1.0) and call.result().ok:
+            return text
+
+
+def got(simulator: SimulatorThread) -> dict[str, int]:
+    counts = simulator.counts
+    return {name: counts[name] for name in COMMANDS}
+
+
+@pytest.mark.timeout(180)
+def test_killed_in_the_middle_of_a_goal(
+    start: Callable[[], Program],
+    simulator: SimulatorThread,
+    client: Client,
+    start_client: Callable[[], Client],
+) -> None:
+    texts = (f"text {number}" for number in itertools.count())
+    program = start()
+    served(client, texts)
+    goal = task(client, mark="A23", task_id=77)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    simulator.call(lambda sim: sim.chassis.tasks.pause("so that it lasts"))
+    before = got(simulator)
+    program.process.kill()
+    program.process.wait(TIMEOUT)
+    wait_until(lambda: simulator.connections == 0)
+
+    start()
+    assert got(simulator) == before, "a new agent commands nothing by itself"
+    last = served(client, texts)
+    procs = client.echo(TaskProcMsg, "robot/TaskProc")
+    procs.wait(lambda proc: proc.robot_task_id == 77)  # as the robot has it, not as nothing
+    assert simulator.counts[EXEC_TASK] == 1
+    said = [each.message.text for each in simulator.received if each.type == SPEAK]
+    assert len(said) == len(set(said))
+    assert said[-1] == last
+    assert simulator.call(lambda sim: sim.chassis.tasks.active), "the task is the robot's own"
+    assert not goal.done, "its agent has gone without a word; nobody makes an end up"
+
+    simulator.call(lambda sim: sim.chassis.tasks.cancel("enough"))
+    late = start_client()  # the old one still takes the dead agent's action for a living one
+    assert short_task(late, 0.3).result()[0] == SUCCEEDED
+    assert simulator.counts[EXEC_TASK] == 2
+
+
+@pytest.mark.timeout(180)
+def test_killed_while_driving(
+    start: Callable[[], Program], simulator: SimulatorThread, client: Client
+) -> None:
+    program = start()
+    assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.1)).ok
+    calls: list[Any] = []
+    for number in range(20):
+        calls.append(client.call_async(Twist, "robot/Twist", arg=TwistMsg(linear=0.1)))
+        if number == 10:
+            program.process.kill()
+    program.process.wait(TIMEOUT)
+    wait_until(lambda: simulator.connections == 0)
+    count = simulator.counts[TWIST]
+    assert count <= 21
+    wait_until(lambda: simulator.state.velocity.forward == 0, "the robot to stop by itself")
+
+    start()
+    served(client, (f"text {number}" for number in itertools.count()))
+    assert simulator.counts[TWIST] == count

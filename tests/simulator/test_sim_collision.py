@@ -1,0 +1,159 @@
+"""The base's outline and what it can run into."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+import pytest
+
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.collision import hull
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.geometry import Pose, Wall
+
+ORIGINAL = FOOTPRINTS[util_robot_pb2.kOriginal]
+
+
+@pytest.fixture
+def chassis() -> Chassis:
+    return Chassis(SimulatorConfig(seed=1))
+
+
+def do(chassis: Chassis, name: str, **fields: Any) -> Answer:
+    return dispatch(chassis, message_type(name)(**fields))
+
+
+def drive(chassis: Chassis, seconds: float, **twist: float) -> None:
+    for _ in range(round(seconds / STEP_S)):
+        do(chassis, "woosh.robot.Twist", **twist)
+        chassis.tick(STEP_S)
+
+
+def corners(pose: Pose) -> list[Pose]:
+    return [pose.moved(x, y, 0.0) for x, y in ORIGINAL]
+
+
+def inside(pose: Pose, x: float, y: float, margin: float = 0.0) -> bool:
+    """Whether a point is in the outline that is made wider by `margin` on all sides."""
+    return all(
+        nx * p + ny * q < distance + margin
+        for p, q in [pose.local(x, y)]
+        for nx, ny, distance in hull(ORIGINAL).sides
+    )
+
+
+def test_the_gap_is_that_of_points_along_the_wall() -> None:
+    """Against brute force: the deepest of many points along the wall."""
+    rng = random.Random(5)
+    shape = hull(ORIGINAL)
+    touching = 0
+    for _ in range(500):
+        pose = Pose(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-4, 4))
+        ends = [pose.x + rng.uniform(-0.7, 0.7) for _ in range(2)]
+        wall = Wall(ends[0], pose.y + rng.uniform(-0.7, 0.7), ends[1], pose.y)
+        gap = shape.gap(pose, [wall])
+        if gap == math.inf:
+            assert wall.distance(pose.x, pose.y) > shape.radius
+            continue
+        depths = []
+        for share in (step / 400 for step in range(401)):
+            x = wall.x1 + share * (wall.x2 - wall.x1)
+            y = wall.y1 + share * (wall.y2 - wall.y1)
+            forward, left = pose.local(x, y)
+            depths.append(max(nx * forward + ny * left - d for nx, ny, d in shape.sides))
+        assert gap == pytest.approx(min(depths), abs=0.005)
+        assert gap <= min(depths) + 1e-9
+        touching += gap < 0.0
+    assert touching > 100
+
+
+def test_a_wall_without_length_and_one_across_the_whole_outline() -> None:
+    shape = hull(ORIGINAL)
+    assert shape.gap(Pose(), [Wall(0.0, 0.0, 0.0, 0.0)]) == pytest.approx(-0.265)
+    assert shape.gap(Pose(), [Wall(0.0, -9.0, 0.0, 9.0)]) == pytest.approx(-0.265)
+    assert shape.gap(Pose(), [Wall(0.39, -9.0, 0.39, 9.0)]) == pytest.approx(-0.01)
+    assert shape.gap(Pose(), [Wall(0.41, -9.0, 0.41, 9.0)]) == pytest.approx(0.01)
+    assert shape.gap(Pose(), []) == math.inf
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.4, math.pi / 4, math.pi / 2, 3.0])
+def test_no_corner_passes_a_wall(chassis: Chassis, theta: float) -> None:
+    """Wherever it drives to by remote control, the whole outline stays on this side."""
+    chassis.localise(Pose(10.5, 5.0, theta))
+    aside = -math.sin(theta)
+    drive(chassis, 6.0, linear=math.cos(theta), linear_y=aside)
+    assert chassis.base.blocked
+    furthest = max(corner.x for corner in corners(chassis.base.pose))
+    assert 12.0 - 0.06 < furthest <= 12.0
+
+
+def test_turning_is_blocked_too(chassis: Chassis) -> None:
+    chassis.localise(Pose(11.7, 5.0, math.pi / 2))  # along the wall, 3.5 cm from it
+    drive(chassis, 2.0, angular=1.0)
+    assert chassis.base.blocked
+    assert 0.0 < chassis.base.pose.theta - math.pi / 2 < 0.3
+    assert chassis.base.velocity.turn == 0.0
+    drive(chassis, 1.0, linear_y=0.5)  # to its left, off the wall
+    assert chassis.base.pose.x < 11.5
+
+
+def test_a_corner_that_sticks_out_of_a_wall_is_met(chassis: Chassis) -> None:
+    """A pillar's corner that would hit a side between two corners of the outline."""
+    chassis.localise(Pose(0.0, -1.0, -math.pi / 2 + math.pi / 4))
+    chassis.obstacles.put("post", 1.0, -2.0, 0.02)
+    drive(chassis, 4.0, linear=0.5)
+    assert chassis.base.blocked
+    assert not inside(chassis.base.pose, 1.0, -2.0)
+    assert inside(chassis.base.pose, 1.0, -2.0, margin=0.06)
+
+
+def test_what_was_put_into_the_robot_lets_it_out(chassis: Chassis) -> None:
+    chassis.localise(Pose(0.0, 0.0, 0.0))
+    chassis.obstacles.put("box", 0.5, 0.0, 0.3)
+    drive(chassis, 1.0, linear=0.5)
+    assert chassis.base.pose.x == 0.0
+    drive(chassis, 2.0, linear=-0.5)
+    assert chassis.base.pose.x < -0.5
+
+
+def test_the_expanded_outline_needs_more_room(chassis: Chassis) -> None:
+    chassis.localise(Pose(10.0, 5.0, 0.0))
+    do(chassis, "woosh.robot.SwitchFootPrint", type=util_robot_pb2.kExpand)
+    drive(chassis, 4.0, linear=1.0)
+    assert 12.0 - 0.55 - 0.06 < chassis.base.pose.x <= 12.0 - 0.55
+
+
+def test_poses_with_the_nose_in_a_wall_are_refused(chassis: Chassis) -> None:
+    before = chassis.base.pose
+    answer = do(chassis, "woosh.robot.InitRobot", pose={"x": 11.65, "y": 5.0})
+    assert (answer.ok, chassis.base.pose) == (False, before)
+    assert "inside a wall" in answer.msg
+    across = {"x": 11.65, "y": 5.0, "theta": math.pi / 2}
+    assert do(chassis, "woosh.robot.InitRobot", pose=across).ok
+
+
+def test_looking_again_only_near_walls_changes_nothing(chassis: Chassis) -> None:
+    """The room remembered from before must never hide a wall, an obstacle or another map."""
+    rng = random.Random(3)
+    shape = hull(ORIGINAL)
+    pose = Pose(9.0, 3.2, 0.0)
+    for step in range(3000):
+        if step % 100 == 50:
+            chassis.obstacles.put("a", pose.x + rng.uniform(-1, 1), pose.y, rng.uniform(0.05, 0.5))
+        if step % 100 == 99:
+            chassis.obstacles.clear()
+        if step % 500 == 499:
+            scene = chassis.scenes["scenex" if chassis.scene.name == "wooshmap" else "wooshmap"]
+            chassis.scene, chassis.map = scene, scene.maps[0]
+        gap = chassis.gap(pose)
+        exact = shape.gap(pose, chassis.walls)
+        assert gap == exact
+        move = rng.uniform(-0.2, 0.2), rng.uniform(-0.1, 0.1), rng.uniform(-0.5, 0.5)
+        pose = pose.moved(*move)
+        pose = Pose(min(12.3, max(-12.3, pose.x)), min(10.3, max(-10.3, pose.y)), pose.theta)

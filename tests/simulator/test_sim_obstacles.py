@@ -1,0 +1,79 @@
+"""Obstacles that come and go: the laser sees them, the base stops before them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.dispatch import dispatch
+from woosh_robot_agent.simulator.geometry import Pose
+from woosh_robot_agent.simulator.obstacles import Obstacles
+
+
+@pytest.fixture
+def chassis() -> Chassis:
+    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis.base.place(Pose(0.0, 0.0, 0.0))
+    return chassis
+
+
+def drive(chassis: Chassis, seconds: float, linear: float = 0.5) -> None:
+    for _ in range(round(seconds / STEP_S)):
+        dispatch(chassis, message_type("woosh.robot.Twist")(linear=linear))
+        chassis.tick(STEP_S)
+
+
+def ahead(chassis: Chassis) -> float:
+    return chassis.scan()[chassis.laser.rays // 2]
+
+
+def test_the_laser_sees_what_was_put_and_no_more_what_was_removed(chassis: Chassis) -> None:
+    before = ahead(chassis)
+    chassis.obstacles.put("box", 2.0, 0.0, 0.5)
+    assert ahead(chassis) == pytest.approx(2.0 - 0.5 - chassis.laser.forward, abs=0.03)
+    chassis.obstacles.put("box", 3.0, 0.0, 0.5)
+    assert ahead(chassis) == pytest.approx(3.0 - 0.5 - chassis.laser.forward, abs=0.03)
+    assert chassis.obstacles.names == ("box",)
+    chassis.obstacles.remove("box")
+    assert ahead(chassis) == before
+    assert chassis.walls == chassis.map.walls
+
+
+def test_the_base_stops_and_goes_on(chassis: Chassis) -> None:
+    chassis.obstacles.put("box", 2.0, 0.0, 0.5)
+    drive(chassis, 5.0)
+    assert chassis.base.blocked
+    stopped = chassis.base.pose.x
+    assert 0.5 < stopped < 1.3
+    chassis.obstacles.clear()
+    drive(chassis, 1.0)
+    assert chassis.base.pose.x > stopped + 0.2
+
+
+def test_clearance_counts_walls_and_obstacles(chassis: Chassis) -> None:
+    free = chassis.clearance(0.0, 0.0)
+    assert free == chassis.map.clearance(0.0, 0.0)
+    chassis.obstacles.put("a", 1.0, 0.0, 0.25)
+    chassis.obstacles.put("far", 9.0, 9.0, 0.25)
+    assert chassis.clearance(0.0, 0.0) == pytest.approx(0.75, abs=0.01)
+    assert chassis.clearance(11.9, 5.0) == pytest.approx(0.1)
+    chassis.obstacles.put("a", 1.0, 0.0, 3.0)
+    assert chassis.clearance(0.0, 0.0) == 0.0
+    assert chassis.clearance(1.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("x", "radius"), [(math.nan, 0.3), (math.inf, 0.3), (0.0, 0.0), (0.0, -1.0), (0.0, math.nan)]
+)
+def test_impossible_obstacles_are_refused(x: float, radius: float) -> None:
+    obstacles = Obstacles()
+    with pytest.raises(ValueError, match="obstacle a"):
+        obstacles.put("a", x, 0.0, radius)
+    assert obstacles.names == ()
+    assert obstacles.clearance(0.0, 0.0) == math.inf
+    with pytest.raises(KeyError):
+        obstacles.remove("a")

@@ -1,0 +1,6 @@
+"""Prints the table of faults in Markdown."""
+
+from woosh_robot_agent.simulator.faults.table import markdown
+
+if __name__ == "__main__":
+    print(markdown())

@@ -1,0 +1,204 @@
+"""Faults of requests and their answers, whatever the encoding."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+from collections.abc import Callable, Iterable
+
+from woosh_robot_agent.simulator.faults.fault import Begin, End, Fault, Injection, Target
+from woosh_robot_agent.simulator.faults.parameters import Parameter
+from woosh_robot_agent.simulator.hooks import Outgoing, Release
+
+_MAX_SN = 2**31 - 1
+
+TYPE = Parameter(
+    "type", str, "", "only answers to requests of this type; empty: all", is_message=True
+)
+COUNT = Parameter("count", int, 0, "how often; 0: always", low=0)
+FRAMES = Parameter(
+    "frames",
+    str,
+    "answers",
+    "what it befalls; with pushes, `type` is theirs",
+    choices=("answers", "pushes", "all"),
+)
+
+
+def befalls(injection: Injection, frame: Outgoing) -> bool:
+    """Whether a fault is meant for a frame, by its arguments `type` and `frames`."""
+    answer = frame.ok is not None
+    frames = injection.arguments.get("frames", "answers")
+    name = frame.request if answer else frame.type
+    return (
+        injection.active
+        and frames in ("all", "answers" if answer else "pushes")
+        and injection["type"] in ("", name)
+    )
+
+
+def on_frames(alter: Callable[[Injection, Outgoing], Iterable[Outgoing]]) -> Begin:
+    """A fault that puts other frames in place of those that it befalls."""
+
+    def begin(target: Target, injection: Injection) -> End:
+        def intercept(frame: Outgoing) -> Iterable[Outgoing]:
+            if not befalls(injection, frame):
+                return [frame]
+            frames = alter(injection, frame)
+            injection.hit()
+            return frames
+
+        return target.hooks.tamper(intercept)
+
+    return begin
+
+
+def _refuse(target: Target, injection: Injection) -> End:
+    def refusal(type_name: str) -> str | None:
+        if injection["type"] not in ("", type_name):
+            return None
+        injection.hit()
+        text: str = injection["text"]
+        return text
+
+    return target.hooks.object(refusal)
+
+
+def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    seconds = injection["seconds"] + injection.rng.uniform(0.0, injection["jitter"])
+    return [dataclasses.replace(frame, delay=frame.delay + seconds)]
+
+
+def _wrong_sn(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    return [dataclasses.replace(frame, sn=(frame.sn + injection["by"] - 1) % _MAX_SN + 1)]
+
+
+def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    return [dataclasses.replace(frame, type=injection["other"])]
+
+
+class _Shuffle:
+    """Keeps frames until there are enough of them, or none came for a while, and mixes them."""
+
+    def __init__(self, injection: Injection) -> None:
+        self._injection = injection
+        self._kept: list[Release] = []
+        self._timer: asyncio.TimerHandle | None = None
+
+    def keep(self, release: Release) -> None:
+        self._kept.append(release)
+        if len(self._kept) >= self._injection["window"] or not self._injection.active:
+            self.flush()
+        elif self._timer is None:
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_later(self._injection["seconds"], self.flush)
+
+    def flush(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+            self._timer = None
+        kept, self._kept = self._kept, []
+        mixed = kept[:]
+        self._injection.rng.shuffle(mixed)
+        if mixed == kept:  # as they came would be no fault
+            mixed.reverse()
+        for release in mixed:
+            release()
+
+
+def _reorder(target: Target, injection: Injection) -> End:
+    shuffle = _Shuffle(injection)
+    keep = on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
+    stop = keep(target, injection)
+    assert stop
+
+    def end() -> None:
+        stop()
+        shuffle.flush()
+
+    return end
+
+
+FAULTS = (
+    Fault(
+        "refuse",
+        "requests are not done, and answered with ok false and a text",
+        _refuse,
+        (
+            Parameter("text", str, "refused by the simulator", "why"),
+            dataclasses.replace(TYPE, description="only requests of this type; empty: all"),
+            COUNT,
+        ),
+    ),
+    Fault(
+        "delay",
+        "answers are held back; later ones may overtake them",
+        on_frames(_delay),
+        (
+            Parameter("seconds", float, 1.0, "how long", unit="real s", low=0.0, high=86400.0),
+            Parameter(
+                "jitter",
+                float,
+                0.0,
+                "a random part on top, from 0 to this",
+                unit="real s",
+                low=0.0,
+                high=86400.0,
+            ),
+            TYPE,
+            COUNT,
+            FRAMES,
+        ),
+    ),
+    Fault(
+        "reorder",
+        "answers are collected and sent in another order",
+        _reorder,
+        (
+            Parameter("window", int, 4, "how many are collected", low=2, high=1000),
+            Parameter(
+                "seconds",
+                float,
+                0.2,
+                "the longest time that one is kept",
+                unit="real s",
+                low=0.0,
+                high=3600.0,
+            ),
+            TYPE,
+            COUNT,
+        ),
+    ),
+    Fault(
+        "lose_answer",
+        "requests are done, but their answers do not go out",
+        on_frames(lambda injection, frame: []),
+        (TYPE, COUNT),
+    ),
+    Fault(
+        "answer_twice",
+        "each answer goes out twice",
+        on_frames(lambda injection, frame: [frame, frame]),
+        (TYPE, COUNT),
+    ),
+    Fault(
+        "wrong_sn",
+        "answers carry another `sn` than their requests",
+        on_frames(_wrong_sn),
+        (
+            Parameter("by", int, 1_000_000, "how much greater it is", low=1, high=_MAX_SN - 1),
+            TYPE,
+            COUNT,
+        ),
+    ),
+    Fault(
+        "wrong_type",
+        "answers carry another `type` than that of their body",
+        on_frames(_wrong_type),
+        (
+            Parameter("other", str, "woosh.robot.Network", "the type they carry"),
+            TYPE,
+            COUNT,
+        ),
+    ),
+)

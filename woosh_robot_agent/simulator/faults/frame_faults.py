@@ -1,0 +1,221 @@
+"""Faults of single frames: what is done to them once they are encoded."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import string
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link.frames import Codec, FrameError
+from woosh_robot_agent.link.transports import Transport, varint
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator.faults.answer_faults import COUNT, FRAMES, TYPE, on_frames
+from woosh_robot_agent.simulator.faults.fault import Begin, Fault, Injection
+from woosh_robot_agent.simulator.faults.parameters import Parameter
+from woosh_robot_agent.simulator.hooks import Encoded, Outgoing, Write
+
+_MIB = 1024 * 1024
+_CHUNK = 256 * 1024
+#: A field that no message of the chassis has, and a value of it.
+_UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
+_UNKNOWN_NUMBER = 1999
+_VARINT, _DELIMITED = 0, 2
+
+Json = dict[str, Any]
+
+
+def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Begin:
+    def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+        before = frame.damage
+
+        def both(codec: Codec, data: str | bytes) -> Encoded:
+            damaged = before(codec, data) if before else data
+            # What writes itself is past all further damage.
+            return damaged if callable(damaged) else damage(injection, codec, damaged)
+
+        return [dataclasses.replace(frame, damage=both)]
+
+    return on_frames(alter)
+
+
+def _garbage(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
+    length = injection["length"]
+    if isinstance(data, str):
+        # No JSON begins like this.
+        return "?" + "".join(injection.rng.choices(string.printable, k=length - 1))
+    # No protobuf message begins like this: a field's number that never ends.
+    return (b"\xff" * 10 + injection.rng.randbytes(length))[:length]
+
+
+def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
+    if injection["where"] == "wire":
+        return _broken_off(data)
+    cut = len(data) // 2
+    while _readable(codec, data[:cut]):  # protobuf may be, by chance
+        cut += 1
+    return data[:cut]
+
+
+def _broken_off(data: str | bytes) -> Write:
+    raw = _bytes(data)
+
+    async def write(transport: Transport) -> None:
+        header = transport.header(len(raw), text=isinstance(data, str))
+        await transport.send_raw(header + raw[: len(raw) // 2])
+        transport.abort()
+
+    return write
+
+
+def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
+    """A frame that is right, but for its size: JSON and blanks, or an unknown field of zeros."""
+    raw = _bytes(data)
+    text = isinstance(data, str)
+    padding = max(0, injection["mib"] * _MIB - len(raw))
+    if not text:
+        raw += _tag(_UNKNOWN_NUMBER, _DELIMITED) + varint(padding)
+    filling = (b" " if text else b"\0") * _CHUNK
+
+    async def write(transport: Transport) -> None:
+        await transport.send_raw(transport.header(len(raw) + padding, text=text) + raw)
+        left = padding
+        while left:
+            part = filling[:left]
+            await transport.send_raw(part)
+            left -= len(part)
+
+    return write
+
+
+def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
+    raw = bytearray(_bytes(data))
+    raw[raw.find(b"woosh") if b"woosh" in raw else len(raw) // 2] = 0xFF
+    if not isinstance(data, str):
+        return bytes(raw)
+
+    async def write(transport: Transport) -> None:
+        # The library would not send it as text.
+        await transport.send_raw(transport.header(len(raw), text=True) + raw)
+
+    return write
+
+
+def _unknown_fields(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
+    if isinstance(data, str):
+        frame: Json = json.loads(data)
+        frame["body"][_UNKNOWN_NAME] = _UNKNOWN_VALUE
+        return _json({_UNKNOWN_NAME: _UNKNOWN_VALUE, **frame})
+    unknown = _tag(_UNKNOWN_NUMBER, _DELIMITED) + varint(3) + b"new"
+    pack = MessagePackJson.FromString(data)
+    pack.body.value += unknown
+    return unknown + pack.SerializeToString()
+
+
+def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
+    if isinstance(data, str):
+        frame: Json = json.loads(data)
+        body = frame["body"]
+        if body:
+            name = injection.rng.choice(list(body))
+            body[name] = "neither" if isinstance(body[name], dict | list) else {"neither": 1}
+        else:
+            frame["body"] = "neither"
+        return _json(frame)
+    pack = MessagePackJson.FromString(data)
+    message = _body(pack)
+    if message is None or not message.DESCRIPTOR.fields:
+        return data
+    present: list[Any] = [field for field, _ in message.ListFields()]
+    field = injection.rng.choice(present or list(message.DESCRIPTOR.fields))
+    message.ClearField(field.name)
+    is_number = field.message_type is None and field.cpp_type != field.CPPTYPE_STRING
+    wrong = (_DELIMITED, b"\1?") if is_number else (_VARINT, b"\1")
+    pack.body.value = message.SerializeToString() + _tag(field.number, wrong[0]) + wrong[1]
+    return pack.SerializeToString()
+
+
+def _body(pack: MessagePackJson) -> Message | None:
+    try:
+        message = message_type(pack.type)()
+        message.ParseFromString(pack.body.value)
+    except KeyError:
+        return None
+    return message
+
+
+def _readable(codec: Codec, data: str | bytes) -> bool:
+    try:
+        codec.decode(data)
+    except FrameError:
+        return False
+    return True
+
+
+def _bytes(data: str | bytes) -> bytes:
+    return data.encode() if isinstance(data, str) else data
+
+
+def _json(frame: Json) -> str:
+    return json.dumps(frame, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
+def _tag(number: int, wire_type: int) -> bytes:
+    return varint(number << 3 | wire_type)
+
+
+_WHICH = (TYPE, COUNT, FRAMES)
+
+FAULTS = (
+    Fault(
+        "garbage",
+        "frames are replaced by noise: text where they are JSON, bytes where they are protobuf",
+        _damaging(_garbage),
+        (Parameter("length", int, 64, "how much", unit="bytes", low=1, high=_MIB), *_WHICH),
+    ),
+    Fault(
+        "truncated",
+        "frames are cut in the middle",
+        _damaging(_truncated),
+        (
+            Parameter(
+                "where",
+                str,
+                "payload",
+                "payload: half the text in a sound frame; wire: half the frame, then the "
+                "connection breaks off",
+                choices=("payload", "wire"),
+            ),
+            *_WHICH,
+        ),
+    ),
+    Fault(
+        "oversize",
+        "frames are padded, with blanks or with an unknown field, to more than clients take",
+        _damaging(_oversize),
+        (Parameter("mib", int, 65, "to which size", unit="MiB", low=1, high=4096), *_WHICH),
+    ),
+    Fault(
+        "invalid_utf8",
+        "the name of the type in frames is no UTF-8",
+        _damaging(_invalid_utf8),
+        _WHICH,
+    ),
+    Fault(
+        "unknown_fields",
+        "frames and their bodies have fields that clients do not know; all others are right",
+        _damaging(_unknown_fields),
+        _WHICH,
+    ),
+    Fault(
+        "wrong_field_type",
+        "a field of the body, any by chance, has a value of another type; readers of protobuf "
+        "take that for an unknown field, as its rules say",
+        _damaging(_wrong_field_type),
+        _WHICH,
+    ),
+)

@@ -1,0 +1,94 @@
+"""Puts faults in and takes them out again, by hand and by schedule."""
+
+from __future__ import annotations
+
+import logging
+import random
+from collections import Counter, deque
+from collections.abc import Iterable
+
+from woosh_robot_agent.simulator.faults.fault import End, Injection, Target
+from woosh_robot_agent.simulator.faults.scenario import Step
+from woosh_robot_agent.simulator.faults.table import find
+
+_log = logging.getLogger(__name__)
+
+
+class Injector:
+    """The faults of one simulated chassis.
+
+    Args:
+        target: What they are put into.
+        seed: Decides their random choices.
+        steps: The faults to put in by themselves, and when.
+
+    Attributes:
+        counts: How many faults of each name were put in since the start.
+    """
+
+    def __init__(self, target: Target, seed: int, steps: Iterable[Step] = ()) -> None:
+        self.counts: Counter[str] = Counter()
+        self._target = target
+        self._seed = seed
+        self._steps = deque(sorted(steps, key=lambda step: step.at))
+        self._clock = 0.0
+        self._active: dict[Injection, float | None] = {}
+        """Those that last, oldest first, and when they end by themselves."""
+        self._ends: dict[object, End] = {}
+        """What ends each of them; a shared fault has one for all its injections."""
+
+    @property
+    def active(self) -> list[Injection]:
+        """The faults that last, oldest first."""
+        return list(self._active)
+
+    def inject(self, name: str, **arguments: object) -> Injection:
+        """Put a fault in.
+
+        Raises:
+            FaultError: There is none of this name, or an argument is wrong.
+        """
+        fault = find(name)
+        rng = random.Random(f"{self._seed}:{name}:{self.counts[name]}")
+        injection = Injection(fault, fault.resolve(arguments), rng, self._clear)
+        key = fault if fault.shared else injection
+        if key not in self._ends:
+            end = fault.begin(self._target, injection)
+            if end is not None:
+                self._ends[key] = end
+        self.counts[name] += 1
+        if key in self._ends:
+            _log.info("fault begins: %s", injection)
+            seconds = injection.arguments.get("for")
+            self._active[injection] = self._clock + seconds if seconds else None
+        else:
+            _log.info("fault: %s", injection)
+            injection.active = False
+        return injection
+
+    def clear(self) -> None:
+        """End all faults."""
+        for injection in reversed(self.active):
+            injection.clear()
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, also while the chassis is frozen: end what runs out, begin what is due."""
+        self._clock = round(self._clock + seconds, 6)
+        for injection, until in list(self._active.items()):
+            if until is not None and until <= self._clock:
+                injection.clear()
+        while self._steps and self._steps[0].at <= self._clock:
+            step = self._steps.popleft()
+            self.inject(step.name, **step.arguments)
+
+    def _clear(self, injection: Injection) -> None:
+        if not injection.active:
+            return
+        injection.active = False
+        del self._active[injection]
+        fault = injection.fault
+        if fault.shared and any(other.fault is fault for other in self._active):
+            return
+        met = f" after {injection.hits} times" if injection.hits else ""
+        _log.info("fault ends: %s%s", injection, met)
+        self._ends.pop(fault if fault.shared else injection)()
