@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -22,9 +23,11 @@ from rclpy.qos import QoSProfile
 T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
-SERVICE_QOS = QoSProfile(depth=1000)
-"""Of all services, those of actions too: with ROS's usual depth of 10, calls that come faster than
-they are taken are lost."""
+SERVICE_QOS = QoSProfile(depth=10_000)
+"""Of all services, those of actions too: what DDS cannot keep, calls and answers alike, is lost and
+nobody learns of it. So many are 5 s of 2,000 calls/s; DDS asks for what it missed every 3 s."""
+_TURN = 0.005
+"""s for which calls of one service are taken before it is the turn of the others."""
 
 
 class LinkThread:
@@ -182,6 +185,11 @@ class DeferredService:
         self._service.send_response = self._bind
 
     def _called(self, request: Any, _response: Any) -> Reply:
+        reply = self._serve(request)
+        self._take_more()
+        return reply
+
+    def _serve(self, request: Any) -> Reply:
         reply = Reply(self._srv_type.Response, self._send_now)
         try:
             self._handle(request, reply)
@@ -189,6 +197,20 @@ class DeferredService:
             _LOG.exception("a service callback failed")
             reply.fail(error)
         return reply
+
+    def _take_more(self) -> None:
+        """Take what waits besides: an executor looks at all its entities for each single call.
+
+        With that, calls come faster than they are taken, until DDS drops the oldest of them.
+        """
+        deadline = time.monotonic() + _TURN
+        handle, request_class = self._service.handle, self._srv_type.Request
+        while time.monotonic() < deadline:
+            with handle:
+                request, header = handle.service_take_request(request_class) or (None, None)
+            if header is None:
+                return
+            self._serve(request).bind(header)
 
     def _bind(self, reply: Reply, header: Any) -> None:
         reply.bind(header)

@@ -13,7 +13,12 @@ from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
 from woosh_robot_agent.known import LastKnown
-from woosh_robot_agent.link import ChassisClient, ConnectionLostError, LinkError
+from woosh_robot_agent.link import (
+    ChassisClient,
+    ConnectionLostError,
+    LinkError,
+    TooManyRequestsError,
+)
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.requests import RequestMaker
@@ -90,6 +95,9 @@ class _QueryHandler:
         name = self._endpoint.name
         try:
             value = await self._ask(request)
+        except TooManyRequestsError as error:  # the link tells of it, once for all services
+            _LOG.debug("%s answers with the last known value: %s", name, error)
+            value = self._known.get(self._endpoint.request) or self._proto()
         except (BadFieldError, LinkError, _RefusedError, _UselessAnswerError) as error:
             text = f"{name} answers with the last known value: {error}"
             self._log.warn(type(error).__name__, text)

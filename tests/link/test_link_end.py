@@ -31,6 +31,7 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.connection import Connection
 from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.losses import Losses
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.transports import open_transport
@@ -268,7 +269,8 @@ class Fake:
 
 def connection_over(fake: Any) -> Connection:
     log = LogOnce(logging.getLogger("test"))
-    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, lambda _: None)
+    losses = Losses(logging.getLogger("test"))
+    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, losses, lambda _: None)
 
 
 @aio

@@ -214,3 +214,33 @@ def test_the_notice_comes_within_the_limit_though_timers_come_late() -> None:
         loop.run_until_complete(watch())
     loop.close()
     assert 9.0 < loop.now <= 10.0
+
+
+@aio
+async def test_silence_while_this_program_was_busy_is_none() -> None:
+    """Reading a frame of many MiB takes seconds, in which nothing is heard of anybody."""
+    asked = 0
+
+    async def probe() -> None:
+        nonlocal asked
+        asked += 1
+        await asyncio.sleep(0.05)  # longer than what is left of the limit
+
+    watching = asyncio.ensure_future(Liveness(Quiet(), 0.4, probe, lambda: 0).watch())
+    await asyncio.sleep(0)
+    for _ in range(3):
+        time.sleep(0.8)
+        before = asked
+        await eventually(lambda before=before: watching.done() or asked > before)  # type: ignore[misc]
+        await asyncio.sleep(0.1)
+        assert not watching.done()
+    watching.cancel()
+
+
+class Quiet:
+    """A transport that hears nothing by itself."""
+
+    heard = 0.0
+
+    def backlog(self) -> int:
+        return 0

@@ -22,10 +22,12 @@ from woosh_robot_agent.link.errors import (
     HandshakeError,
     LinkError,
     NotConnectedError,
+    SupersededError,
 )
 from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.link.latest import LatestWins
+from woosh_robot_agent.link.losses import Losses
 from woosh_robot_agent.link.once import LogOnce, shown
 from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
@@ -88,7 +90,10 @@ class ChassisClient:
         """Unix time in s since which the link is ready, or is not."""
         self.last_error: LinkError | None = None
         self._log = LogOnce(_LOG)
-        self._subscriptions = Subscriptions(self._config.push_queue, self.stats, self._log)
+        self._losses = Losses(_LOG)
+        self._subscriptions = Subscriptions(
+            self._config.push_queue, self.stats, self._log, self._losses
+        )
         self._state_callbacks: list[Callable[[LinkState], None]] = []
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._connection: Connection | None = None
@@ -137,6 +142,7 @@ class ChassisClient:
             task.cancel()
         if tasks:
             await asyncio.wait(tasks)
+        self._losses.finish()
         if self._runner is None and self.state is not LinkState.STOPPED:
             self._enter(LinkState.STOPPED)
 
@@ -216,7 +222,12 @@ class ChassisClient:
                     message, timeout, urgent=True, first=first, fresh=fresh, tap=tap
                 )
 
-            return await self._latest.request(message, send)
+            try:
+                return await self._latest.request(message, send)
+            except SupersededError as error:
+                self.stats.superseded += 1
+                self._losses.count("velocity commands were out of date and not sent", str(error))
+                raise
         return await self._request(message, timeout, urgent=first, first=first, tap=tap)
 
     def withdraw(self, classes: Iterable[type[Message]], reason: str) -> None:
@@ -372,6 +383,7 @@ class ChassisClient:
             config,
             self.stats,
             self._log,
+            self._losses,
             partial(self._subscriptions.pushed, codec),
         )
         self._connection = connection  # subscriptions go to it; requests wait for READY

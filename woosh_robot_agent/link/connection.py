@@ -23,6 +23,7 @@ from woosh_robot_agent.link.errors import (
 )
 from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
 from woosh_robot_agent.link.liveness import Liveness
+from woosh_robot_agent.link.losses import Losses
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.transports import Transport, TransportClosedError
@@ -65,6 +66,7 @@ class Connection:
         config: timeouts and limits; those that are read each time may be changed.
         stats: counters to add to.
         log: for what is told once.
+        losses: for what is dropped.
         on_push: gets each push; must not block.
     """
 
@@ -75,6 +77,7 @@ class Connection:
         config: LinkConfig,
         stats: LinkStats,
         log: LogOnce,
+        losses: Losses,
         on_push: Callable[[Envelope], None],
     ) -> None:
         self._transport = transport
@@ -82,6 +85,7 @@ class Connection:
         self.config = config
         self._stats = stats
         self._log = log
+        self._losses = losses
         self._on_push = on_push
         self._loop = asyncio.get_running_loop()
         self._pending: dict[int, asyncio.Future[Answer]] = {}
@@ -138,10 +142,13 @@ class Connection:
             raise NotConnectedError(f"{name} was not sent: {self._cause}") from self._cause
         waiting = len(self._pending) - len(self._urgent)
         if waiting >= self.config.max_in_flight and not urgent:
-            raise TooManyRequestsError(
+            text = (
                 f"{name} was not sent: {waiting} requests wait for the chassis's answer "
                 "already; call more slowly, or raise max_in_flight"
             )
+            self._stats.refused_requests[name] += 1
+            self._losses.count("requests were refused because too many waited", text)
+            raise TooManyRequestsError(text)
         waited = self.config.request_timeout if timeout is None else timeout
         sn = self._take_sn()
         data = self._codec.encode(name, message, sn=sn, timestamp=time.time_ns() // 1_000_000)
@@ -254,9 +261,9 @@ class Connection:
                 SupersededError("not sent: the connection was busy until it was too old")
             )
 
-    @staticmethod
-    def _expire(future: asyncio.Future[Answer], name: str, waited: float) -> None:
+    def _expire(self, future: asyncio.Future[Answer], name: str, waited: float) -> None:
         if not future.done():
+            self._stats.timeouts[name] += 1
             future.set_exception(
                 RequestTimeoutError(
                     f"the chassis did not answer {name} within {waited:g} s; whether it took "

@@ -13,6 +13,9 @@ _IDLE_SHARE = 0.4
 """Share of the limit that may pass in silence before the other end is asked for a sign of life."""
 _MARGIN = 0.03
 """Share of the limit that is left for timers that come late, so that the limit is kept."""
+_BUSY_SHARE = 0.3
+"""Share of the limit by which a timer that comes late shows that this program itself was busy: what
+is then left of the limit could be too short for an answer."""
 
 
 class Liveness:
@@ -57,7 +60,7 @@ class Liveness:
         while True:
             quiet = self._look()
             if quiet < self._limit * _IDLE_SHARE:
-                await asyncio.sleep(self._limit * _IDLE_SHARE - quiet)
+                await self._pause(self._limit * _IDLE_SHARE - quiet)
                 continue
             try:
                 await within(max(self._patience - quiet, 0.01), self._asked())
@@ -67,6 +70,15 @@ class Liveness:
                         f"nothing was heard for {self._limit:g} s; is the robot on, and in reach "
                         "of the network?"
                     ) from None
+
+    async def _pause(self, seconds: float) -> None:
+        """Sleep; time by which that took too long, this program was busy and could hear nothing."""
+        due = self._now() + seconds
+        await asyncio.sleep(seconds)
+        late = self._now() - due
+        if late > self._limit * _BUSY_SHARE:
+            self._heard += late
+            self._taken += late
 
     async def _asked(self) -> None:
         await self._probe()

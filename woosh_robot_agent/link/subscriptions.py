@@ -13,6 +13,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.connection import Answer
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.losses import Losses
 from woosh_robot_agent.link.once import LogOnce, shown
 from woosh_robot_agent.link.pushes import PushQueue
 from woosh_robot_agent.link.stats import LinkStats
@@ -40,11 +41,13 @@ class Subscriptions:
         depth: how many pushes may wait of each type of which each one matters.
         stats: counters to add to.
         log: for what is told once.
+        losses: for what is dropped.
     """
 
-    def __init__(self, depth: int, stats: LinkStats, log: LogOnce) -> None:
+    def __init__(self, depth: int, stats: LinkStats, log: LogOnce, losses: Losses) -> None:
         self._stats = stats
         self._log = log
+        self._losses = losses
         self._callbacks: dict[str, list[Callable[[Any], None]]] = {}
         self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
         self._depths = {_ANSWER: math.inf}  # of these, as many as requests were made
@@ -89,7 +92,10 @@ class Subscriptions:
             return
         read = partial(codec.body, envelope, message_types()[name])
         if not self._queue.put(name, partial(self._deliver, name, read)):
-            self._log.warn(f"drop {name}", f"{name} comes faster than it is taken: dropping")
+            self._losses.count(
+                f"older {name} gave way to newer ones",
+                f"{name} comes faster than it is taken: the oldest are dropped",
+            )
 
     def snapshot(self, answer: Answer) -> None:
         """Take the answer that made the link ready."""

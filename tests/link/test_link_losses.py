@@ -1,0 +1,138 @@
+"""What the link drops is counted, and told twice: when it begins, and how much when it is over."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+import pytest
+from link_peer import Peer, aio, eventually, soon
+
+from woosh_robot_agent.link import (
+    RequestTimeoutError,
+    SupersededError,
+    TooManyRequestsError,
+    latest,
+    losses,
+)
+from woosh_robot_agent.link.losses import Losses
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+
+CODE = "woosh.robot.count.StatusCode"
+
+
+@pytest.fixture(autouse=True)
+def told(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    caplog.set_level(logging.INFO, "woosh_robot_agent.link")
+    monkeypatch.setattr(losses, "QUIET", 0.2)
+
+
+def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]]:
+    """Level and text of what was told with any of these words in it."""
+    return [
+        (record.levelno, record.getMessage())
+        for record in caplog.records
+        if any(word in record.getMessage() for word in words)
+    ]
+
+
+@aio
+async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
+    async with Peer() as peer, peer.client(max_in_flight=1) as client:
+        wire = await peer.wire()
+        waiting = asyncio.ensure_future(client.request(Speak(text="first")))
+        first = await wire.next("woosh.robot.Speak")
+        for _ in range(7):
+            with pytest.raises(TooManyRequestsError):
+                await client.request(Speak())
+        await wire.answer(first)
+        await soon(waiting)
+        assert client.stats.refused_requests == {"woosh.robot.Speak": 7}
+        await eventually(lambda: about(caplog, "that is over"))
+        (begun, why), (over, number) = about(caplog, "max_in_flight", "too many waited")
+        assert (begun, over) == (logging.WARNING, logging.INFO)
+        assert "woosh.robot.Speak was not sent" in why
+        assert number.startswith("7 requests were refused")
+
+
+@aio
+async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
+    async with Peer() as peer, peer.client(push_queue=2) as client:
+        wire = await peer.wire()
+        seen: list[int] = []
+        client.subscribe(StatusCode, lambda message: seen.append(message.code))
+        envelope = client._connection._codec.decode(f'{{"type":"{CODE}"}}')  # type: ignore[union-attr]
+        for _ in range(6):  # all of them before the delivery has its turn
+            client._connection._on_push(envelope)  # type: ignore[union-attr]
+        await eventually(lambda: about(caplog, "that is over"))
+        assert len(seen) == 2
+        levels, texts = zip(*about(caplog, CODE), strict=True)
+        assert levels == (logging.WARNING, logging.INFO)
+        assert texts[1].startswith(f"4 older {CODE} gave way to newer ones")
+        await wire.push(CODE, {"code": "9"})
+        await eventually(lambda: seen[-1:] == [9])
+
+
+@aio
+async def test_superseded_velocities(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(latest, "STALL", 0.05)
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        asked = [asyncio.ensure_future(client.request(Twist(linear=0.1)))]
+        first = await wire.next("woosh.robot.Twist")
+        await asyncio.sleep(0.1)
+        asked += [asyncio.ensure_future(client.request(Twist(linear=0.2))) for _ in range(3)]
+        done = await asyncio.gather(*asked[1:], return_exceptions=True)
+        assert [type(each) for each in done] == [SupersededError] * 3
+        await wire.answer(first)
+        await soon(asked[0])
+        assert client.stats.superseded == 3
+        await eventually(lambda: about(caplog, "that is over"))
+        levels = [level for level, _ in about(caplog, "not sent")]
+        assert levels == [logging.WARNING, logging.INFO]
+
+
+@aio
+async def test_unanswered_requests_are_counted() -> None:
+    async with Peer() as peer, peer.client() as client:
+        with pytest.raises(RequestTimeoutError):
+            await client.request(Speak(), 0.01)
+        assert client.stats.timeouts == {"woosh.robot.Speak": 1}
+
+
+@aio
+async def test_a_close_tells_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
+    losses.QUIET = 60.0
+    async with Peer() as peer, peer.client(max_in_flight=1) as client:
+        waiting = asyncio.ensure_future(client.request(Speak()))
+        await (await peer.wire()).next("woosh.robot.Speak")
+        with pytest.raises(TooManyRequestsError):
+            await client.request(Speak())
+        await client.close()
+        await asyncio.gather(waiting, return_exceptions=True)
+        assert len(about(caplog, "1 requests were refused")) == 1
+
+
+@aio
+async def test_a_spell_lasts_while_losses_come_and_the_next_is_told_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    loop = asyncio.get_running_loop()
+    counted = Losses(logging.getLogger("woosh_robot_agent.link"))
+    for _ in range(2):
+        caplog.clear()
+        longest, last = 0.0, loop.time()
+        for _ in range(10):
+            longest, last = max(longest, loop.time() - last), loop.time()
+            counted.count("things were lost", "things get lost")
+            await asyncio.sleep(0.05)  # all in all longer than the pause that ends it
+        await eventually(
+            lambda: sum(int(t.split()[0]) for _, t in about(caplog, "that is over")) == 10
+        )
+        if longest < losses.QUIET / 2:  # else this machine itself made pauses
+            first, second = (text for _, text in about(caplog, "thing"))
+            assert first == "things get lost"
+            assert second.startswith("10 things were lost in ")
