@@ -33,7 +33,7 @@ DEFAULTS = {
     "robot_id": 0,
     "goal_link_timeout": 5.0,
     "result_timeout": 60,
-    "executor": "single_threaded",
+    "executor": "single",
 }
 
 

@@ -33,7 +33,7 @@ def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("executor", ["single_threaded", "events"])
+@pytest.mark.parametrize("executor", ["single", "events"])
 def test_ends_by_a_signal(
     simulator: SimulatorThread, start_program: Callable[..., Program], number: int, executor: str
 ) -> None:
