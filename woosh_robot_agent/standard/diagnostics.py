@@ -78,9 +78,17 @@ def link_status(chassis: ChassisClient) -> Status:
         "tx": stats.tx,
         "parse errors": sum(stats.bad_frames.values()),
         "drops": sum(stats.dropped_pushes.values()),
+        "refused requests": sum(stats.refused_requests.values()),
+        "superseded velocities": stats.superseded,
+        "timeouts": sum(stats.timeouts.values()),
         "late answers": stats.late_answers,
     }
-    for what, counter in (("parse errors", stats.bad_frames), ("drops", stats.dropped_pushes)):
+    for what, counter in (
+        ("parse errors", stats.bad_frames),
+        ("drops", stats.dropped_pushes),
+        ("refused requests", stats.refused_requests),
+        ("timeouts", stats.timeouts),
+    ):
         status.values.update({f"{what}: {kind}": count for kind, count in counter.items()})
     return status
 
