@@ -49,6 +49,11 @@ class Client:
         self._outbox.append(frame)
         self._filled.set()
 
+    @property
+    def backlog(self) -> int:
+        """What is not sent yet: frames in the queue, and bytes that the network has not taken."""
+        return len(self._outbox) + self.transport.backlog()
+
     def drop(self) -> None:
         """End the connection at once, as a broken cable would."""
         self._open = False
