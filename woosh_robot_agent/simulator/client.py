@@ -84,6 +84,11 @@ class Client:
             self._delayed[key].timer.cancel()
             self._due(key)
 
+    @property
+    def backlog(self) -> int:
+        """What is not sent yet: frames in the queue, and bytes that the network has not taken."""
+        return len(self._outbox) + self.transport.backlog()
+
     def drop(self) -> None:
         """End the connection at once, as a broken cable would."""
         self.forget()

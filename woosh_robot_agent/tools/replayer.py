@@ -32,6 +32,8 @@ _LOG = logging.getLogger(__name__)
 _MAX_FRAME = 64 * MIB
 _MAX_OUTBOX = 10_000
 _CLOSE_TIMEOUT = 0.3
+_FLUSH_TIMEOUT = 1.0
+_FLUSH_LOOK = 0.01
 
 
 class ReplayedChassis:
@@ -128,6 +130,7 @@ class ReplayedChassis:
             if not self._repeat:
                 return
             self._base = None
+            await self._flush()
             self._drop()
 
     async def _do(self, step: Step, commands: int) -> None:
@@ -137,6 +140,7 @@ class ReplayedChassis:
             await self._listen()
         elif step.kind is Kind.LOST:
             _LOG.info("%.3f s: the connection is lost, as recorded", step.t)
+            await self._flush()
             await self._hang_up()
         elif step.kind is Kind.SUBSCRIBED:
             await self._until_client(subscribed=True)
@@ -181,6 +185,13 @@ class ReplayedChassis:
                 raise
             self._listeners.append(listener)
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
+
+    async def _flush(self) -> None:
+        """Wait, not for long, until everybody has got what was recorded before the loss."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + _FLUSH_TIMEOUT
+        while any(client.backlog for client in self._clients) and loop.time() < deadline:
+            await asyncio.sleep(_FLUSH_LOOK)
 
     async def _hang_up(self) -> None:
         """Drop every client and take no new ones, as if out of reach."""
