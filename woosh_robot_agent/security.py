@@ -15,6 +15,7 @@ from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
+from woosh_robot_agent.standard.table import STANDARD, Kind
 
 NAMESPACE = "/woosh_robot"
 CLIENT_NODE = "/client"
@@ -31,10 +32,17 @@ _OF_EVERY_NODE = (
 )
 """Services that rclpy gives a node."""
 _PUBLISHED_BY_EVERY_NODE = ("/rosout", "/parameter_events")
+_OUTPUTS = [each.name for each in TOPICS] + [each.name for each in STANDARD if each.is_output]
+_INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT]
+_ASKING = [each.name for each in QUERIES]
+_COMMANDING = [each.name for each in COMMANDS]
+_COMMANDING += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
+_OWN_GOALS = ("ros/MoveBase",)
+"""Actions that the agent is a client of itself: goal_pose becomes a goal."""
 
 
 def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
-    """The policy of the agent, for the enclave NAMESPACE/agent.
+    """The policy of the agent with every part switched on, for the enclave NAMESPACE/agent.
 
     Args:
         namespace: the namespace that the agent runs in, `/` for none.
@@ -45,9 +53,12 @@ def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
     """
     here = _prefix(namespace)
     profile = _Profile(f"{here}/agent", sim_time=sim_time)
-    profile.allow("topics", "publish", (f"{here}/{topic.name}" for topic in TOPICS))
-    profile.allow("services", "reply", (f"{here}/{each.name}" for each in (*QUERIES, *COMMANDS)))
-    profile.allow("actions", "execute", (f"{here}/{action.name}" for action in ACTIONS))
+    services = _ASKING + _COMMANDING
+    profile.allow("topics", "publish", (_path(here, name) for name in _OUTPUTS))
+    profile.allow("topics", "subscribe", (_path(here, name) for name in _INPUTS))
+    profile.allow("services", "reply", (_path(here, name) for name in services))
+    profile.allow("actions", "execute", (_path(here, each.name) for each in ACTIONS))
+    profile.allow("actions", "call", (_path(here, name) for name in _OWN_GOALS))
     return profile.policy(f"{here}/agent")
 
 
@@ -74,7 +85,7 @@ def client_policy(
         ValueError: a name is no absolute ROS name, or a pattern fits no endpoint.
     """
     here = _prefix(namespace)
-    names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS)}
+    names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS, *STANDARD)}
     for pattern in only:
         if not any(fnmatchcase(name, pattern) for name in names):
             raise ValueError(f"no endpoint is called {pattern!r}; the README has their names")
@@ -82,16 +93,17 @@ def client_policy(
     def full(endpoints: Iterable[str]) -> list[str]:
         wanted = only or ("*",)
         return [
-            f"{here}/{name}"
+            _path(here, name)
             for name in endpoints
             if any(fnmatchcase(name, pattern) for pattern in wanted)
         ]
 
     profile = _Profile(_checked(node), sim_time=sim_time)
-    profile.allow("topics", "subscribe", full(topic.name for topic in TOPICS))
-    services = QUERIES if read_only else (*QUERIES, *COMMANDS)
-    profile.allow("services", "request", full(each.name for each in services))
+    profile.allow("topics", "subscribe", full(_OUTPUTS))
+    services = _ASKING if read_only else _ASKING + _COMMANDING
+    profile.allow("services", "request", full(services))
     if not read_only:
+        profile.allow("topics", "publish", full(_INPUTS))
         profile.allow("actions", "call", full(action.name for action in ACTIONS))
     return profile.policy(f"{here}{node}")
 
@@ -122,6 +134,11 @@ class _Profile:
         SubElement(parent, "profiles").append(self._element)
         indent(root)
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, encoding="unicode")}\n'
+
+
+def _path(here: str, name: str) -> str:
+    """A name of a table as an absolute one."""
+    return name if name.startswith("/") else f"{here}/{name}"
 
 
 def _prefix(namespace: str) -> str:

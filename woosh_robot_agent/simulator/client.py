@@ -85,7 +85,7 @@ class Client:
             self._due(key)
 
     @property
-    def backlog(self) -> int:
+    def unsent(self) -> int:
         """What is not sent yet: frames in the queue, and bytes that the network has not taken."""
         return len(self._outbox) + self.transport.backlog()
 

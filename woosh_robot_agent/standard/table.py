@@ -39,6 +39,11 @@ class Standard:
     meaning: str
     depth: int = 1
 
+    @property
+    def is_output(self) -> bool:
+        """Whether it is a topic that the agent publishes."""
+        return self.kind in (Kind.STREAM, Kind.LATCHED, Kind.SENSOR)
+
 
 STANDARD = (
     Standard(

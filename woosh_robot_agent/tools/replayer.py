@@ -190,7 +190,7 @@ class ReplayedChassis:
         """Wait, not for long, until everybody has got what was recorded before the loss."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _FLUSH_TIMEOUT
-        while any(client.backlog for client in self._clients) and loop.time() < deadline:
+        while any(client.unsent for client in self._clients) and loop.time() < deadline:
             await asyncio.sleep(_FLUSH_LOOK)
 
     async def _hang_up(self) -> None:
