@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Twist, TwistStamped
-from goals import CANCELED, step
+from goals import CANCELED, SUCCEEDED, short_task, step
 from harness import Client, wait_until
 from std_srvs.srv import Trigger
 
@@ -189,6 +189,15 @@ class TestRefused:
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
+
+    def test_a_goal_that_comes_while_it_drives_is_not_stopped(
+        self, simulator, agent, sender, client, twists
+    ):
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+        goal = short_task(client, 0.5)
+        assert goal.result()[0] == SUCCEEDED
+        assert (0.0, 0.0, 0.0) not in twists()
 
     def test_unless_it_may_override(self, simulator, start_agent, client):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_override=True)

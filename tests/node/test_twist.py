@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 import pytest
+from goals import EXECUTING, task
 from harness import Client, RunningAgent, wait_future, wait_until
 
 from woosh_robot_agent.link import latest
@@ -139,3 +140,15 @@ def test_nothing_stale_comes_out_of_a_half_open_link(
     assert 0.4 not in speeds(simulator)
     assert speeds(simulator)[-1] == 0.0
     wait_until(lambda: simulator.state.velocity.forward == 0)
+
+
+def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(
+    client: Client, simulator: SimulatorThread, agent: RunningAgent
+) -> None:
+    assert wait_future(drive(client, 0.1)).ok
+    client_goal = task(client)
+    simulator.wait_received("woosh.robot.ExecTask")
+    client_goal.feedback.wait_count(1)
+    agent.close()
+    assert speeds(simulator) == [0.1]
+    assert simulator.state.info.task_proc.state == EXECUTING

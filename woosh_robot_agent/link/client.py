@@ -33,6 +33,7 @@ from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.transports import TransportClosedError, open_transport
+from woosh_robot_agent.link.wheels import takes_wheels
 from woosh_robot_agent.link.within import drop, within
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -238,6 +239,11 @@ class ChassisClient:
         if self._connection is not None:
             self._connection.withdraw({full_name(cls) for cls in classes}, reason)
 
+    @property
+    def driving(self) -> bool:
+        """Whether the robot may still drive by a velocity that this client sent."""
+        return self._latest.driving
+
     async def stop_driving(self, timeout: float) -> None:
         """Send a zero velocity if the last one that this client sent was not zero.
 
@@ -320,7 +326,7 @@ class ChassisClient:
         if self._connection is None or self.state is not LinkState.READY:
             raise self._not_connected()
         try:
-            return await self._connection.request(
+            answer = await self._connection.request(
                 message,
                 timeout,
                 urgent=urgent,
@@ -331,6 +337,9 @@ class ChassisClient:
         except NotConnectedError as error:  # it has ended this moment
             self._down(error.__cause__)
             raise self._not_connected() from None
+        if answer.ok and takes_wheels(message):
+            self._latest.driving = False  # a zero would now stop what was asked for since
+        return answer
 
     def _not_connected(self) -> NotConnectedError:
         since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))

@@ -55,7 +55,7 @@ class CmdVel:
         while True:
             due = self._due()
             if due <= loop.time():
-                self._send(self._waiting or Twist())
+                self._send_due()
                 continue
             self._wake.clear()
             timer = loop.call_at(due, self._wake.set) if due < math.inf else None
@@ -140,6 +140,14 @@ class CmdVel:
         if self.driving and self._host.chassis.state is LinkState.READY:
             return self._obeyed + settings.cmd_vel_timeout
         return math.inf
+
+    def _send_due(self) -> None:
+        if self._waiting is not None:
+            self._send(self._waiting)
+        elif self._host.chassis.driving:
+            self._send(Twist())
+        else:  # a task or an action has had the wheels since: a zero would stop that
+            self.driving = False
 
     def _send(self, command: Twist) -> None:
         self._waiting = None
