@@ -25,7 +25,7 @@ SERVICES = {
     "Speak": (Speak, Speak.Request(arg=SpeakMsg(text="a flood"))),
     "Mode": (Mode, Mode.Request()),
 }
-PATIENCE = 30.0
+PATIENCE = 90.0
 """s after the last call in which every call must have been answered."""
 
 

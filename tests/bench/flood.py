@@ -252,7 +252,7 @@ class Bench:
             part,
             "codes published in their order",
             str(len(numbers)),
-            "",
+            "all that were",
             numbers == sorted(numbers),
         )
         self._found(part, "dropped, as counted", str(dropped))
@@ -275,11 +275,12 @@ class Bench:
 
             self.bystander(part, read)
             self.poses.wait(lambda pose: pose.map_id == 7, PATIENCE)
+        seconds = time.monotonic() - begun
         bad = sum(self.agent.look()["stats"]["bad_frames"].values())
         self._found(
             part,
             "frames read",
-            f"{len(frames)} in {time.monotonic() - begun:.1f} s, {bad} bad",
+            f"{len(frames)} in {seconds:.1f} s, {bad} bad",
             "all",
             not bad,
         )
@@ -343,7 +344,7 @@ def run(size: Size) -> list[Figure]:
     with (
         own_domain() as domain,
         SimulatorThread(config) as simulator,
-        connected_agent(domain, simulator) as agent,
+        connected_agent(domain, simulator, poll_timeout=int(PATIENCE * 1000)) as agent,
     ):
         bench = Bench(domain, simulator, agent)
         with contextlib.closing(bench):

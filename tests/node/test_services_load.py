@@ -84,6 +84,21 @@ def test_a_flood_is_answered_to_the_last_call(simulator, busy_agent, client):
     assert wait_future(speak(client, "again")).ok
 
 
+def test_queries_that_are_too_many_are_told_once(simulator, busy_agent, client, logs):
+    simulator.mute(SPEAK)
+    for number in range(64):
+        speak(client, str(number))
+    simulator.wait_received(SPEAK, 64)
+    for _ in range(3):
+        assert client.call(Mode, "robot/Mode").info.ctrl.value == 1  # as last known
+        assert client.call(General, "robot/General").info.serial_number == 30001
+    simulator.drop()
+    busy_agent.wait_connected(2)
+    told = [record for record in logs.messages if "max_in_flight" in record.getMessage()]
+    warnings = [record for record in told if record.levelname == "WARNING"]
+    assert len(told) > len(warnings) == 1
+
+
 def test_a_client_that_has_gone_is_answered_too(simulator, busy_agent, client, domain, logs):
     simulator.mute(SPEAK)
     gone = Client(domain)
