@@ -12,6 +12,7 @@ BENCHES = {
     "flood": "clients and a chassis that send too much, and one that answers too slowly",
     "fuzz": "frames, requests and goals that make no sense",
     "soak": "mixed traffic and a fault every now and then, for an hour",
+    "speed": "what the agent costs over bare rclpy and a bare socket",
 }
 """Modules of this package, each with `main(arguments) -> exit status`."""
 
@@ -24,8 +25,8 @@ def main(arguments: Sequence[str]) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="scripts/bench",
-        description="Measures the agent's robustness and prints a Markdown table. "
-        "The exit status is 1 if a limit is exceeded.",
+        description="Measures how robust and how fast the agent is, and prints a Markdown table. "
+        "The exit status is 1 if a limit of robustness is exceeded.",
         epilog="Options after the first are those of the measurement: scripts/bench --soak --help.",
         allow_abbrev=False,
     )
