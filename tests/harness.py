@@ -111,14 +111,17 @@ class Collector:
 class GoalClient:
     """One goal as its client sees it."""
 
-    def __init__(self, client: ActionClient, goal: Any) -> None:
+    def __init__(self, client: Client, action: ActionClient, goal: Any) -> None:
         self.feedback = Collector()
-        sent = client.send_goal_async(
-            goal, feedback_callback=lambda message: self.feedback.add(message.feedback.fb)
+        self._client = client
+        sent = client.in_executor(
+            lambda: action.send_goal_async(
+                goal, feedback_callback=lambda message: self.feedback.add(message.feedback.fb)
+            )
         )
         self.handle = wait_future(sent)
         assert self.handle.accepted
-        self._result = self.handle.get_result_async()
+        self._result = client.in_executor(self.handle.get_result_async)
 
     def result(self, timeout: float = TIMEOUT) -> tuple[int, Any]:
         """Status (action_msgs/GoalStatus) and `ret`, once the goal has ended."""
@@ -131,7 +134,7 @@ class GoalClient:
 
     def cancel(self) -> Any:
         """Ask to cancel; returns the action_msgs/CancelGoal response."""
-        return wait_future(self.handle.cancel_goal_async())
+        return wait_future(self._client.in_executor(self.handle.cancel_goal_async))
 
 
 def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
@@ -174,9 +177,9 @@ class Client:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node("client", context=self.context)
-        executor = SingleThreadedExecutor(context=self.context)
-        executor.add_node(self.node)
-        self._spinner = Spinner(executor)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._spinner = Spinner(self.executor)
         self._clients: dict[Any, Any] = {}
         """By type and name: a service and an action may share a name."""
 
@@ -184,6 +187,14 @@ class Client:
         self._spinner.stop()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
+
+    def in_executor(self, function: Callable[[], Any]) -> Any:
+        """What `function` gives in the executor's thread.
+
+        rclpy's action clients are for that thread alone: elsewhere an answer may be there before
+        the request is noted down, and is then lost.
+        """
+        return wait_future(self.executor.create_task(function))
 
     def path(self, name: str) -> str:
         return name if name.startswith("/") else f"{self.namespace}/{name}"
@@ -225,7 +236,7 @@ class Client:
         return self._clients[action, name]
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
-        return GoalClient(self.action(action, name), goal)
+        return GoalClient(self, self.action(action, name), goal)
 
 
 class RunningAgent:

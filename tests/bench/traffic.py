@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import random
-import threading
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from google.protobuf.message import Message
@@ -67,7 +66,7 @@ class Call:
 
 @dataclass
 class TrackedGoal:
-    """One goal from its sending on.
+    """One goal from its sending on; changed in the client's executor only, as rclpy wants it.
 
     Attributes:
         what: for people, with the mark.
@@ -83,23 +82,20 @@ class TrackedGoal:
     handle: Any = None
     result: Any = None
     error: str = ""
-    lock: threading.Lock = field(default_factory=threading.Lock)
 
     def accepted(self, future: Any) -> None:
-        with self.lock:
-            self.handle = future.result()
-            if not self.handle.accepted:
-                self.error = "it was not accepted"
-                return
-            self.result = self.handle.get_result_async()
-            if self.cancels:
-                self.handle.cancel_goal_async()
+        self.handle = future.result()
+        if not self.handle.accepted:
+            self.error = "it was not accepted"
+            return
+        self.result = self.handle.get_result_async()
+        if self.cancels:
+            self.handle.cancel_goal_async()
 
     def cancel(self) -> None:
-        with self.lock:
-            self.cancels += 1
-            if self.handle is not None and self.handle.accepted:
-                self.handle.cancel_goal_async()
+        self.cancels += 1
+        if self.handle is not None and self.handle.accepted:
+            self.handle.cancel_goal_async()
 
     @property
     def done(self) -> bool:
@@ -199,7 +195,7 @@ class Traffic:
     def cancel_goal(self, goal: TrackedGoal) -> None:
         """Cancel a goal. The wish stands until it has got through, however often that takes."""
         self.asked[goal.cancel_mark] = _AS_OFTEN_AS_NEEDED
-        goal.cancel()
+        self._client.executor.create_task(goal.cancel)
 
     # What became of it
 
@@ -227,8 +223,10 @@ class Traffic:
         self.asked[start] += 1
         tracked = TrackedGoal(f"{name} {start[1]}", cancel)
         self.goals.append(tracked)
-        sent = self._client.action(action, name).send_goal_async(goal)
-        sent.add_done_callback(tracked.accepted)
+        client = self._client.action(action, name)
+        self._client.executor.create_task(
+            lambda: client.send_goal_async(goal).add_done_callback(tracked.accepted)
+        )
 
 
 def marks_of(message: Message) -> list[Mark]:

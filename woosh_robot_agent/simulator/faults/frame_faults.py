@@ -35,8 +35,10 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
 
         def both(codec: Codec, data: str | bytes) -> Encoded:
             damaged = before(codec, data) if before else data
-            # What writes itself is past all further damage.
-            return damaged if callable(damaged) else damage(injection, codec, damaged)
+            # What writes itself, or cannot be read any more, is past all further damage.
+            if callable(damaged) or (before and not _readable(codec, damaged)):
+                return damaged
+            return damage(injection, codec, damaged)
 
         return [dataclasses.replace(frame, damage=both)]
 
