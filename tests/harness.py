@@ -144,31 +144,6 @@ def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
     return future.result()
 
 
-class PatientActionClient(ActionClient):
-    """rclpy's notes a request only after it was sent: it would ignore an answer that is quicker."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        self._sending = threading.RLock()
-        super().__init__(*args, **options)
-
-    def send_goal_async(self, *args: Any, **options: Any) -> Any:
-        with self._sending:
-            return super().send_goal_async(*args, **options)
-
-    def _get_result_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._get_result_async(goal_handle)
-
-    def _cancel_goal_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._cancel_goal_async(goal_handle)
-
-    async def execute(self, taken_data: Any) -> None:
-        with self._sending:  # whatever is being sent is noted after this
-            pass
-        await super().execute(taken_data)
-
-
 class Client:
     """A ROS node that uses the agent, in a context of its own."""
 
@@ -230,7 +205,7 @@ class Client:
 
     def action(self, action: Any, name: str) -> ActionClient:
         if (action, name) not in self._clients:
-            client = PatientActionClient(self.node, action, self.path(name))
+            client = ActionClient(self.node, action, self.path(name))
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
         return self._clients[action, name]
