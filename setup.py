@@ -172,7 +172,7 @@ setup(
     packages=find_packages(
         str(ROOT), include=[PACKAGE, f"{PACKAGE}.*"], exclude=[f"{PACKAGE}.pb", f"{PACKAGE}.pb.*"]
     ),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed"], f"{PACKAGE}.simulator": ["data/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -180,7 +180,16 @@ setup(
     ],
     cmdclass={"build_proto": BuildProto, "build_py": BuildPy, "develop": Develop},
     python_requires=">=3.10",
-    install_requires=["websockets>=10.4", protobuf_requirement()],
+    install_requires=[
+        "websockets>=10.4",
+        "rich>=13.7",
+        protobuf_requirement(),
+        # The simulator's: scene files, and maps that are pictures. What Ubuntu 24.04 ships will do.
+        "pyyaml>=6.0",
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "pillow>=10.2",
+    ],
     zip_safe=False,
     author="woosh_robot_agent maintainers",
     author_email="maintainers@example.com",
@@ -192,6 +201,10 @@ setup(
         "console_scripts": [
             "agent = woosh_robot_agent.agent:main",
             "simulator = woosh_robot_agent.simulator.__main__:main",
+            "monitor = woosh_robot_agent.tools.monitor:main",
+            "doctor = woosh_robot_agent.tools.doctor:main",
+            "record = woosh_robot_agent.tools.record:main",
+            "replay = woosh_robot_agent.tools.replay:main",
         ],
     },
 )

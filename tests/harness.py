@@ -5,80 +5,40 @@ Both are real: the link goes over a socket, the rest over DDS, in a domain of th
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from woosh_robot_agent.agent import make_executor
-from woosh_robot_agent.node import Agent
+from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
+from woosh_robot_agent.testing import AgentInProcess as RunningAgent
+from woosh_robot_agent.testing.agents import NAMESPACE
+
+__all__ = [
+    "NAMESPACE",
+    "TIMEOUT",
+    "Client",
+    "Collector",
+    "GoalClient",
+    "Program",
+    "RunningAgent",
+    "Spinner",
+    "own_domain",
+    "wait_future",
+    "wait_until",
+]
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
-NAMESPACE = "/woosh_robot"
-TIMEOUT = 15.0
-"""s after which a test gives up waiting; far above what anything here takes."""
-_LOCK_PORT = 21000
-_domains = iter(range(10_000_000))
-
-
-@contextlib.contextmanager
-def own_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test on this machine uses now."""
-    start = (os.getpid() * 17 + next(_domains)) % 100
-    for offset in range(100):
-        domain = 1 + (start + offset) % 100
-        with socket.socket() as lock:
-            try:
-                lock.bind(("127.0.0.1", _LOCK_PORT + domain))
-            except OSError:
-                continue
-            yield domain
-            return
-    raise RuntimeError("all domains are taken")
-
-
-def wait_until(condition: Callable[[], Any], what: str = "", timeout: float = TIMEOUT) -> Any:
-    """Wait for a condition that no event announces; returns what it gave."""
-    deadline = time.monotonic() + timeout
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"timed out waiting for {what or condition}")
-        threading.Event().wait(0.005)
-    return value
-
-
-class Spinner:
-    """Spins an executor in a thread until it is stopped."""
-
-    def __init__(self, executor: Any) -> None:
-        self.executor = executor
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._stop.set()
-        self._thread.join(TIMEOUT)
-
-    def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            while not self._stop.is_set():
-                self.executor.spin_once(timeout_sec=0.05)
 
 
 class Collector:
@@ -106,6 +66,14 @@ class Collector:
                 f"{len(self.messages)} of {count} came: {self.messages}"
             )
             return list(self.messages)
+
+
+class _Callbacks(dict[bytes, Any]):
+    """Those for feedback. rclpy takes them away with the result, and so loses what it has not read
+    by then: where several reports and the result have come, it reads the result first."""
+
+    def __delitem__(self, goal: bytes) -> None:
+        pass
 
 
 class GoalClient:
@@ -142,6 +110,31 @@ def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
     future.add_done_callback(lambda _future: done.set())
     assert done.wait(timeout), "no answer came"
     return future.result()
+
+
+class PatientActionClient(ActionClient):
+    """rclpy's notes a request only after it was sent: it would ignore an answer that is quicker."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self._sending = threading.RLock()
+        super().__init__(*args, **options)
+
+    def send_goal_async(self, *args: Any, **options: Any) -> Any:
+        with self._sending:
+            return super().send_goal_async(*args, **options)
+
+    def _get_result_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._get_result_async(goal_handle)
+
+    def _cancel_goal_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._cancel_goal_async(goal_handle)
+
+    async def execute(self, taken_data: Any) -> None:
+        with self._sending:  # whatever is being sent is noted after this
+            pass
+        await super().execute(taken_data)
 
 
 class Client:
@@ -182,8 +175,29 @@ class Client:
             )
             # rclpy's own wait looks every 0.25 s only
             wait_until(client.service_is_ready, f"the service {name}")
+            parameters = self.path("agent/get_parameters")
+            if parameters in dict(self.node.get_service_names_and_types()):
+                self._wait_known(GetParameters, parameters)
             self._clients[srv, name] = client
         return self._clients[srv, name]
+
+    def _wait_known(self, srv: Any, path: str) -> None:
+        """Wait until the agent knows this node's end of all that was created so far.
+
+        A service is ready when this node knows the agent's end. What the agent answers before it
+        knows the other one is lost after 0.1 s. DDS makes ends known in the order of their making,
+        so an answer to a question that changes nothing tells it of all before.
+        """
+        asking = self.node.create_client(srv, path)
+        wait_until(asking.service_is_ready, path)
+
+        def answered() -> bool:
+            done = threading.Event()
+            asking.call_async(srv.Request()).add_done_callback(lambda _: done.set())
+            return done.wait(1.0)
+
+        wait_until(answered, f"an answer of {path}")
+        self.node.destroy_client(asking)
 
     def call(self, srv: Any, name: str, timeout: float = TIMEOUT, **fields: Any) -> Any:
         """Call a service and wait for its answer."""
@@ -194,18 +208,34 @@ class Client:
 
     def echo(self, msg: Any, name: str, depth: int = 100) -> Collector:
         """Subscribe as latched as the agent publishes."""
-        collector = Collector()
         qos = QoSProfile(
             depth=depth,
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
+        return self.echo_with(msg, name, qos)
+
+    def echo_with(self, msg: Any, name: str, qos: QoSProfile) -> Collector:
+        """Subscribe with a quality of service of one's own."""
+        collector = Collector()
         self.node.create_subscription(msg, self.path(name), collector.add, qos)
         return collector
 
+    def publishers(self, name: str) -> int:
+        """How many publish on a topic."""
+        return int(self.node.count_publishers(self.path(name)))
+
     def action(self, action: Any, name: str) -> ActionClient:
         if (action, name) not in self._clients:
-            client = ActionClient(self.node, action, self.path(name))
+            client = PatientActionClient(
+                self.node,
+                action,
+                self.path(name),
+                # the usual depth of 10 loses reports when this process is slow
+                feedback_sub_qos_profile=QoSProfile(depth=1000),
+            )
+            client._feedback_callbacks = _Callbacks()
+            self._wait_known(action.Impl.GetResultService, f"{self.path(name)}/_action/get_result")
             wait_until(client.server_is_ready, f"the action {name}")
             self._clients[action, name] = client
         return self._clients[action, name]
@@ -214,68 +244,11 @@ class Client:
         return GoalClient(self, self.action(action, name), goal)
 
 
-class RunningAgent:
-    """The agent in this process, with a context, an executor and a thread of its own."""
-
-    def __init__(self, domain: int, namespace: str = NAMESPACE, **parameters: Any) -> None:
-        self.context = Context()
-        arguments = ["--ros-args", "-r", f"__ns:={namespace}"] if namespace else []
-        rclpy.init(args=arguments, context=self.context, domain_id=domain)
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        try:
-            self.agent = Agent(context=self.context, parameter_overrides=overrides)
-        except BaseException:
-            rclpy.try_shutdown(context=self.context)
-            raise
-        self.executor = make_executor(self.agent.settings.executor, self.context)
-        self.executor.add_node(self.agent.node)
-        self._spinner = Spinner(self.executor)
-        self._closed = False
-
-    def close(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
-        self._spinner.stop()
-        self.agent.close(lambda: self.executor.spin_once(timeout_sec=0.02))
-        rclpy.try_shutdown(context=self.context)
-
-    def wait_connected(self, times: int = 1) -> None:
-        """Return when the link is ready, for so many times since the start."""
-        chassis = self.agent._chassis
-        wait_until(
-            lambda: chassis.stats.connects >= times and chassis.state.value == "ready", "the link"
-        )
-
-
-class Program:
-    """The agent in a process of its own."""
+class Program(AgentProcess):
+    """The agent in a process of its own, and how it ends."""
 
     def __init__(self, domain: int, *arguments: str) -> None:
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "woosh_robot_agent.agent"),
-                *("--ros-args", "-r", f"__ns:={NAMESPACE}", *arguments),
-            ],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.lines.append(line)
-
-    @property
-    def output(self) -> str:
-        return "".join(self.lines)
-
-    def wait_says(self, text: str) -> None:
-        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
+        super().__init__(domain, NAMESPACE, *arguments)
 
     def end(self, number: int = signal.SIGINT) -> float:
         """Send a signal and wait; returns the s that it took to end, in good order."""
@@ -283,7 +256,7 @@ class Program:
         self.process.send_signal(number)
         status = self.process.wait(TIMEOUT)
         taken = time.monotonic() - begun
-        self._reader.join(TIMEOUT)
+        self.wait_read()
         assert status == 0, self.output
         assert "Traceback" not in self.output, self.output
         return taken
@@ -291,5 +264,5 @@ class Program:
     def wait_refused(self) -> str:
         """Wait for it to end with a complaint; returns that."""
         assert self.process.wait(TIMEOUT) not in (0, None)
-        self._reader.join(TIMEOUT)
+        self.wait_read()
         return self.output

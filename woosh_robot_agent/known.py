@@ -30,10 +30,16 @@ def parts_of(info: RobotInfo) -> list[Message]:
 
 
 class LastKnown:
-    """Remembers what the chassis last said, by protobuf full name. Used in the link's thread."""
+    """Remembers what the chassis last said, by protobuf full name. Used in the link's thread.
 
-    def __init__(self, chassis: ChassisClient) -> None:
+    Args:
+        chassis: what it pushes is remembered; None where somebody else calls `remember`.
+    """
+
+    def __init__(self, chassis: ChassisClient | None) -> None:
         self._values: dict[str, Message] = {}
+        if chassis is None:
+            return
         chassis.on_snapshot(self.remember)
         for topic in TOPICS:
             chassis.subscribe(message_type(topic.push), self.remember)

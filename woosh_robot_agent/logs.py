@@ -5,6 +5,14 @@ from __future__ import annotations
 import logging
 from typing import Any
 
+from woosh_robot_agent.link.once import shown
+
+_LONGEST = 2000
+"""Characters of a message, tracebacks apart."""
+
+
+_FORMATTER = logging.Formatter()
+
 
 class RosLogHandler(logging.Handler):
     """A handler that logs by a node's logger. Its own mistakes go to stderr, as logging does."""
@@ -16,7 +24,9 @@ class RosLogHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Log one record."""
         try:
-            text = self.format(record)
+            text = shown(record.getMessage(), _LONGEST)
+            if record.exc_info:
+                text += "\n" + _FORMATTER.formatException(record.exc_info)
             # one line of code for each severity: rclpy does not let a line change its severity
             if record.levelno >= logging.ERROR:
                 self._logger.error(text)

@@ -19,6 +19,8 @@ from woosh_robot_agent.logs import RosLogHandler
 from woosh_robot_agent.parameters import PARAMETERS, Settings, check
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
+from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.layer import StandardLayer
 from woosh_robot_agent.topics import Topics
 
 _STOP_TIMEOUT = 0.4
@@ -70,9 +72,21 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
+        self._standard = StandardLayer(
+            Host(
+                self.node,
+                self._thread,
+                self._chassis,
+                known,
+                requests,
+                self._actions,
+                lambda: self.settings.standard,
+            )
+        )
         self.node.add_on_set_parameters_callback(self._check_change)
         self.node.add_post_set_parameters_callback(self._change)
         self._thread.call(self._chassis.start)
+        self._standard.start()
 
     def close(self, spin_once: Callable[[], None]) -> None:
         """Stop the robot if the agent drove it, abort the open goals, and end the link.
@@ -113,7 +127,7 @@ class Agent:
 
     def _declare(self) -> Settings:
         for parameter in PARAMETERS:
-            self.node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
+            self.node.declare_parameter(parameter.name, parameter.initial, parameter.descriptor())
         return check({p.name: self.node.get_parameter(p.name).value for p in PARAMETERS})
 
     def _values_with(self, changed: list[Parameter]) -> dict[str, Any]:

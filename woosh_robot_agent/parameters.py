@@ -2,55 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.parameter import Parameter
+from woosh_robot_agent.standard import settings as standard
+from woosh_robot_agent.standard.settings import StandardSettings
 
-EXECUTORS = ("single_threaded", "events")
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter.
-
-    Attributes:
-        name: its ROS name.
-        default: its default, which also gives its type.
-        description: meaning and unit.
-        low, high: range of a number, both ends included.
-        link_field: field of `LinkConfig` that it sets, in s, bytes or pieces; empty for none.
-        fixed: whether it can be set at the start only.
-    """
-
-    name: str
-    default: str | int | float
-    description: str
-    low: float = 0
-    high: float = 0
-    link_field: str = ""
-    fixed: bool = False
-
-    def descriptor(self) -> ParameterDescriptor:
-        """As ROS's tools show it."""
-        descriptor = ParameterDescriptor(
-            description=self.description,
-            read_only=self.fixed,
-            # a whole number is accepted where a fractional one is meant
-            dynamic_typing=isinstance(self.default, float),
-        )
-        if isinstance(self.default, int):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)
-            ]
-        elif isinstance(self.default, float):
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(self.low), to_value=float(self.high), step=0.0)
-            ]
-        return descriptor
+EXECUTORS = ("single", "events")
 
 
 _LINK = LinkConfig()
@@ -94,7 +57,7 @@ PARAMETERS = (
         86400,
         fixed=True,
     ),
-    Parameter("executor", EXECUTORS[0], "rclpy's executor: single_threaded or events", fixed=True),
+    Parameter("executor", EXECUTORS[0], "rclpy's executor: single or events", fixed=True),
     Parameter(
         "connect_timeout",
         _LINK.connect_timeout,
@@ -175,6 +138,7 @@ PARAMETERS = (
         1_000_000,
         "push_queue",
     ),
+    *standard.PARAMETERS,
 )
 _BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
@@ -188,12 +152,14 @@ class Settings:
         goal_link_timeout: s for which goals stay open without a link.
         result_timeout: s for which results are kept.
         executor: one of `EXECUTORS`.
+        standard: those of the standard layer.
     """
 
     link: LinkConfig
     goal_link_timeout: float
     result_timeout: int
     executor: str
+    standard: StandardSettings
 
 
 def check(values: Mapping[str, Any]) -> Settings:
@@ -203,7 +169,7 @@ def check(values: Mapping[str, Any]) -> Settings:
         ValueError: a value makes no sense; the text says which and why.
     """
     for name, value in values.items():
-        _check_one(_BY_NAME[name], value)
+        _BY_NAME[name].check(value)
     link = {p.link_field: values[p.name] for p in PARAMETERS if p.link_field}
     if values["executor"] not in EXECUTORS:
         raise ValueError(f"executor {values['executor']!r} is not one of {list(EXECUTORS)}")
@@ -212,32 +178,34 @@ def check(values: Mapping[str, Any]) -> Settings:
         goal_link_timeout=float(values["goal_link_timeout"]),
         result_timeout=values["result_timeout"],
         executor=values["executor"],
+        standard=StandardSettings(**{p.name: values[p.name] for p in standard.PARAMETERS}),
     )
-
-
-def _check_one(parameter: Parameter, value: Any) -> None:
-    """What rclpy lets through because the type is open: floats."""
-    if not isinstance(parameter.default, float):
-        return
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{parameter.name} must be a number, not {value!r}")
-    if not parameter.low <= value <= parameter.high:  # nor is NaN
-        raise ValueError(
-            f"{parameter.name} must be in {parameter.low:g}..{parameter.high:g}, not {value:g}"
-        )
 
 
 def markdown() -> str:
     """The table of parameters in Markdown, as the README shows it."""
     rows = ["| Parameter | Default | Range | Meaning |", "| --- | --- | --- | --- |"]
     for p in PARAMETERS:
-        limits = "" if isinstance(p.default, str) else f"{p.low:g} to {p.high:g}"
-        if isinstance(p.default, int):
-            limits = f"{int(p.low)} to {int(p.high)}"
         note = "; at the start only" if p.fixed else ""
-        rows.append(f"| `{p.name}` | `{p.default}` | {limits} | {p.description}{note} |")
+        rows.append(f"| `{p.name}` | `{p.shown}` | {p.limits} | {p.description}{note} |")
     return "\n".join(rows)
 
 
+def yaml() -> str:
+    """All parameters with their defaults as a parameter file, as in config/agent.yaml."""
+    lines = ["# Every parameter of the agent at its default, as a file for ros2 run and launch:"]
+    lines += [
+        "#   ros2 run woosh_robot_agent agent --ros-args -r __ns:=/woosh_robot --params-file FILE",
+        "# Keep what you change, and leave out the rest.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for p in PARAMETERS:
+        limits = f"; {p.limits}" if p.limits else ""
+        lines.append(f"    # {p.description}{limits}")
+        lines.append(f"    {p.name}: {json.dumps(p.initial)}")
+    return "\n".join(lines) + "\n"
+
+
 if __name__ == "__main__":
-    print(markdown())
+    print(yaml() if "--yaml" in sys.argv else markdown() + "\n", end="")

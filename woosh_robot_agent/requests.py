@@ -25,13 +25,14 @@ class RequestMaker:
         Raises:
             BadFieldError: the robot must not get a value of it.
         """
-        return self._address(convert.to_proto(ros))
+        return self.address(convert.to_proto(ros))
 
     def empty(self, proto_class: type[Message]) -> Message:
         """A request that only names its type."""
-        return self._address(proto_class())
+        return self.address(proto_class())
 
-    def _address(self, message: Any) -> Message:
+    def address(self, message: Any) -> Message:
+        """The message itself, with the robot's id in it if it has room for that and none yet."""
         if self.robot_id and "robot_id" in message.DESCRIPTOR.fields_by_name:
             field = message.DESCRIPTOR.fields_by_name["robot_id"]
             # what the client says itself goes first

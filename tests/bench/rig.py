@@ -48,9 +48,9 @@ GIVE_UP = 20.0
 """s after which what should have happened counts as never happening, on the slowest machine."""
 
 KINDS: tuple[dict[str, str], ...] = (
-    {"transport": "websocket", "encoding": "json", "executor": "single_threaded"},
+    {"transport": "websocket", "encoding": "json", "executor": "single"},
     {"transport": "websocket", "encoding": "json", "executor": "events"},
-    {"transport": "websocket", "encoding": "protobuf", "executor": "single_threaded"},
+    {"transport": "websocket", "encoding": "protobuf", "executor": "single"},
     {"transport": "tcp", "encoding": "protobuf", "executor": "events"},
 )
 """The ways in which the agent can be set up that matter to what happens under faults."""

@@ -21,7 +21,8 @@ try:
 except ImportError:
     from websockets.legacy.server import serve
 
-TIMEOUT = 5.0
+TIMEOUT = 30.0
+"""s after which a test gives up waiting; far above what anything here takes."""
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]
 
@@ -42,7 +43,7 @@ def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
             loop = asyncio.get_running_loop()
             loop.set_exception_handler(lambda _, context: note(context))
             await asyncio.wait_for(test(*args, **kwargs), TIMEOUT)
-            await eventually(lambda: not others(), f"tasks to end: {others()}", 2.0)
+            await eventually(lambda: not others(), f"tasks to end: {others()}", 10.0)
             gc.collect()
             await asyncio.sleep(0)
 
@@ -67,7 +68,7 @@ async def eventually(condition: Callable[[], Any], what: str = "", timeout: floa
     return value
 
 
-async def soon(work: Awaitable[Any], timeout: float = 3.0) -> Any:
+async def soon(work: Awaitable[Any], timeout: float = TIMEOUT / 2) -> Any:
     return await asyncio.wait_for(work, timeout)
 
 
@@ -82,9 +83,9 @@ def config(port: int, **changes: Any) -> LinkConfig:
     values: dict[str, Any] = {
         "ip": "127.0.0.1",
         "port": port,
-        "request_timeout": 3.0,
-        "connect_timeout": 2.0,
-        "handshake_timeout": 2.0,
+        "request_timeout": 15.0,
+        "connect_timeout": 10.0,
+        "handshake_timeout": 10.0,
         "close_timeout": 0.3,
         "liveness_timeout": 10.0,
         "backoff_min": 0.01,
@@ -358,7 +359,7 @@ class Peer:
         for wire in self.wires:
             wire.abort()
         if self.handlers:
-            await asyncio.wait(self.handlers, timeout=2)
+            await asyncio.wait(self.handlers, timeout=10)
         await soon(self._server.wait_closed())
 
     async def _websocket(self, socket: Any, _path: str = "") -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import websockets
-from link_peer import Packed, Peer, aio, eventually, soon
+from link_peer import TIMEOUT, Packed, Peer, aio, eventually, soon
 
 from woosh_robot_agent.link import ConnectionLostError
 from woosh_robot_agent.link.once import LogOnce
@@ -63,7 +63,7 @@ async def test_a_bad_frame_is_counted_told_once_and_skipped(
             assert [r.levelno for r in told] == [logging.WARNING, logging.DEBUG, logging.DEBUG]
             wire.abort()
             again = await peer.wire(2)
-            await client.wait_ready(2)
+            await client.wait_ready(TIMEOUT)
             await again.raw(frame)  # another link, another time
             await eventually(lambda: client.stats.bad_frames == {counted: 4})
             told = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
@@ -82,7 +82,7 @@ async def test_text_that_is_not_utf8() -> None:
         wire.transport.write(b"\x81\x02\xff\xff")
         if OLD:  # the library ends the connection by itself
             await peer.wire(2)
-            await client.wait_ready(2)
+            await client.wait_ready(TIMEOUT)
             assert client.stats.connects == 2
         else:
             assert await works(client, wire)
@@ -117,7 +117,7 @@ async def test_a_frame_over_the_limit_on_websocket_is_named_in_the_error() -> No
         await wire.answer(await wire.next(), msg="x" * 2000)
         with pytest.raises(ConnectionLostError, match=r"1009.*raise max_frame_size"):
             await soon(task)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
 
 
 @aio
@@ -148,7 +148,7 @@ async def test_a_mistake_of_the_link_itself_ends_the_connection_but_not_the_clie
         with pytest.raises(ConnectionLostError, match="internal error"):
             await soon(task)
         again = await peer.wire(2)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         assert await works(client, again)
 
 

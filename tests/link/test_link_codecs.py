@@ -179,3 +179,18 @@ def test_the_text_of_an_error_is_short_and_made_without_writing_out_a_map() -> N
         from_json({"mapId": [Value()] * 1000}, PoseSpeed())
     assert len(str(caught.value)) < 200
     assert Value.written < 20
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        ("woosh.robot.PoseSpeed", {"pose": {"y": "x" * 100_000}}),
+        ("woosh.robot.ScannerData", {"ranges": ["x" * 100_000]}),
+        ("woosh.robot.PoseSpeed", {"pose": {"y": "9" * 100_000 + "x"}}),
+        ("woosh.robot.PoseSpeed", {"mapId": "x" * 100_000}),
+    ],
+)
+def test_the_text_of_an_error_does_not_repeat_a_long_value(name: str, body: Any) -> None:
+    with pytest.raises(FieldError) as caught:
+        from_json(body, TYPES[name]())
+    assert len(str(caught.value)) < 300

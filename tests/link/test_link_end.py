@@ -56,7 +56,7 @@ async def test_the_close_is_bounded_even_if_the_other_end_takes_nothing(
         await turns()
         started = time.monotonic()
         await client.close()
-        assert time.monotonic() - started < 0.3 + 0.3
+        assert time.monotonic() - started < 0.3 + 3
         assert not ours()
         with pytest.raises(ConnectionLostError, match="the link was closed"):
             await task
@@ -66,10 +66,10 @@ async def test_the_close_is_bounded_even_if_the_other_end_takes_nothing(
 @aio
 async def test_an_orderly_close_is_quick(kind: str) -> None:
     async with Peer(kind) as peer:
-        client = await peer.client(close_timeout=3).__aenter__()
+        client = await peer.client(close_timeout=10).__aenter__()
         started = time.monotonic()
         await client.close()
-        assert time.monotonic() - started < 1
+        assert time.monotonic() - started < 5
         await soon((await peer.wire()).gone.wait())
 
 
@@ -117,7 +117,7 @@ async def test_it_can_be_closed_at_any_moment_of_connecting(kind: str, pause: in
         client = peer.client()
         client.start()
         await turns(pause)
-        await soon(client.close(), 1)
+        await soon(client.close(), 5)
         assert client.state is LinkState.STOPPED
         assert not ours()
         for wire in peer.wires:
@@ -167,7 +167,7 @@ async def test_starting_while_it_closes_gives_one_link() -> None:
         await turns(1)
         client.start()
         await closing
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         assert LinkState.STOPPED not in seen
         assert client.state is LinkState.READY
         assert ours().count("link to the chassis") == 1
@@ -182,7 +182,7 @@ async def test_a_new_configuration_moves_the_link_to_the_other_address() -> None
         client.subscribe(PoseSpeed, lambda pose: seen.append(pose.map_id))
         await client.reconfigure(two.config())
         await soon(wire.gone.wait())
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         assert client.config.transport == "tcp"
         other = await two.wire()
         assert [frame["type"] for frame in other.seen] == ["woosh.Subscription", INFO]
@@ -195,10 +195,9 @@ async def test_a_new_configuration_moves_the_link_to_the_other_address() -> None
 async def test_many_new_configurations_at_once_leave_one_link() -> None:
     async with Peer() as one, Peer() as two, one.client() as client:
         await asyncio.gather(*(client.reconfigure(p.config()) for p in (two, one, two, one, two)))
-        await client.wait_ready(2)
-        await turns(50)
+        await client.wait_ready(TIMEOUT)
         assert ours().count("link to the chassis") == 1
-        assert len([wire for wire in one.wires + two.wires if not wire.gone.is_set()]) == 1
+        await eventually(lambda: sum(not wire.gone.is_set() for wire in one.wires + two.wires) == 1)
         assert not two.wires[-1].gone.is_set()
 
 
@@ -215,7 +214,7 @@ async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
             )
         )
         await client.reconfigure(two.config())
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         assert runners == [0]  # besides the one that says so
 
 
@@ -242,7 +241,7 @@ async def test_a_change_of_configuration_that_is_cancelled_leaves_a_link() -> No
         with pytest.raises(asyncio.CancelledError):
             await changing
         await two.wire()
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
 
 
 class Fake:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from link_peer import (
     INFO,
+    TIMEOUT,
     Frame,
     Peer,
     RawServer,
@@ -53,7 +54,7 @@ async def test_ready_comes_with_the_first_robot_info_and_not_before() -> None:
         with pytest.raises(NotConnectedError):
             await client.request(Speak())
         await wire.answer(frame)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         await client.close()
         assert seen == [
             LinkState.CONNECTING,
@@ -151,10 +152,10 @@ async def test_a_404_is_told() -> None:
 @aio
 async def test_a_server_that_never_says_a_word_is_left_after_the_connect_timeout() -> None:
     async with RawServer(silent) as server:
-        client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=1))
+        client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=10))
         started = time.monotonic()
         error = await error_of(client)
-        assert time.monotonic() - started < 0.8  # whatever the library waits for by itself
+        assert time.monotonic() - started < 5  # whatever the library waits for by itself
         assert isinstance(error, NotConnectedError)
         assert "within 0.05 s" in str(error)
         await eventually(lambda: all(writer.transport.is_closing() for writer in server.open))
@@ -198,7 +199,7 @@ async def test_a_host_name_is_resolved() -> None:
 async def test_entering_gives_up_when_the_chassis_is_not_there_and_leaves_nothing() -> None:
     async with RawServer(drops) as server:
         port = server.port
-    client = ChassisClient(config=config(port, connect_timeout=0.05, handshake_timeout=0.05))
+    client = ChassisClient(config=config(port, connect_timeout=0.5, handshake_timeout=0.5))
     with pytest.raises(NotConnectedError, match=rf"127\.0\.0\.1:{port}.*Connect call failed"):
         await client.__aenter__()
     assert client.state is LinkState.STOPPED
@@ -227,7 +228,7 @@ async def test_a_lost_link_comes_back(kind: str) -> None:
         seen = states(client)
         (await peer.wire()).abort()
         await peer.wire(2)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         await eventually(lambda: len(seen) == 3)
         assert seen == [LinkState.WAITING, LinkState.CONNECTING, LinkState.READY]
         assert client.stats.connects == 2
@@ -236,7 +237,7 @@ async def test_a_lost_link_comes_back(kind: str) -> None:
 
 @aio
 async def test_the_end_is_known_before_the_close_is_through() -> None:
-    async with Peer() as peer, peer.client(close_timeout=2, liveness_timeout=0.1) as client:
+    async with Peer() as peer, peer.client(close_timeout=10, liveness_timeout=0.5) as client:
         (await peer.wire()).freeze()
         await eventually(lambda: client.state is not LinkState.READY)
         assert client.state is LinkState.WAITING
@@ -269,16 +270,19 @@ async def test_a_server_that_accepts_and_drops_makes_it_pause_ever_longer() -> N
         assert pause >= 0.8 * full
 
 
-@pytest.mark.parametrize(("stable_after", "grows"), [(5.0, True), (0.0, False)])
+@pytest.mark.parametrize(("stable_after", "grows"), [(500.0, True), (0.0, False)])
 @aio
 async def test_pauses_start_small_again_only_after_a_stable_link(
-    stable_after: float, grows: bool
+    stable_after: float, grows: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pauses: list[float] = []
+    following = Backoff.next
+    monkeypatch.setattr(
+        Backoff, "next", lambda backoff: pauses.append(following(backoff)) or pauses[-1]
+    )
     async with Peer() as peer:
-        times: list[float] = []
 
         async def script(wire: Wire, frame: Frame) -> bool:  # ready, then dropped
-            times.append(time.monotonic())
             await wire.answer(frame)
             await turns()
             wire.abort()
@@ -287,10 +291,12 @@ async def test_pauses_start_small_again_only_after_a_stable_link(
         peer.script = script
         client = peer.client(backoff_min=0.02, backoff_max=5, stable_after=stable_after)
         client.start()
-        await eventually(lambda: len(times) == 6)
+        await eventually(lambda: len(pauses) == 6)
         await client.close()
         assert client.stats.connects >= 4
-    assert (times[5] - times[0] >= 0.8 * 0.02 * 31) is grows
+    for pause, doublings in zip(pauses, range(6), strict=True):
+        full = 0.02 * 2**doublings if grows else 0.02
+        assert 0.8 * full <= pause <= full
 
 
 @aio
@@ -304,7 +310,7 @@ async def test_failures_are_told_once_and_the_recovery_too(
     client.start()
     await eventually(lambda: len([r for r in caplog.records if "cannot connect" in r.message]) >= 4)
     async with Peer(port=port):
-        await client.wait_ready(3)
+        await client.wait_ready(TIMEOUT)
     await client.close()
     told = [r.levelno for r in caplog.records if "cannot connect" in r.message]
     assert told[0] == logging.WARNING

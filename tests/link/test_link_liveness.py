@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 from link_peer import (
     INFO,
+    TIMEOUT,
     Frame,
+    Packed,
     Peer,
     Wire,
     aio,
@@ -36,10 +38,10 @@ async def test_a_half_open_connection_is_noticed_in_time(kind: str) -> None:
         wire.freeze()
         started = time.monotonic()
         await eventually(lambda: client.last_error)
-        assert 0.2 < time.monotonic() - started < 0.8
+        assert 0.2 < time.monotonic() - started < 5  # much less than it takes without
         assert "nothing was heard for 0.3 s" in str(client.last_error)
         await peer.wire(2)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -50,11 +52,10 @@ async def test_a_chassis_that_has_nothing_to_say_stays_connected(kind: str) -> N
             await wire.answer(frame)
         return frame["type"] == "woosh.robot.RobotState"
 
-    async with Peer(kind, script=script) as peer, peer.client(liveness_timeout=0.15) as client:
+    async with Peer(kind, script=script) as peer, peer.client(liveness_timeout=0.8) as client:
         wire = await peer.wire()
         seen = states(client)
-        asked = [frame for frame in wire.seen if frame["type"] != INFO]
-        await asyncio.sleep(0.5)
+        await asyncio.sleep(2.0)
         asked = [frame["type"] for frame in wire.seen if frame["type"] != INFO]
         assert seen == []
         if kind == "tcp":  # which has no ping
@@ -73,7 +74,7 @@ async def test_a_tcp_peer_that_answers_nothing_is_given_up() -> None:
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
 async def test_it_asks_for_a_sign_of_life_only_when_idle(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=0.25) as client:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=2.5) as client:
         wire = await peer.wire()
         pings = 0
         transport = client._connection._transport  # type: ignore[union-attr]
@@ -85,9 +86,9 @@ async def test_it_asks_for_a_sign_of_life_only_when_idle(kind: str) -> None:
             return await ping()
 
         transport.ping = counted  # type: ignore[method-assign]
-        for _ in range(30):  # never 0.1 s of silence
+        for _ in range(30):  # 1.5 s, but never 1 s of silence
             await wire.push("woosh.robot.PoseSpeed", {} if kind == "json" else b"")
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0.05)
         assert pings == 0
         await eventually(lambda: pings > 0)
 
@@ -112,7 +113,7 @@ async def test_bad_frames_are_no_sign_of_life() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=0.25) as client:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=1.0) as client:
         wire = await peer.wire()
         wire.freeze()  # no pongs: a pong waits behind the big frame
         seen = states(client)
@@ -123,8 +124,6 @@ async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> Non
         if kind == "json":
             frame = b"\x81\x7f" + len(body).to_bytes(8, "big") + body
         else:
-            from link_peer import Packed
-
             body = Packed.pack({"type": "woosh.robot.Speak", "body": Packed.chunk(1, b"x" * size)})
             frame = b"\x82\x7f" + len(body).to_bytes(8, "big") + body
             if kind == "tcp":
@@ -132,7 +131,7 @@ async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> Non
         step = len(frame) // 8 + 1
         for at in range(0, len(frame), step):
             wire.transport.write(frame[at : at + step])
-            await asyncio.sleep(0.08)
+            await asyncio.sleep(0.25)
         await eventually(lambda: taken)
         assert seen == []
         assert len(taken[0].text) == size
@@ -171,11 +170,11 @@ async def test_a_chassis_that_takes_a_big_frame_slowly_is_alive() -> None:
         await asyncio.get_running_loop().create_future()
 
     slow: Any = Slow()
-    liveness = Liveness(slow, 0.2, never, lambda: 0)
+    liveness = Liveness(slow, 0.8, never, lambda: 0)
     watching = asyncio.ensure_future(liveness.watch())
-    slow.left = 24
+    slow.left = 12
     while slow.left:
-        await asyncio.sleep(0.03)
+        await asyncio.sleep(0.12)
         slow.left -= 1
         assert not watching.done()
     with pytest.raises(ConnectionLostError, match="nothing was heard"):

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from google.protobuf.any_pb2 import Any as AnyMessage
-from link_peer import INFO, Frame, Packed, Peer, Wire, aio, eventually, soon, turns
+from link_peer import INFO, TIMEOUT, Frame, Packed, Peer, Wire, aio, eventually, soon, turns
 
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.pushes import LATEST_DEPTH, PushQueue
@@ -50,7 +50,7 @@ async def test_what_is_subscribed_before_comes_first_and_is_renewed(kind: str) -
         async with client:
             for number in (1, 2):
                 wire = await peer.wire(number)
-                await client.wait_ready(2)
+                await client.wait_ready(TIMEOUT)
                 assert topics(wire.seen[0]) == ([POSE, TASK], True)
                 assert [frame["type"] for frame in wire.seen[1:]] == [INFO]
                 await wire.push(POSE, pose(kind, number))
@@ -123,7 +123,7 @@ async def test_what_is_subscribed_during_the_handshake_is_asked_for() -> None:
         client.subscribe(PoseSpeed, print)
         assert topics(await wire.next()) == ([POSE], True)
         await wire.answer(info)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         await client.close()
 
 

@@ -7,7 +7,19 @@ import logging
 from typing import Any
 
 import pytest
-from link_peer import INFO, Frame, Peer, TcpWire, Wire, aio, eventually, others, soon, turns
+from link_peer import (
+    INFO,
+    TIMEOUT,
+    Frame,
+    Peer,
+    TcpWire,
+    Wire,
+    aio,
+    eventually,
+    others,
+    soon,
+    turns,
+)
 
 from woosh_robot_agent.link import (
     Answer,
@@ -250,7 +262,7 @@ async def test_the_end_of_the_connection_fails_all_that_waits_and_nothing_is_sen
         assert "internal" not in str(results[0])
         assert len({id(result) for result in results}) == 3
         again = await peer.wire(2)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         task = ask(client, Battery())
         frame = await again.next()
         assert frame["type"] == "woosh.robot.Battery"
@@ -269,7 +281,7 @@ async def test_a_request_that_was_not_sent_yet_is_not_sent_after_a_reconnect() -
         results = await soon(asyncio.gather(*tasks, return_exceptions=True))
         assert [type(result) for result in results] == [ConnectionLostError] * 2
         again = await peer.wire(2)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         await turns()
         assert [frame["type"] for frame in again.seen] == [INFO]
 

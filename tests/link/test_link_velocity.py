@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 import pytest
-from link_peer import Frame, Peer, Wire, aio, eventually, soon, turns
+from link_peer import TIMEOUT, Frame, Peer, Wire, aio, soon, turns
 
 from woosh_robot_agent.link import (
     ChassisClient,
@@ -24,7 +24,13 @@ TWIST = "woosh.robot.Twist"
 
 
 @pytest.fixture(autouse=True)
-def short_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow this machine is, nothing is stalled or too old unless a test says so."""
+    monkeypatch.setattr(latest_module, "STALL", 3600.0)
+
+
+@pytest.fixture
+def short_stall(long_stall: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(latest_module, "STALL", 0.1)
 
 
@@ -40,8 +46,15 @@ async def stalled(client: ChassisClient, wire: Wire) -> tuple[asyncio.Task[Any],
     """One command, unanswered for too long."""
     first = drive(client, 1)
     frame = await wire.next(TWIST)
-    await eventually(client._latest._stalled)
+    stall(client._latest)
     return first, frame
+
+
+def stall(latest: LatestWins[Any]) -> None:
+    """Make what is unanswered unanswered for too long."""
+    for serial in latest._unanswered:
+        latest._unanswered[serial] -= latest_module.STALL + 1
+    assert latest._stalled()
 
 
 async def ended(*tasks: asyncio.Task[Any]) -> None:
@@ -101,6 +114,7 @@ async def test_while_the_chassis_does_not_answer_only_the_newest_is_held() -> No
         assert speeds(wire) == [1, 3]
 
 
+@pytest.mark.usefixtures("short_stall")
 @aio
 async def test_what_is_held_too_long_is_not_sent() -> None:
     async with Peer() as peer, peer.client() as client:
@@ -163,7 +177,8 @@ async def test_a_command_that_is_held_right_after_another_was_let_go_is_not_forg
         return asyncio.ensure_future(latest.request(Twist(linear=speed), send))
 
     first = go(1)
-    await eventually(latest._stalled)
+    await turns(3)
+    stall(latest)
     second = go(2)
     await turns(3)
     latest._release(None)
@@ -198,6 +213,7 @@ async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> 
         await ended(first)
 
 
+@pytest.mark.usefixtures("short_stall")
 @aio
 async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() -> None:
     async with Peer() as peer, peer.client() as client:
@@ -239,7 +255,7 @@ async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> Non
         with pytest.raises(NotConnectedError):
             await soon(held)
         again = await peer.wire(2)
-        await client.wait_ready(2)
+        await client.wait_ready(TIMEOUT)
         task = drive(client, 3)
         await again.answer(await again.next(TWIST))
         await soon(task)
@@ -255,11 +271,11 @@ async def test_the_last_stop_is_sent_only_if_the_robot_may_drive() -> None:
 
     async with Peer(script=script) as peer, peer.client() as client:
         wire = await peer.wire()
-        await client.stop_driving(1)
+        await client.stop_driving(TIMEOUT)
         assert speeds(wire) == []
         await drive(client, 1)
-        await client.stop_driving(1)
-        await client.stop_driving(1)
+        await client.stop_driving(TIMEOUT)
+        await client.stop_driving(TIMEOUT)
         assert speeds(wire) == [1, 0]
 
 
@@ -272,7 +288,7 @@ async def test_a_stop_that_was_not_confirmed_is_sent_again() -> None:
         await soon(task)
         with pytest.raises(RequestTimeoutError):
             await client.stop_driving(0.03)
-        stopping = asyncio.ensure_future(client.stop_driving(1))
+        stopping = asyncio.ensure_future(client.stop_driving(TIMEOUT))
         await wire.next(TWIST)
         await wire.answer(await wire.next(TWIST))
         await soon(stopping)
@@ -287,7 +303,7 @@ async def test_the_last_stop_supersedes_what_is_held() -> None:
         first, frame = await stalled(client, wire)
         held = drive(client, 2)
         await turns()
-        stopping = asyncio.ensure_future(client.stop_driving(1))
+        stopping = asyncio.ensure_future(client.stop_driving(TIMEOUT))
         await wire.answer(await wire.next(TWIST))
         await soon(stopping)
         await wire.answer(frame)
@@ -297,6 +313,7 @@ async def test_the_last_stop_supersedes_what_is_held() -> None:
         assert speeds(wire) == [1, 0]
 
 
+@pytest.mark.usefixtures("short_stall")
 @aio
 async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
     latest = LatestWins[float]()

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from action_msgs.msg import GoalStatus
 from harness import Client, GoalClient
 
+from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_ros_msgs.action import LiftControl, LiftControl3, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep
@@ -102,3 +106,36 @@ def proc(task_id: int, state: int, msg: str = "") -> TaskProc:
 
 def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
     return Feedbacks(fbs=[Feedback(action=action, state=state, msg=msg)])
+
+
+def slow_down(simulator: SimulatorThread) -> None:
+    """As slow as a real chassis: what runs still runs at the next step of even a slow test."""
+    simulator.call(lambda sim: setattr(sim, "speed", 1.0))
+
+
+def hurry(simulator: SimulatorThread) -> None:
+    """Let what runs come to its end."""
+    simulator.call(lambda sim: setattr(sim, "speed", 50.0))
+
+
+class Held:
+    """Holds back every answer to requests of a type until it is told to release them."""
+
+    def __init__(self, simulator: SimulatorThread, request: str) -> None:
+        self._simulator = simulator
+        self._request = request
+        self._answers: list[Outgoing] = []
+        self._remove = simulator.intercept(self._hold)
+
+    def _hold(self, out: Outgoing) -> Iterable[Outgoing]:
+        if out.request != self._request:
+            return [out]
+        self._answers.append(out)
+        return []
+
+    def release(self) -> None:
+        """Send them, and hold no more."""
+        self._remove()
+        for out in self._answers:
+            frame = JsonCodec().encode(out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg)
+            self._simulator.send_raw(frame)

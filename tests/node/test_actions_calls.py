@@ -18,25 +18,28 @@ from goals import (
     STEP,
     SUCCEEDED,
     feedbacks,
+    hurry,
     lift,
     lift3,
     move_base,
+    slow_down,
     step,
     step_goal,
 )
-from harness import Client, GoalClient
+from harness import Client, GoalClient, wait_until
 
 from woosh_common_msgs.msg import Pose2D
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.hooks import Outgoing
 from woosh_robot_msgs.srv import RobotState
 from woosh_ros_msgs.action import MoveBase, StepControl
 
 pytestmark = pytest.mark.usefixtures("agent")
 
 
-def running(client: Client, value: float = 20.0) -> GoalClient:
+def running(client: Client, value: float = 500.0) -> GoalClient:
     """A long step that has begun."""
     goal = step(client, value)
     goal.feedback.wait(lambda fb: fb.state.value == 2)
@@ -58,7 +61,8 @@ def test_succeeds(client: Client, start: Callable[[Client], GoalClient], name: s
     assert (status, ret.state.value) == (SUCCEEDED, 1)
     assert ret.action == f"woosh.ros.action.{name}"
     assert ret.msg
-    assert [fb.state.value for fb in goal.feedback.messages][::-1][0] == 1
+    goal.feedback.wait(lambda fb: fb.state.value == 1)
+    assert goal.feedback.messages[-1].state.value == 1
     assert 2 in [fb.state.value for fb in goal.feedback.messages]
 
 
@@ -89,6 +93,7 @@ def test_reports_of_no_action_or_another_are_not_its_own(
     simulator.push(feedbacks(-1, "failed", "woosh.ros.action.MoveBase"))
     simulator.push(feedbacks(1, "the end"))
     assert goal.result()[1].msg == "the end"
+    goal.feedback.wait(lambda fb: fb.msg == "the end")
     assert not {"wifi", "{}", "failed"} & {fb.msg for fb in goal.feedback.messages}
 
 
@@ -139,6 +144,7 @@ def test_cancel_of_what_does_not_run_is_refused(client: Client) -> None:
 def test_pause_and_resume_leave_the_goal_in_charge(
     client: Client, simulator: SimulatorThread
 ) -> None:
+    slow_down(simulator)  # it reports every second of the robot's, and not while it is asked
     goal = running(client, 3.0)
     for order, reported in ((PAUSE, 3), (RESUME, 2)):
         count = len(goal.feedback.messages)
@@ -148,6 +154,7 @@ def test_pause_and_resume_leave_the_goal_in_charge(
         goal.feedback.wait_count(count + 1)
         assert goal.feedback.messages[count].state.value == reported
         assert not goal.done
+    hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
     sent = [each.message for each in simulator.received if each.type == CALL_ACTION]
     assert [call.step_control.action for call in sent] == [EXECUTE, PAUSE, RESUME]
@@ -183,7 +190,7 @@ def test_older_goals_end_that_comes_late_is_not_the_newer_ones(
 ) -> None:
     old = running(client)
     remove = simulator.intercept(lambda out: [] if out.type == FEEDBACKS else [out])
-    new = step(client, 19.0)
+    new = step(client, 499.0)
     assert old.result()[1].msg == REPLACED
     remove()
     simulator.push(feedbacks(2, "still the old one"))
@@ -197,7 +204,7 @@ def test_end_of_what_another_program_ran_is_not_the_goals(
 ) -> None:
     """As after a restart of the agent, too."""
     request = CallAction()
-    request.step_control.steps.add(mode=1, value=30.0, speed=0.5)
+    request.step_control.steps.add(mode=1, value=500.0, speed=0.5)
     request.step_control.action = EXECUTE
     simulator.call(lambda sim: dispatched(sim, request))
     goal = step(client, 0.4)
@@ -209,16 +216,18 @@ def test_last_reports_of_what_another_program_ran_are_not_the_goals(
     client: Client, simulator: SimulatorThread, end: int
 ) -> None:
     """They come between the goal and its answer."""
-    simulator.delay(CALL_ACTION, 0.1)
+    reports = feedbacks(2, "on its way"), feedbacks(end, "its end")
+
+    def report_first(out: Outgoing) -> list[Outgoing]:
+        before = reports if out.request == CALL_ACTION else ()
+        return [*(Outgoing(FEEDBACKS, report) for report in before), out]
+
+    simulator.intercept(report_first)
     simulator.call(freeze_steps)
     goal = step(client, 0.4)
-    simulator.wait_received(CALL_ACTION)
-    simulator.push(feedbacks(2, "on its way"))
-    simulator.push(feedbacks(end, "its end"))
     goal.feedback.wait(lambda fb: fb.msg == "on its way")
     client.call(RobotState, "robot/RobotState")
     assert not goal.done
-    simulator.accept(CALL_ACTION)
     client.call(RobotState, "robot/RobotState")
     simulator.push(feedbacks(1, "the goal's"))
     assert goal.result()[1].msg == "the goal's"
@@ -227,11 +236,13 @@ def test_last_reports_of_what_another_program_ran_are_not_the_goals(
 def test_refused_newer_goal_leaves_the_older_in_charge(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    old = running(client, 2.0)
+    slow_down(simulator)
+    old = running(client, 5.0)
     goal = step_goal(1.0)
     goal.arg.steps[0].mode.value = 9
     status, ret = client.send_goal(StepControl, "ros/StepControl", goal).result()
     assert (status, "mode" in ret.msg) == (ABORTED, True)
+    hurry(simulator)
     assert old.result()[0] == SUCCEEDED
 
 
@@ -268,8 +279,18 @@ def test_end_that_is_known_from_before_is_not_believed_at_once(
     assert step(client, 0.3).result()[0] == SUCCEEDED
     dropped = simulator.intercept(lambda out: [] if out.type == FEEDBACKS and not out.sn else [out])
     simulator.call(freeze_steps)
+    asked: list[Outgoing] = []
+
+    def answer_once(out: Outgoing) -> list[Outgoing]:
+        """Asked again, it would be believed: this goal ended in the same way."""
+        if out.request != FEEDBACKS:
+            return [out]
+        asked.append(out)
+        return [out] if len(asked) == 1 else []
+
+    simulator.intercept(answer_once)
     goal = step(client, 0.3)
-    simulator.wait_received(FEEDBACKS, 1)
+    wait_until(lambda: asked, "the question")
     dropped()
     simulator.push(feedbacks(2, "on its way"))
     goal.feedback.wait(lambda fb: fb.msg == "on its way")
@@ -294,7 +315,10 @@ def test_of_goals_in_a_burst_the_last_one_counts(
 ) -> None:
     """The ends of all that it replaces come before the chassis's answer to the last one."""
     simulator.delay(CALL_ACTION, late)
+    slow_down(simulator)
     goals = [step(client, 6.0) for _ in range(count)]  # longer than the answers are late
+    simulator.wait_received(CALL_ACTION, count)
+    hurry(simulator)
     status, ret = goals[-1].result()
     assert (status, ret.state.value) == (SUCCEEDED, 1)
     assert [goal.result()[0] for goal in goals[:-1]] == [ABORTED] * (count - 1)

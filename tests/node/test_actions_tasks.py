@@ -18,14 +18,17 @@ from goals import (
     SUCCEEDED,
     TASK_CANCELED,
     TASK_PROC,
+    hurry,
     proc,
     short_task,
+    slow_down,
     task,
 )
 from harness import Client, wait_until
 
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.srv import SwitchControlMode
 
@@ -41,6 +44,7 @@ def test_succeeds_with_each_report_as_feedback(client: Client, simulator: Simula
     assert ret.dest == "A2"
     sent = simulator.last(EXEC_TASK)
     assert before <= sent.task_id == ret.robot_task_id
+    goal.feedback.wait(lambda fb: fb.state.value == COMPLETED)
     states = [fb.state.value for fb in goal.feedback.messages]
     assert states[-1] == COMPLETED
     assert EXECUTING in states
@@ -78,7 +82,7 @@ def test_refusal_without_words(client: Client, simulator: SimulatorThread) -> No
 
 
 def test_failure_aborts(client: Client, simulator: SimulatorThread) -> None:
-    simulator.set_emergency_stop(False)
+    slow_down(simulator)
     goal = task(client, task_id=6)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.push(proc(6, FAILED, "wheel slips"))
@@ -86,6 +90,7 @@ def test_failure_aborts(client: Client, simulator: SimulatorThread) -> None:
 
 
 def test_cancelled_by_somebody_else_aborts(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.call(lambda sim: sim.chassis.tasks.cancel("cancelled at the screen"))
@@ -100,6 +105,7 @@ def test_reports_of_other_tasks_are_not_its_own(client: Client, simulator: Simul
         simulator.push(proc(7, state, "of another task"))
     status, _ = goal.result()
     assert status == SUCCEEDED
+    goal.feedback.wait(lambda fb: fb.state.value == COMPLETED)
     assert {fb.robot_task_id for fb in goal.feedback.messages} == {8}
 
 
@@ -124,12 +130,14 @@ def test_real_refusal_of_a_manual_chassis(client: Client, simulator: SimulatorTh
 
 
 def test_newer_task_replaces_the_older(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     old = task(client, task_id=11)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     new = task(client, mark="U5", task_id=12)
     status, ret = old.result()
     assert status == ABORTED
     assert ret.msg == REPLACED
+    hurry(simulator)
     assert new.result()[0] == SUCCEEDED
     assert simulator.counts[ACTION_ORDER] == 0
 
@@ -146,6 +154,7 @@ def test_replaced_though_the_answer_comes_before_the_cancel(
             return []
         return [out]
 
+    slow_down(simulator)
     old = task(client, task_id=11)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.intercept(hold)
@@ -153,26 +162,31 @@ def test_replaced_though_the_answer_comes_before_the_cancel(
     status, ret = old.result()
     assert (status, ret.msg) == (ABORTED, REPLACED)
     simulator.push(late[0])
+    hurry(simulator)
     assert new.result()[0] == SUCCEEDED
 
 
 def test_refused_newer_task_leaves_the_older_in_charge(
     client: Client, simulator: SimulatorThread
 ) -> None:
+    slow_down(simulator)
     old = task(client)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     new = task(client, mark="nowhere")
     status, ret = new.result()
     assert (status, "nowhere" in ret.msg) == (ABORTED, True)
+    hurry(simulator)
     assert old.result()[0] == SUCCEEDED
 
 
 def test_same_id_while_the_first_runs(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     old = task(client, task_id=9)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     new = task(client, mark="U5", task_id=9)
     status, ret = old.result()
     assert (status, ret.msg) == (ABORTED, REPLACED)
+    hurry(simulator)
     status, ret = new.result()
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
@@ -182,14 +196,9 @@ def test_same_id_again_ignores_the_old_end(
     client: Client, simulator: SimulatorThread, state: int
 ) -> None:
     assert short_task(client, 0.1, task_id=9).result()[0] == SUCCEEDED
-    simulator.delay(EXEC_TASK, 0.1)
-    remove = simulator.intercept(
-        lambda out: [] if out.type == TASK_PROC and out.body.msg != "the old end" else [out]
-    )
+    late = Outgoing(TASK_PROC, proc(9, state, "the old end"))
+    simulator.intercept(lambda out: [late, out] if out.request == EXEC_TASK else [out])
     second = task(client, mark="U5", task_id=9)
-    simulator.wait_received(EXEC_TASK, 2)
-    simulator.push(proc(9, state, "the old end"))
-    remove()
     status, ret = second.result()
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
@@ -201,8 +210,11 @@ def test_twenty_in_a_row(client: Client) -> None:
 
 
 def test_two_at_once(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     with ThreadPoolExecutor() as pool:
         goals = list(pool.map(lambda number: task(client, task_id=number), (1, 2)))
+    simulator.wait_received(EXEC_TASK, 2)
+    hurry(simulator)
     ends = {goal.result()[0]: goal.result()[1] for goal in goals}
     sent = [each.message.task_id for each in simulator.received if each.type == EXEC_TASK]
     assert (ends[ABORTED].robot_task_id, ends[SUCCEEDED].robot_task_id) == tuple(sent)
@@ -229,6 +241,7 @@ def test_silent_chassis_is_not_asked_often(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(GoalRun, "poll_period", 0.2)
+    slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))

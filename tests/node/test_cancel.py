@@ -20,15 +20,18 @@ from goals import (
     SUCCEEDED,
     TASK_CANCELED,
     TASK_PROC,
+    Held,
+    hurry,
     lift,
     lift3,
     move_base,
     proc,
     short_task,
+    slow_down,
     step,
     task,
 )
-from harness import Client, GoalClient, wait_until
+from harness import Client, GoalClient, RunningAgent, wait_until
 
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
@@ -36,9 +39,13 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
 from woosh_robot_msgs.srv import RobotState
 
-pytestmark = pytest.mark.usefixtures("agent")
-
 ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftControl3")
+
+
+@pytest.fixture(autouse=True)
+def unhurried(agent: RunningAgent, simulator: SimulatorThread) -> None:
+    """What is to be cancelled must not have ended by itself."""
+    slow_down(simulator)
 
 
 def begun(goal: GoalClient, state: int) -> GoalClient:
@@ -140,6 +147,7 @@ def test_refused_goes_on_to_its_end(client: Client, simulator: SimulatorThread) 
     simulator.refuse(ACTION_ORDER, "not on the lift")
     goal = begun(task(client), EXECUTING)
     goal.cancel()
+    hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
 
 
@@ -168,10 +176,13 @@ def test_of_a_goal_that_is_refused_cancels_nothing(
 ) -> None:
     other = begun(task(client), EXECUTING)
     simulator.refuse(EXEC_TASK, "busy")
-    simulator.delay(EXEC_TASK, 0.2)
+    held = Held(simulator, EXEC_TASK)
     goal = task(client, mark="U5")
     goal.cancel()
+    simulator.wait_received(EXEC_TASK, 2)
+    held.release()
     assert goal.result()[1].msg == "busy"
+    hurry(simulator)
     assert other.result()[0] == SUCCEEDED
     assert simulator.counts[ACTION_ORDER] == 0
 
@@ -181,17 +192,21 @@ def test_of_the_older_goal_does_not_hit_the_newer(
 ) -> None:
     old = begun(task(client), EXECUTING)
     remove = simulator.intercept(without(TASK_PROC))
-    simulator.delay(EXEC_TASK, 0.2)
+    held = Held(simulator, EXEC_TASK)
     new = task(client, mark="U5")
+    simulator.wait_received(EXEC_TASK, 2)
     old.cancel()
+    held.release()
     assert old.result()[1].msg == REPLACED
     remove()
+    hurry(simulator)
     assert new.result()[0] == SUCCEEDED
     assert simulator.counts[ACTION_ORDER] == 0
 
 
 @pytest.mark.parametrize("turn", range(5))
 def test_races_with_the_end(client: Client, simulator: SimulatorThread, turn: int) -> None:
+    hurry(simulator)
     goal = short_task(client, 0.05)
     if turn:
         goal.feedback.wait_count(turn)
@@ -203,6 +218,7 @@ def test_races_with_the_end(client: Client, simulator: SimulatorThread, turn: in
 
 
 def test_after_the_end_changes_nothing(client: Client, simulator: SimulatorThread) -> None:
+    hurry(simulator)
     goal = short_task(client, 0.05)
     assert goal.result()[0] == SUCCEEDED
     assert not goal.cancel().goals_canceling
@@ -263,6 +279,7 @@ def test_answered_cancel_is_not_sent_again_after_a_lost_link(
     connected = simulator.counts["woosh.robot.RobotInfo"]
     simulator.drop()
     simulator.wait_received("woosh.robot.RobotInfo", connected + 1)
+    hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
     assert simulator.counts[ACTION_ORDER] == 1
 
@@ -291,10 +308,12 @@ def test_everything_with_a_replaced_goal_under_way(
 ) -> None:
     monkeypatch.setattr(GoalRun, "poll_period", 0.5)
     old = begun(task(client), EXECUTING)
-    simulator.delay(EXEC_TASK, 0.2)
+    held = Held(simulator, EXEC_TASK)
     remove = simulator.intercept(without(TASK_PROC))
     new = task(client, mark="U5")
+    simulator.wait_received(EXEC_TASK, 2)
     assert len(cancel_everything(client, "robot/ExecTask").goals_canceling) == 2
+    held.release()
     assert old.result()[0] == ABORTED
     remove()
     assert new.result()[0] == CANCELED

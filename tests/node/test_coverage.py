@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
+from goals import slow_down
 from harness import Client, wait_until
 from ros2_commands import documented
 
@@ -69,7 +70,7 @@ def check_graph(watcher: Client, namespace: str) -> None:
     wait_until(lambda: offered(node.get_publisher_names_and_types_by_node) == topics, "topics")
     for action in ACTIONS:
         feedback = f"{namespace}/{action.name}/_action/feedback"
-        assert node.count_publishers(feedback) == 1
+        wait_until(lambda feedback=feedback: node.count_publishers(feedback) == 1, feedback)
 
 
 def test_it_connects_when_the_chassis_appears(simulator, start_agent, client):
@@ -113,7 +114,8 @@ MORE = {"robot/PlanPath": plan_path, "robot/RobotWiFi": robot_wifi, TWICE: set_i
 
 
 @pytest.mark.parametrize("name", MORE)
-def test_what_the_document_does_not_show(name, agent, client):
+def test_what_the_document_does_not_show(name, simulator, agent, client):
+    slow_down(simulator)  # a path is there only for as long as the task drives
     MORE[name](client)
 
 

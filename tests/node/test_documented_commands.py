@@ -13,6 +13,7 @@ from ros2_commands import Command, documented, parse
 from woosh_robot_agent.services import ros_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_msgs.msg import DeviceStateSoftwareBit as Software
+from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo
 
 SUCCEEDED = 4
@@ -34,6 +35,7 @@ class Robot:
     def __init__(self, client: Client, simulator: SimulatorThread) -> None:
         self.client = client
         self.simulator = simulator
+        self.poses = client.echo(PoseSpeed, "robot/PoseSpeed")
 
     @property
     def info(self) -> Any:
@@ -61,8 +63,12 @@ def change_nav_path(robot: Robot, arg: Any) -> bool:
 
 
 def twist(robot: Robot, arg: Any) -> bool:
-    now = robot.info.pose_speed.twist  # it gathers speed, and slows down when no more comes
-    return 0 < now.linear <= arg.linear + 1e-6 and 0 < now.angular <= arg.angular + 1e-6
+    # it gathers speed, and slows down when no more comes
+    twists = [pose.twist for pose in list(robot.poses.messages)]
+    return any(
+        0 < now.linear <= arg.linear + 1e-6 and 0 < now.angular <= arg.angular + 1e-6
+        for now in twists
+    )
 
 
 # What is true of the robot after a command with this argument, soon if not at once.

@@ -14,10 +14,13 @@ from goals import (
     EXECUTING,
     START,
     SUCCEEDED,
+    Held,
+    hurry,
     lift,
     lift3,
     move_base,
     short_task,
+    slow_down,
     step,
     task,
 )
@@ -43,7 +46,7 @@ def agent(
         port=simulator.port,
         backoff_min=0.1,
         executor=request.param,
-        result_timeout=1,
+        result_timeout=3,
         goal_link_timeout=0.5,
     )
     started.wait_connected()
@@ -61,10 +64,12 @@ def test_services_many_at_a_time(client: Client) -> None:
 
 
 def test_deferred_replies_overtake_each_other(client: Client, simulator: SimulatorThread) -> None:
-    simulator.delay("woosh.robot.Mode", 0.3)
+    held = Held(simulator, "woosh.robot.Mode")
     slow = client.call_async(Mode, "robot/Mode")
+    simulator.wait_received("woosh.robot.Mode")
     client.call(PoseSpeed, "robot/PoseSpeed")
     assert not slow.done()
+    held.release()
     assert wait_future(slow).info.ctrl.value == 1
 
 
@@ -83,25 +88,29 @@ def test_goals(client: Client) -> None:
     goals = [step(client, 0.3), lift(client)]
     assert [goal.result()[0] for goal in goals] == [SUCCEEDED, SUCCEEDED]
     assert move_base(client, 0.5).result()[0] == SUCCEEDED
-    assert all(goal.feedback.messages for goal in goals)
+    assert all(goal.feedback.wait_count(1) for goal in goals)
 
 
 def test_cancel(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     goals = [step(client, 30.0), lift(client)]
     for goal in goals:
         goal.feedback.wait_count(1)
         assert len(goal.cancel().goals_canceling) == 1
     assert [goal.result()[0] for goal in goals] == [CANCELED, CANCELED]
     simulator.refuse("woosh.robot.ActionOrder", "no")
+    hurry(simulator)
     refused = short_task(client, 0.3)
     refused.cancel()
     assert refused.result()[0] == SUCCEEDED
 
 
-def test_refusal_and_replacement(client: Client) -> None:
+def test_refusal_and_replacement(client: Client, simulator: SimulatorThread) -> None:
     assert task(client, mark="nowhere").result()[0] == ABORTED
+    slow_down(simulator)
     old, new = task(client), task(client, mark="U5")
     assert old.result()[1].msg == REPLACED
+    hurry(simulator)
     assert new.result()[0] == SUCCEEDED
 
 
@@ -154,6 +163,7 @@ def test_end_with_open_goals_and_a_new_start(
     simulator: SimulatorThread,
     start_agent: Callable[..., RunningAgent],
 ) -> None:
+    slow_down(simulator)
     goals = [step(client, 100.0), lift3(client, 0.4, speed=0.001)]
     for goal in goals:
         goal.feedback.wait_count(1)
@@ -173,6 +183,7 @@ def test_end_with_open_goals_and_a_new_start(
 
     wait_until(lambda: status_of_the_old_goal() == 0)
     wait_until(lambda: client.call(Mode, "robot/Mode").info.ctrl.value)
+    hurry(simulator)
     status, ret = step(client, 0.2).result()
     assert status == SUCCEEDED, ret
 

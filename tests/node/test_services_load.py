@@ -16,7 +16,7 @@ from woosh_robot_msgs.srv import General, Mode, SetSound, Speak, SwitchControlMo
 SPEAK = "woosh.robot.Speak"
 
 
-@pytest.fixture(params=["single_threaded", "events"])
+@pytest.fixture(params=["single", "events"])
 def busy_agent(request: Any, simulator: Any, start_agent: Any) -> Any:
     agent = start_agent(ip="127.0.0.1", port=simulator.port, executor=request.param)
     agent.wait_connected()

@@ -23,6 +23,8 @@ from woosh_robot_msgs.srv import NavPath, PlanPath, RobotInfo
 from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
 
 BATTERY = "woosh.robot.Battery"
+PATIENCE = 2
+"""s that `hasty` waits for an answer: more than a slow machine needs."""
 FALLBACK = "robot/Battery answers with the last known value"
 
 
@@ -30,7 +32,7 @@ FALLBACK = "robot/Battery answers with the last known value"
 def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
     """An agent that does not wait long for answers, and does not come back soon."""
     where = {"ip": "127.0.0.1", "port": simulator.port}
-    agent = start_agent(**where, poll_timeout=300, backoff_min=30.0, backoff_max=60.0)
+    agent = start_agent(**where, poll_timeout=PATIENCE * 1000, backoff_min=30.0, backoff_max=60.0)
     agent.wait_connected()
     return agent
 
@@ -145,12 +147,12 @@ def refuse_as_type_error(simulator: Any) -> str:
 
 def mute(simulator: Any) -> str:
     simulator.mute(BATTERY)
-    return f"did not answer {BATTERY} within 0.3 s"
+    return f"did not answer {BATTERY} within {PATIENCE} s"
 
 
 def be_late(simulator: Any) -> str:
-    simulator.delay(BATTERY, 0.6)
-    return f"did not answer {BATTERY} within 0.3 s"
+    simulator.delay(BATTERY, 1.5 * PATIENCE)
+    return f"did not answer {BATTERY} within {PATIENCE} s"
 
 
 def answer_another_type(simulator: Any) -> str:

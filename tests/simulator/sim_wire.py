@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import SimulatorThread
 
 TIMEOUT = 10.0
 
@@ -101,6 +102,15 @@ async def _connected(address: str) -> Any:
     return await websockets.connect(address, max_size=None, max_queue=None, ping_interval=None)
 
 
+def pass_time(simulator: SimulatorThread, seconds: float) -> None:
+    """Return when so many simulated seconds have passed."""
+    until = simulator.state.elapsed + seconds
+    deadline = time.monotonic() + TIMEOUT * 6
+    while simulator.state.elapsed < until:
+        assert time.monotonic() < deadline, "simulated time hardly moves"
+        time.sleep(0.005)
+
+
 def packed(type_name: str, body: Message | None = None, sn: int = 0) -> bytes:
     """The binary form of a frame."""
     pack = MessagePackJson(type=type_name, sn=sn)
@@ -140,6 +150,10 @@ class TcpClient:
         self._socket.sendall(bytes(size) + frame)
 
     def receive(self) -> MessagePackJson:
+        return MessagePackJson.FromString(self.receive_bytes())
+
+    def receive_bytes(self) -> bytes:
+        """The next frame as it is."""
         length = shift = 0
         while True:
             byte = self._file.read(1)
@@ -148,9 +162,9 @@ class TcpClient:
             shift += 7
             if byte[0] < 0x80:
                 break
-        pack = MessagePackJson()
-        pack.ParseFromString(self._file.read(length))
-        return pack
+        data = self._file.read(length)
+        assert len(data) == length, "closed in the middle of a frame"
+        return data
 
     def request(self, type_name: str, body: Message | None = None, sn: int = 1) -> MessagePackJson:
         self.send(packed(type_name, body, sn))

@@ -240,3 +240,20 @@ def test_navigation_mode_action(client: JsonClient) -> None:
         elif frame["type"] == FEEDBACKS and frame["body"]["fbs"][0]["state"] in TERMINAL:
             break
     assert max(speeds) == pytest.approx(0.25)
+
+
+def test_a_velocity_of_zero_stops_an_action_too(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask(CALL, step(1, 3.0, speed=0.5))
+    client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
+    answer = client.request("woosh.robot.Twist")
+    assert answer["msg"] == "stopped: StepControl is paused, continue or cancel it"
+    assert simulator.state.velocity.speed == 0.0
+    states: dict[str, int] = {}
+    while states.get("woosh.ros.action.LiftControl") != SUCCESS:
+        one = feedback(client)
+        states[one["action"]] = one["state"]
+    assert states["woosh.ros.action.StepControl"] == PAUSE
+    client.ask(CALL, {"stepControl": {"action": 3}})
+    assert life(client)[-1]["state"] == SUCCESS

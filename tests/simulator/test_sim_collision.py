@@ -103,6 +103,25 @@ def test_turning_is_blocked_too(chassis: Chassis) -> None:
     assert chassis.base.pose.x < 11.5
 
 
+def test_a_wall_ahead_leaves_the_turn(chassis: Chassis) -> None:
+    chassis.localise(Pose(11.0, 5.0, 0.0))
+    drive(chassis, 2.0, linear=1.0)
+    before = chassis.base.pose
+    drive(chassis, 0.3, linear=0.2, angular=0.1)
+    assert chassis.base.blocked
+    assert chassis.base.pose.point == before.point
+    assert chassis.base.pose.theta > before.theta
+
+
+def test_another_map_is_looked_at_anew(chassis: Chassis) -> None:
+    chassis.localise(Pose(-2.2, -5.0, 0.0))
+    assert chassis.gap(chassis.base.pose) == math.inf
+    scene = chassis.scenes["scenex"]  # with shelves half a metre further south
+    chassis.enter(scene, scene.maps[0])
+    assert chassis.gap(Pose(-2.0, -5.4, 0.0)) < 0.0
+    assert chassis.readiness.located
+
+
 def test_a_corner_that_sticks_out_of_a_wall_is_met(chassis: Chassis) -> None:
     """A pillar's corner that would hit a side between two corners of the outline."""
     chassis.localise(Pose(0.0, -1.0, -math.pi / 2 + math.pi / 4))

@@ -60,7 +60,8 @@ def test_commands_and_pushes_over_tcp(tcp: TcpClient) -> None:
         if body_of(pack).state == 7:
             break
     refused = tcp.request("woosh.robot.ExecTask", robot_pack_pb2.ExecTask(mark_no="Z"))
-    assert (refused.ok, refused.msg) == (False, "unknown mark Z in map wooshmap")
+    assert not refused.ok
+    assert refused.msg.startswith("unknown mark Z in map wooshmap")
     assert refused.body.value == b""
 
 

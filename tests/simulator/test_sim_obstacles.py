@@ -54,6 +54,27 @@ def test_the_base_stops_and_goes_on(chassis: Chassis) -> None:
     assert chassis.base.pose.x > stopped + 0.2
 
 
+def test_equal_seeds_meet_obstacles_alike() -> None:
+    """What was put and removed at known moments leaves two runs the same."""
+    runs = []
+    for _ in range(2):
+        chassis = Chassis(SimulatorConfig(seed=3))
+        chassis.base.place(Pose(0.0, 0.0, 0.0))
+        seen: list[object] = []
+        for step in range(200):
+            if step == 20:
+                chassis.obstacles.put("b", 1.4, 0.3, 0.4)
+                chassis.obstacles.put("a", 2.0, -0.8, 0.2)
+            if step == 120:
+                chassis.obstacles.remove("b")
+            drive(chassis, STEP_S)
+            seen.append((chassis.base.pose, chassis.base.blocked))
+            if step % 40 == 0:
+                seen.append(chassis.scan())
+        runs.append(seen)
+    assert runs[0] == runs[1]
+
+
 def test_clearance_counts_walls_and_obstacles(chassis: Chassis) -> None:
     free = chassis.clearance(0.0, 0.0)
     assert free == chassis.map.clearance(0.0, 0.0)

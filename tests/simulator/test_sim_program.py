@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +17,7 @@ from sim_wire import JsonClient, TcpClient, subscription
 
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes
 from woosh_robot_agent.simulator.__main__ import main
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
@@ -41,14 +42,16 @@ def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], int, int]]
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_runs_and_ends(number: signal.Signals) -> None:
-    with running("--robot-id", "7", "--base", "differential") as (process, port, tcp_port):
+    options = ("--robot-id", "7", "--base", "differential", "--uninitialised")
+    with running(*options) as (process, port, tcp_port):
         client, tcp = JsonClient(port), TcpClient(tcp_port)
         assert client.ask("woosh.robot.General")["driverMethod"] == 0
         assert client.ask("woosh.robot.Mode")["robotId"] == 7
+        assert client.ask("woosh.robot.RobotState")["state"] == 1
         assert tcp.request("woosh.robot.Mode").ok
         process.send_signal(number)
         # With clients still connected.
-        out, err = process.communicate(timeout=1.0)
+        out, err = process.communicate(timeout=20.0)
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
         tcp.close()
@@ -92,17 +95,45 @@ def test_warns_when_not_local() -> None:
         assert process.stdout
         assert process.stdout.readline().startswith("simulated chassis ready on ws://0.0.0.0:")
         process.terminate()
-        _, err = process.communicate(timeout=5)
+        _, err = process.communicate(timeout=20.0)
     assert err.startswith("warning: anybody who reaches 0.0.0.0")
+
+
+@pytest.fixture
+def hall(tmp_path: Path) -> Path:
+    """A scene whose map is a picture."""
+    picture = Path(scenes.__file__).parent / "data" / "wooshmap" / "wooshmap.yaml"
+    (tmp_path / "scene.yaml").write_text(
+        "name: hall\n"
+        "start: {pose: [4.0, -6.5, 0.0]}\n"
+        "maps:\n"
+        f"  - name: ground\n    image: {picture}\n"
+        "    marks: [{number: K10, pose: [8.0, -4.0, 0.0]}]\n"
+    )
+    return tmp_path
+
+
+def test_scene_of_ones_own(hall: Path) -> None:
+    with running("--scene", str(hall)) as (_, port, _):
+        client = JsonClient(port)
+        scene = client.ask("woosh.robot.Scene")
+        names = [each["name"] for each in client.ask("woosh.map.SceneList")["scenes"]]
+        client.close()
+    assert (scene["sceneName"], scene["mapName"]) == ("hall", "ground")
+    assert names == ["wooshmap", "scenex", "hall"]
 
 
 def test_equal_seeds_push_the_same() -> None:
     assert _pushes(seed=4) == _pushes(seed=4)
 
 
-def _pushes(seed: int) -> list[Any]:
+def test_equal_seeds_push_the_same_on_a_picture(hall: Path) -> None:
+    assert _pushes(4, hall) == _pushes(4, hall)
+
+
+def _pushes(seed: int, *own: Path) -> list[Any]:
     """Everything pushed during one task that was asked for at a known moment."""
-    config = SimulatorConfig(port=0, tcp_port=0, speed=100, seed=seed)
+    config = SimulatorConfig(port=0, tcp_port=0, speed=100, seed=seed, scenes=own)
     with SimulatorThread(config) as simulator:
         client = TcpClient(simulator.tcp_port)
         client.send(subscription("woosh.robot.PoseSpeed", "woosh.robot.TaskProc"))

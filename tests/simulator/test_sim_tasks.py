@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import pytest
-from sim_wire import Json, JsonClient
+from sim_wire import Json, JsonClient, pass_time
 
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -72,9 +73,7 @@ def test_pose_pushes_only_while_moving(simulator: SimulatorThread, client: JsonC
             speed = frame["body"]["twist"]["linear"]
     assert all(later - earlier == 50 for earlier, later in pairwise(stamps))
     client.taken("woosh.robot.PoseSpeed")
-    until = simulator.state.elapsed + 5.0
-    while simulator.state.elapsed < until:
-        pass
+    pass_time(simulator, 5.0)
     assert client.taken("woosh.robot.PoseSpeed") == []
 
 
@@ -108,9 +107,7 @@ def test_pause_continue_cancel(simulator: SimulatorThread, client: JsonClient) -
     paused = client.push(PROC)
     assert (paused["state"], paused["action"]["state"]) == (PAUSED, 10)
     assert client.ask("woosh.robot.RobotState")["state"] == 4
-    until = simulator.state.elapsed + 2.0
-    while simulator.state.elapsed < until:
-        pass
+    pass_time(simulator, 2.0)
     assert client.ask("woosh.robot.PoseSpeed")["twist"]["linear"] == 0.0
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     assert client.push(PROC)["state"] == EXECUTING
@@ -154,16 +151,66 @@ def test_cancelling_a_set_ends_it(client: JsonClient) -> None:
     assert client.ask("woosh.robot.RobotState")["state"] == 2
 
 
-def test_wait_of_a_set_can_be_broken_off(simulator: SimulatorThread, client: JsonClient) -> None:
-    def add_wait(simulated: object) -> None:
-        repeat = simulated.chassis.predefined.repeat_tasks[0]  # type: ignore[attr-defined]
-        repeat.task_set.tasks[0].base.wait_time = 3600
+def test_wait_of_a_set_ends_by_itself_or_by_order(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
+    client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    client.ask("woosh.robot.ActionOrder", {"order": 6})
+    assert client.push(PROC)["state"] == COMPLETED
+    waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 2}
+    end = client.push(PROC)
+    assert end["state"] == COMPLETED
+    assert 4 <= end["time"] - waiting["time"] <= 6
 
-    simulator.call(add_wait)
-    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
+
+def test_a_wait_without_an_end_lasts_until_the_order(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
     waiting = client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
     assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
-    client.ask("woosh.robot.ActionOrder", {"order": 6})
+    pass_time(simulator, 600.0)
+    # It can be paused meanwhile, and waits on afterwards.
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    assert client.push(PROC)["state"] == PAUSED
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    assert client.push(PROC)["state"] == ACTION_WAIT
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    assert client.push(PROC)["state"] == COMPLETED
+    second = life(client)
+    assert {each["robotTaskId"] for each in second} == {"77702"}
+    assert second[-1]["state"] == COMPLETED
+
+
+def test_a_set_is_repeated(client: JsonClient) -> None:
+    repeats = client.ask("woosh.task.RepeatTasks")["repeatTasks"]
+    (times,) = [each["times"] for each in repeats if each["taskSet"]["base"]["id"] == 1735291765]
+    assert times == 2
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 1735291765})
+    for _ in range(times):
+        reports = life(client)
+        assert {each["robotTaskId"] for each in reports} == {"173529176501"}
+        assert reports[-1]["state"] == COMPLETED
+    assert client.taken(PROC) == []
+
+
+def test_emergency_stop_pauses_and_recovery_goes_on(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+    client.push(PROC, lambda body: body["state"] == EXECUTING)
+    simulator.set_emergency_stop(True)
+    paused = client.push(PROC)
+    assert (paused["state"], paused["msg"]) == (PAUSED, "emergency stop is pressed")
+    assert simulator.state.velocity.speed == 0.0
+    simulator.set_emergency_stop(False)
+    pass_time(simulator, 10.0)
+    # Nobody moves by himself because somebody released a button.
+    assert client.taken(PROC) == []
+    client.ask("woosh.robot.ActionOrder", {"order": 5})
+    assert client.push(PROC)["state"] == EXECUTING
     assert client.push(PROC)["state"] == COMPLETED
 
 
@@ -171,18 +218,35 @@ def test_charge_task_charges(simulator: SimulatorThread, client: JsonClient) -> 
     simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.0))
     client.subscribe("woosh.robot.Battery", "woosh.robot.RobotState")
     client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
-    assert client.push("woosh.robot.RobotState", lambda body: body["state"] == 8)
-    assert client.ask("woosh.robot.Battery")["chargeState"] == 3
-    assert client.push(PROC, lambda body: body["state"] in ENDED)["state"] == COMPLETED
+    reports = life(client)
+    assert [each["action"]["type"] for each in reports[2:]] == [1, 1, 3, 3, 7, 7]
+    assert reports[-1]["state"] == COMPLETED
+    info = client.ask("woosh.robot.RobotInfo")
+    assert (info["state"], info["battery"]["power"]) == (2, 98)
     battery = client.ask("woosh.robot.Battery")
     assert (battery["chargeState"], battery["power"]) == (1, 98)
     assert client.ask("woosh.robot.RobotState")["state"] == 2
 
 
+def test_parking_task_parks(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe("woosh.robot.RobotState")
+    client.ask("woosh.robot.ExecTask", {"type": 2, "markNo": "P1"})
+    assert client.push("woosh.robot.RobotState")["state"] == 3
+    reports = life(client)
+    assert [each["state"] for each in reports] == [INIT, READY, EXECUTING, COMPLETED]
+    assert {(each["type"], each["dest"]) for each in reports} == {(2, "P1")}
+    assert client.push("woosh.robot.RobotState")["state"] == 2
+    assert simulator.state.pose.distance((10.5, -8.5)) < 0.01
+
+
 def test_carry_task_lifts(simulator: SimulatorThread, client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"type": 4, "direction": 1, "markNo": "K10"})
     reports = life(client)
-    assert [each["action"]["type"] for each in reports[2:]] == [1, 1, 5, 5]
+    # There, into the dock, lifting, out of the dock: each one begins and succeeds.
+    actions = [(each["action"]["type"], each["action"]["state"]) for each in reports[2:]]
+    assert actions == [(kind, state) for kind in (1, 3, 5, 4) for state in (1, 4)]
+    pose = simulator.state.pose
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((8.0, -3.5, -math.pi / 2), abs=0.01)
     assert simulator.state.jack == pytest.approx(0.06)
     assert client.ask("woosh.robot.DeviceState")["software"] & 4
     client.ask("woosh.robot.ExecTask", {"type": 4, "direction": 2, "markNo": "K10"})
@@ -216,6 +280,50 @@ def test_new_path_leads_to_the_same_goal(simulator: SimulatorThread, client: Jso
     assert simulator.state.pose.x == pytest.approx(5.0, abs=0.005)
 
 
+def test_a_strict_path_is_driven_as_it_is(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0}})
+    client.subscribe("woosh.robot.NavPath", "woosh.robot.PoseSpeed")
+    corners = [(4.0, 1.0), (5.0, -1.0), (6.0, 1.0), (6.0, 2.0)]
+    poses = [{"x": x, "y": y, "theta": 1.0} for x, y in corners]
+    path = {"planPath": [{"path": {"poses": poses}, "optimal": 9}]}
+    client.ask("woosh.robot.ExecTask", {"planPath": path})
+    driven = client.push("woosh.robot.NavPath")["path"]["poses"]
+    assert [(each["x"], each["y"]) for each in driven] == [(3.0, 0.0), *corners]
+    left = dict.fromkeys(corners, math.inf)
+    while True:
+        frame = client.receive()
+        if frame["type"] == "woosh.robot.PoseSpeed":
+            pose = frame["body"]["pose"]
+            for corner in corners:
+                left[corner] = min(left[corner], math.dist(corner, (pose["x"], pose["y"])))
+        elif frame["type"] == PROC and frame["body"]["state"] in ENDED:
+            break
+    assert frame["body"]["state"] == COMPLETED
+    assert max(left.values()) < 0.02
+    assert simulator.state.pose.theta == pytest.approx(1.0, abs=0.005)
+
+
+def test_more_poses_than_a_path_may_have_are_refused(client: JsonClient) -> None:
+    poses = [{"x": 3.0 + index / 100} for index in range(201)]
+    path = {"planPath": [{"path": {"poses": poses}}]}
+    assert "201 poses" in client.refused("woosh.robot.ExecTask", {"planPath": path})
+
+
+@pytest.mark.parametrize(("arrival", "turned"), [(1, False), (2, True)])
+def test_arrival_is_vague_or_accurate(
+    simulator: SimulatorThread, client: JsonClient, arrival: int, turned: bool
+) -> None:
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0}})
+    client.ask("woosh.robot.ExecTask", {"pose": {"x": 8, "y": 0, "theta": 2}})
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": arrival, "mode": 1}})
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    client.push(PROC, lambda body: body["state"] == COMPLETED)
+    pose = simulator.state.pose
+    assert pose.distance((8.0, 0.0)) < 0.01
+    assert pose.theta == pytest.approx(2.0 if turned else 0.0, abs=0.01)
+
+
 def test_navigation_mode_counts_while_navigating(client: JsonClient) -> None:
     answer = client.request("woosh.robot.ChangeNavMode", {"navMode": {"maxSpeed": 0.3}})
     assert (answer["ok"], "no effect" in answer["msg"]) == (True, True)
@@ -224,6 +332,12 @@ def test_navigation_mode_counts_while_navigating(client: JsonClient) -> None:
     client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.79)
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "maxSpeed": 0.3}})
     client.push("woosh.robot.PoseSpeed", lambda body: 0.29 < body["twist"]["linear"] < 0.301)
+    client.subscribe(PROC)
+    speeds = []
+    while (frame := client.receive())["type"] != PROC or frame["body"]["state"] not in ENDED:
+        if frame["type"] == "woosh.robot.PoseSpeed":
+            speeds.append(frame["body"]["twist"]["linear"])
+    assert max(speeds) < 0.301
 
 
 def test_leaving_automatic_mode_pauses(client: JsonClient) -> None:
@@ -242,10 +356,37 @@ def test_remote_control_waits_for_the_task(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.push(PROC, lambda body: body["state"] == EXECUTING)
     assert "task 8 is driving" in client.refused("woosh.robot.Twist", {"linear": 0.2})
-    client.ask("woosh.robot.Twist")
     assert "task is running" in client.refused("woosh.robot.SwitchMap", {"sceneName": "scenex"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     client.ask("woosh.robot.Twist", {"linear": 0.2})
+
+
+def test_a_velocity_of_zero_stops_a_task_too(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe("woosh.robot.PoseSpeed")
+    client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
+    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.5)
+    answer = client.request("woosh.robot.Twist")
+    assert (answer["ok"], answer["msg"]) == (
+        True,
+        "stopped: task 8 is paused, continue or cancel it",
+    )
+    # Said before the answer, and true at once.
+    paused = [each["body"] for each in client.pushes if each["type"] == PROC][-1]
+    assert (paused["state"], paused["msg"]) == (PAUSED, "stopped by a velocity of zero")
+    assert simulator.state.velocity.speed == 0.0
+    client.pushes.clear()
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    assert client.push(PROC)["state"] == EXECUTING
+    assert client.push(PROC)["state"] == COMPLETED
+
+
+def test_a_velocity_of_zero_leaves_a_wait_alone(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
+    client.push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    assert client.request("woosh.robot.Twist")["ok"]
+    assert client.taken(PROC) == []
 
 
 def test_following_ends_with_a_task(client: JsonClient) -> None:

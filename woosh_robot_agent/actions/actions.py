@@ -109,6 +109,11 @@ class Actions:
         """Goals that have not ended yet, their results included."""
         return sum(server.open_goals for server in self.servers)
 
+    @property
+    def running_goals(self) -> int:
+        """Goals that the robot may be at work on; in the link's thread."""
+        return sum(len(runs.open) for runs in self._runs)
+
     def _start(self, make: Callable[[Goal], GoalRun], goal: Goal) -> None:
         self._thread.spawn(partial(self._run, make, goal))
 

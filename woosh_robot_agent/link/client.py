@@ -28,11 +28,12 @@ from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.link.latest import LatestWins
 from woosh_robot_agent.link.losses import Losses
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.once import LogOnce, shown
 from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.transports import TransportClosedError, open_transport
+from woosh_robot_agent.link.wheels import takes_wheels
 from woosh_robot_agent.link.within import drop, within
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -95,6 +96,7 @@ class ChassisClient:
             self._config.push_queue, self.stats, self._log, self._losses
         )
         self._state_callbacks: list[Callable[[LinkState], None]] = []
+        self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._connection: Connection | None = None
         self._latest = LatestWins[Answer]()
         self._runner: asyncio.Task[None] | None = None
@@ -193,6 +195,7 @@ class ChassisClient:
         message: Message,
         timeout: float | None = None,
         *,
+        first: bool = False,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         """Send a request and wait for the answer; a refusal is an answer too, with `ok` False.
@@ -202,6 +205,7 @@ class ChassisClient:
         Args:
             message: the request.
             timeout: s to wait, the configured `request_timeout` by default.
+            first: send it before all that waits to be sent, however much waits for answers.
             tap: is called with the answer in its place among the pushes: what was pushed before
                 it has been delivered, what was pushed after it has not.
 
@@ -215,7 +219,9 @@ class ChassisClient:
         if isinstance(message, Twist):
 
             def send(fresh: float) -> Coroutine[Any, Any, Answer]:
-                return self._request(message, timeout, urgent=True, fresh=fresh, tap=tap)
+                return self._request(
+                    message, timeout, urgent=True, first=first, fresh=fresh, tap=tap
+                )
 
             try:
                 return await self._latest.request(message, send)
@@ -223,7 +229,20 @@ class ChassisClient:
                 self.stats.superseded += 1
                 self._losses.count("velocity commands were out of date and not sent", str(error))
                 raise
-        return await self._request(message, timeout, tap=tap)
+        return await self._request(message, timeout, urgent=first, first=first, tap=tap)
+
+    def withdraw(self, classes: Iterable[type[Message]], reason: str) -> None:
+        """Do not send the requests of these types that wait to be sent.
+
+        Whoever made them gets a SupersededError with `reason`.
+        """
+        if self._connection is not None:
+            self._connection.withdraw({full_name(cls) for cls in classes}, reason)
+
+    @property
+    def driving(self) -> bool:
+        """Whether the robot may still drive by a velocity that this client sent."""
+        return self._latest.driving
 
     async def stop_driving(self, timeout: float) -> None:
         """Send a zero velocity if the last one that this client sent was not zero.
@@ -271,25 +290,56 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(callback)
 
+    def on_accepted(self, cls: type[Message], callback: Callable[[], None]) -> None:
+        """Have `callback` called in the event loop when the chassis accepted a request of `cls`.
+
+        It is called in its place among the pushes, as `tap` of `request` is.
+        """
+        self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
+
+    def _tapped(
+        self, message: Message, tap: Callable[[Answer], None] | None
+    ) -> Callable[[Answer], None] | None:
+        """What is to be called with the answer, in its place among the pushes."""
+        callbacks = self._accepted_callbacks.get(full_name(message))
+        if not callbacks:
+            return None if tap is None else partial(self._subscriptions.answered, tap)
+
+        def told(answer: Answer) -> None:
+            for callback in callbacks if answer.ok else ():
+                callback()
+            if tap is not None:
+                tap(answer)
+
+        return partial(self._subscriptions.answered, told)
+
     async def _request(
         self,
         message: Message,
         timeout: float | None = None,
         *,
         urgent: bool = False,
+        first: bool = False,
         fresh: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         if self._connection is None or self.state is not LinkState.READY:
             raise self._not_connected()
-        queued = None if tap is None else partial(self._subscriptions.answered, tap)
         try:
-            return await self._connection.request(
-                message, timeout, urgent=urgent, fresh=fresh, tap=queued
+            answer = await self._connection.request(
+                message,
+                timeout,
+                urgent=urgent,
+                first=first,
+                fresh=fresh,
+                tap=self._tapped(message, tap),
             )
         except NotConnectedError as error:  # it has ended this moment
             self._down(error.__cause__)
             raise self._not_connected() from None
+        if answer.ok and takes_wheels(message):
+            self._latest.driving = False  # a zero would now stop what was asked for since
+        return answer
 
     def _not_connected(self) -> NotConnectedError:
         since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))
@@ -351,7 +401,7 @@ class ChassisClient:
             answer = await self._ask_for_info(connection, config)
             if not answer.ok or answer.type != full_name(RobotInfo):
                 reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
-                raise HandshakeError(f"the chassis did not give its RobotInfo: {reason}")
+                raise HandshakeError(f"the chassis did not give its RobotInfo: {shown(reason)}")
             if answer.defect:  # of newer firmware, perhaps: no reason to refuse all the rest
                 self._log.warn("no snapshot", f"there are no first values: {answer.defect}")
         except BaseException as error:

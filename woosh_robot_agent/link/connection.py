@@ -7,7 +7,7 @@ import logging
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 
 from google.protobuf.message import Message
@@ -93,6 +93,8 @@ class Connection:
         self._taps: dict[int, Callable[[Answer], None]] = {}
         self._outbox: OrderedDict[int, tuple[str | bytes, float]] = OrderedDict()
         """Frames to send, and the loop time until when, by sn; subscriptions have negative keys."""
+        self._names: dict[int, str] = {}
+        """Types of the requests that wait for their answers, by sn."""
         self._outbox_filled = asyncio.Event()
         self._next_sn = 1
         self._subscribes = 0
@@ -114,6 +116,7 @@ class Connection:
         timeout: float | None = None,
         *,
         urgent: bool = False,
+        first: bool = False,
         fresh: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
@@ -123,6 +126,7 @@ class Connection:
             message: the request; its full name is the frame's type.
             timeout: s to wait, the configured `request_timeout` by default.
             urgent: send it even when too many requests wait already; it keeps no other out.
+            first: send it before everything that has not been sent yet.
             fresh: s after which it is too old to be sent, if the connection is that busy.
             tap: gets the answer the moment it is read, in order with the pushes.
 
@@ -150,6 +154,7 @@ class Connection:
         data = self._codec.encode(name, message, sn=sn, timestamp=time.time_ns() // 1_000_000)
         future: asyncio.Future[Answer] = self._loop.create_future()
         self._pending[sn] = future
+        self._names[sn] = name
         if urgent:
             self._urgent.add(sn)
         if tap is not None:
@@ -158,6 +163,8 @@ class Connection:
         timer = self._loop.call_later(waited, self._expire, future, name, waited)
         try:
             self._put(sn, data, self._loop.time() + fresh)
+            if first:
+                self._outbox.move_to_end(sn, last=False)
             answer = await future
             self._stats.round_trip = self._loop.time() - started
             return answer
@@ -165,8 +172,20 @@ class Connection:
             timer.cancel()
             self._outbox.pop(sn, None)  # nobody waits for it any more: not to be sent late
             self._pending.pop(sn, None)
+            self._names.pop(sn, None)
             self._urgent.discard(sn)
             self._taps.pop(sn, None)
+
+    def withdraw(self, names: Collection[str], reason: str) -> None:
+        """Do not send the requests of these types that have not been sent yet.
+
+        Those who wait for their answers get a SupersededError with `reason`.
+        """
+        for sn in [sn for sn in self._outbox if self._names.get(sn) in names]:
+            del self._outbox[sn]
+            future = self._pending[sn]
+            if not future.done():
+                future.set_exception(SupersededError(f"not sent: {reason}"))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
         """Ask for pushes of these types, or no more of them; the chassis does not answer this."""

@@ -13,6 +13,15 @@ SUBSCRIPTION_TYPE = "woosh.Subscription"
 """`type` of a subscribe frame; on the wire it is not the body's protobuf full name."""
 
 
+_LONGEST_TYPE = 200
+"""Characters of a type's name; those of the chassis have less than half as many."""
+
+
+def usable_type(name: str) -> str:
+    """The type that a frame gives, cut where no name is as long: it gets into errors and logs."""
+    return name[:_LONGEST_TYPE]
+
+
 class FrameError(Exception):
     """A frame that cannot be read.
 

@@ -7,10 +7,12 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import Envelope, FrameError, M
-from woosh_robot_agent.link.json_mapping import FieldError, from_json, to_json
+from woosh_robot_agent.link.frames import Envelope, FrameError, M, usable_type
+from woosh_robot_agent.link.json_mapping import LONGEST_NUMBER, FieldError, from_json, to_json
 
 _BAD_INTEGER = (ValueError, TypeError, OverflowError)
+_MOST_PARTS = 1_000_000
+"""Objects, lists and names in a frame: two bytes on the wire can take a hundred of memory."""
 
 
 class JsonCodec:
@@ -50,7 +52,9 @@ class JsonCodec:
     def decode(self, data: str | bytes) -> Envelope:
         """See `Codec.decode`."""
         try:
-            frame = json.loads(data if isinstance(data, str) else data.decode())
+            text = data if isinstance(data, str) else data.decode()
+            _check_parts(text)
+            frame = json.loads(text)
         except UnicodeDecodeError as error:
             raise FrameError("utf-8", f"not UTF-8: {error}") from None
         except (ValueError, RecursionError) as error:
@@ -67,7 +71,7 @@ class JsonCodec:
         except _BAD_INTEGER:  # nobody acts upon it
             timestamp = None
         type_name = frame.get("type")
-        type_name = _text(type_name) if isinstance(type_name, str) else ""
+        type_name = usable_type(_text(type_name)) if isinstance(type_name, str) else ""
         if not type_name and not sn:  # an answer is found by its sn, so it may lack the type
             raise FrameError("envelope", "no type")
         return Envelope(
@@ -90,9 +94,20 @@ class JsonCodec:
         return message
 
 
+def _check_parts(text: str) -> None:
+    if len(text) > _MOST_PARTS:
+        parts = text.count("{") + text.count("[") + text.count(":")
+        if parts > _MOST_PARTS:
+            raise FrameError(
+                "oversize", f"{parts} objects, lists and names in one frame, over {_MOST_PARTS}"
+            )
+
+
 def _integer(value: Any) -> int | None:
     if value is None:
         return None
+    if isinstance(value, str) and len(value) > LONGEST_NUMBER:
+        raise ValueError("it is too long for a number")
     if isinstance(value, bool):
         raise TypeError("a boolean")
     number = int(value)

@@ -27,6 +27,9 @@ _WIDE = {
     FieldDescriptor.TYPE_SFIXED64,
 }
 _BAD_VALUE = (ValueError, TypeError, OverflowError)
+LONGEST_NUMBER = 400
+"""Characters of a number as text; an exact double has up to 325 digits. Reading a text of millions
+of digits would take Python seconds or, depending on its settings, hours."""
 
 Setter = Callable[[Any, Any], None]
 Field = Any
@@ -185,7 +188,7 @@ def _decoder(cls: MessageClass) -> Setter:
             except FieldError as error:
                 raise FieldError(_join(name, error.path), error.reason) from None
             except _BAD_VALUE as error:
-                raise FieldError(name, f"{_shown(value)} does not fit ({error})") from None
+                raise FieldError(name, f"{_shown(value)} does not fit ({_why(error)})") from None
 
     return decode
 
@@ -245,7 +248,9 @@ def _list_setter(field: Field) -> Setter:
             except FieldError as error:
                 raise FieldError(_join(f"[{index}]", error.path), error.reason) from None
             except _BAD_VALUE as error:
-                raise FieldError(f"[{index}]", f"{_shown(value)} does not fit ({error})") from None
+                raise FieldError(
+                    f"[{index}]", f"{_shown(value)} does not fit ({_why(error)})"
+                ) from None
 
     return set_list
 
@@ -257,7 +262,7 @@ def _message_filler(field: Field) -> Setter:
             try:
                 json_format.ParseDict(value, message, ignore_unknown_fields=True)
             except Exception as error:  # what it raises differs from release to release
-                raise FieldError("", f"{_shown(value)} does not fit ({error})") from None
+                raise FieldError("", f"{_shown(value)} does not fit ({_why(error)})") from None
 
         return fill_well_known
 
@@ -294,6 +299,8 @@ def _read_enum(value: Any, numbers: dict[str, int]) -> int | None:
 def _read_int(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise TypeError("not an integer")
+    if isinstance(value, str) and len(value) > LONGEST_NUMBER:
+        raise ValueError("too long for a number")
     number = float(value) if isinstance(value, str) and re.search(r"[.eE]", value) else value
     if isinstance(number, float) and not number.is_integer():
         raise ValueError("not an integer")
@@ -351,3 +358,9 @@ _BRIEF.maxstring = _BRIEF.maxother = 40
 def _shown(value: object) -> str:
     text = _BRIEF.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _why(error: Exception) -> str:
+    """An error's text, cut: `float()` repeats a value of many MiB whole."""
+    text = str(error)
+    return text if len(text) <= 100 else text[:97] + "..."

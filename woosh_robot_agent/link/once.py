@@ -6,6 +6,21 @@ import logging
 
 _KINDS = 200
 """Kinds that are remembered at most; the texts of other people's errors can be without number."""
+_LONGEST_KIND = 200
+_LONGEST_LINE = 1000
+
+
+def shown(text: str, limit: int = 500) -> str:
+    """A text as it may stand in a log: one line, without control characters, of bounded length.
+
+    Args:
+        text: any text, of the chassis perhaps.
+        limit: characters of it at most.
+    """
+    cut = text[:limit]
+    if not cut.isprintable():
+        cut = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
+    return cut if len(text) <= limit else f"{cut}... ({len(text)} characters)"
 
 
 class LogOnce:
@@ -17,16 +32,19 @@ class LogOnce:
 
     def warn(self, kind: str, text: str) -> None:
         """Log `text`; at WARNING if nothing of this kind was told since it was last cleared."""
+        kind = kind[:_LONGEST_KIND]
         told = kind in self._told
         if not told:
             if len(self._told) >= _KINDS:
                 del self._told[next(iter(self._told))]
             self._told[kind] = None
-        self._logger.log(logging.DEBUG if told else logging.WARNING, "%s", text)
+        self._logger.log(
+            logging.DEBUG if told else logging.WARNING, "%s", shown(text, _LONGEST_LINE)
+        )
 
     def clear(self, kind: str | None = None) -> None:
         """The trouble is over: all of it, or the one kind."""
         if kind is None:
             self._told.clear()
         else:
-            self._told.pop(kind, None)
+            self._told.pop(kind[:_LONGEST_KIND], None)

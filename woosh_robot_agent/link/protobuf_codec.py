@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from google.protobuf.message import DecodeError, Message
 
-from woosh_robot_agent.link.frames import Envelope, FrameError, M
+from woosh_robot_agent.link.frames import Envelope, FrameError, M, usable_type
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 
 _TYPE_URL_PREFIX = "type.googleapis.com/"
+_UNREADABLE = (DecodeError, ValueError, RecursionError)
+"""The last one with protobuf's pure Python, which knows no limit of its own."""
 _JSON_HERE = "a text frame on a protobuf link: check `encoding`"
 
 
@@ -38,14 +40,14 @@ class ProtobufCodec:
         pack = MessagePackJson()
         try:
             pack.ParseFromString(data)
-        except (DecodeError, ValueError) as error:
+        except _UNREADABLE as error:
             if data[:1] == b"{":  # which no MessagePackJson begins with
                 raise FrameError("encoding", _JSON_HERE) from None
             raise FrameError("protobuf", f"not a MessagePackJson: {error}") from None
         if not pack.type and not pack.sn:  # an answer is found by its sn, so it may lack the type
             raise FrameError("envelope", "no type")
         return Envelope(
-            type=pack.type,
+            type=usable_type(pack.type),
             body=pack.body.value,
             ok=pack.ok if pack.sn else None,
             msg=pack.msg,
@@ -57,6 +59,6 @@ class ProtobufCodec:
         message = cls()
         try:
             message.ParseFromString(envelope.body)  # type: ignore[arg-type]  # decode() left bytes
-        except (DecodeError, ValueError) as error:
+        except _UNREADABLE as error:
             raise FrameError("body", f"{envelope.type}: {error}") from None
         return message

@@ -14,7 +14,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link.connection import Answer
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.losses import Losses
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.once import LogOnce, shown
 from woosh_robot_agent.link.pushes import PushQueue
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -86,7 +86,9 @@ class Subscriptions:
         name = envelope.type
         if not self._callbacks.get(name):
             if envelope.ok is False:
-                self._log.warn(f"error {envelope.msg}", f"the chassis reports: {envelope.msg}")
+                self._log.warn(
+                    f"error {envelope.msg}", f"the chassis reports: {shown(envelope.msg)}"
+                )
             return
         read = partial(codec.body, envelope, message_types()[name])
         if not self._queue.put(name, partial(self._deliver, name, read)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
+import re
 import struct
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
@@ -40,6 +41,8 @@ _NO_PROXY: dict[str, Any] = (
     {"proxy": None} if "proxy" in inspect.signature(_ws_connect).parameters else {}
 )
 _CHUNK = 256 * 1024
+_LONGEST_MESSAGE = 2**31 - 1
+"""Bytes of the largest protobuf message there can be."""
 _TOO_BIG = 1009
 _FINAL = 0x80
 _DRAIN_POLL = 0.002
@@ -163,6 +166,17 @@ async def open_transport(config: LinkConfig) -> Transport:
         raise
 
 
+class _LocalOrigin:
+    """Equals the origin of each web page of this machine; all releases of the library compare."""
+
+    _PATTERN = re.compile(r"https?://(localhost|127\.[0-9.]+|\[::1\])(:\d+)?")
+
+    def __eq__(self, origin: object) -> bool:
+        return isinstance(origin, str) and bool(self._PATTERN.fullmatch(origin))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
 async def serve_websocket(
     handler: Handler,
     host: str,
@@ -170,6 +184,7 @@ async def serve_websocket(
     *,
     max_size: int,
     before: Callable[[], Awaitable[object]] | None = None,
+    local_pages_only: bool = False,
 ) -> Listener:
     """Listen for WebSocket clients.
 
@@ -180,6 +195,7 @@ async def serve_websocket(
         max_size: of a frame, in bytes.
         before: is waited for before a client's handshake is answered, 10 s at the most: then the
             client is dropped.
+        local_pages_only: refuse clients that are web pages, but for those of this machine itself.
     """
 
     async def handle(socket: Any) -> None:
@@ -198,6 +214,7 @@ async def serve_websocket(
         ping_interval=None,
         close_timeout=1.0,
         process_request=process_request,
+        origins=[None, _LocalOrigin()] if local_pages_only else None,
     )
     return Listener(server)
 
@@ -209,6 +226,16 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
         await handler(TcpTransport(reader, writer, max_size))
 
     return Listener(await asyncio.start_server(handle, host, port))
+
+
+class _Connect(_ws_connect):
+    """The library's connecting, but without following redirects: to the chassis, or nowhere."""
+
+    def process_redirect(self, exc: Exception) -> Exception:
+        return exc
+
+    def handle_redirect(self, uri: str) -> None:  # of websockets before 14
+        raise InvalidHandshake(f"it redirects to {uri}")
 
 
 class _Client(_ClientSocket):
@@ -228,7 +255,7 @@ async def _open_websocket(config: LinkConfig, made: list[Any]) -> Transport:
         return socket
 
     try:
-        socket = await _ws_connect(
+        socket = await _Connect(
             config.address,
             max_size=config.max_frame_size,
             compression=None,
@@ -375,6 +402,8 @@ class TcpTransport:
         """See `Transport.recv`."""
         try:
             size = await self._read_varint()
+            if size > _LONGEST_MESSAGE:  # skipping it would last for ever
+                raise TransportClosedError(f"a length of {size} bytes: not our format")
             if size > self._max_size:
                 await self._skip(size)
                 raise FrameError(

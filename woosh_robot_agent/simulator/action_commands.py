@@ -30,19 +30,19 @@ _Lift3 = action_pb2.LiftControl3
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     which = request.WhichOneof("action")
     if which is None:
-        raise Refused("CallAction names no action")
+        raise Refused("CallAction names no action: set one of its fields")
     command: Any = getattr(request, which)
     if which == "nav_mode":
         return _navigation_mode(chassis, command)
     if which not in _JOBS:
-        raise Refused(f"unknown action {command.type}")
+        raise Refused(f"unknown action {command.type}: this chassis has {', '.join(_JOBS)}")
     name = command.DESCRIPTOR.full_name
     if command.action == action_pb2.kExecute:
         chassis.require_ready()
         job = _JOBS[which](chassis, command)
         chassis.actions.start(name, job)
         if job.device is Device.WHEELS:
-            chassis.following = False
+            chassis.follower.stop()
             chassis.teleop.release()
     elif command.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
@@ -52,7 +52,9 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         chassis.require_ready()
         chassis.actions.resume(name)
     else:
-        raise Refused(f"unknown control action {command.action}")
+        raise Refused(
+            f"unknown control action {command.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
+        )
     return None
 
 
@@ -64,7 +66,7 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
     if command.mode not in modes:
-        raise Refused(f"unknown navigation mode {command.mode}")
+        raise Refused(f"unknown navigation mode {command.mode}: the known ones are {list(modes)}")
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
@@ -80,7 +82,7 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
 
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
     if not command.steps:
-        raise Refused("StepControl has no steps")
+        raise Refused("StepControl has no steps: give at least one")
     steps = [_step(chassis, step) for step in command.steps]
     return Steps(steps, avoid=command.avoid == 0)
 
@@ -95,9 +97,11 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
         _StepMode.kDiagonalize: step.angle,
     }
     if step.mode not in directions:
-        raise Refused(f"unknown step mode {step.mode}")
+        raise Refused(
+            f"unknown step mode {step.mode}: 1 is straight, 2 rotate, 3 lateral, 4 diagonal"
+        )
     if step.mode != _StepMode.kStraight and not chassis.omnidirectional:
-        raise Refused("a differential base cannot move sideways")
+        raise Refused("a differential base cannot move sideways: use straight and rotating steps")
     return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED_MPS, MAX_SPEED_MPS))
 
 
@@ -127,13 +131,13 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
         return MoveLift(column, 0.0, speed=speed)
     if mode == _Lift3.kTsetMode:
         return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
-    raise Refused(f"unknown lift mode {mode}")
+    raise Refused(f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration")
 
 
 def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
     if command.execute_mode == action_pb2.ChargeControl.kAuto:
         if not chassis.at_charger():
-            raise Refused("robot is not at a charger")
+            raise Refused("robot is not at a charger: send it there by a charge task")
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:
         return EndCharge()

@@ -23,6 +23,7 @@ class _Run:
     job: Job
     paused: bool = False
     started: bool = False
+    impeded: bool = False
     reported: float = 0.0
 
 
@@ -35,10 +36,20 @@ class Actions:
         self._runs: dict[str, _Run] = {}
 
     @property
+    def impeded(self) -> bool:
+        """Whether an obstacle holds an action up just now."""
+        return any(run.impeded for run in self._runs.values())
+
+    @property
     def navigation(self) -> Navigate | None:
         """The navigation that an action runs, also while it is paused."""
         jobs = (run.job for run in self._runs.values())
         return next((job for job in jobs if isinstance(job, Navigate)), None)
+
+    @property
+    def running(self) -> bool:
+        """Whether there is any action, paused ones included."""
+        return bool(self._runs)
 
     def user(self, device: Device) -> str:
         """The short name of the action that occupies `device`, empty if none does."""
@@ -53,7 +64,7 @@ class Actions:
         Raises:
             Refused: A task occupies the device.
         """
-        self._require_no_task(job.device)
+        self._require_no_task(job.device, name)
         self.clear(job.device, f"replaced by {_short(name)}")
         self._runs[name] = _Run(name, job)
 
@@ -71,11 +82,13 @@ class Actions:
         Raises:
             Refused: It does not run.
         """
-        run = self._running(name)
-        if not run.paused:
-            run.paused = True
-            run.job.hold(self._chassis)
-            self._report(run, ros_pack_pb2.kRosPause, "paused")
+        self._pause(self._running(name), "paused")
+
+    def pause_on(self, device: Device, reason: str) -> None:
+        """Stop what runs on `device` for a while."""
+        for run in self._runs.values():
+            if run.job.device is device:
+                self._pause(run, reason)
 
     def resume(self, name: str) -> None:
         """Go on with a paused action.
@@ -89,7 +102,7 @@ class Actions:
         user = self.user(run.job.device)
         if user:
             raise Refused(f"{user} is running: wait for it or cancel it first")
-        self._require_no_task(run.job.device)
+        self._require_no_task(run.job.device, name)
         run.paused = False
         run.job.hold(self._chassis)
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
@@ -119,11 +132,17 @@ class Actions:
                 self._end(run, ros_pack_pb2.kRosFailure, progress.failure)
             elif progress.done:
                 self._end(run, ros_pack_pb2.kRosSuccess, progress.text)
+            elif progress.impeded and not run.impeded:
+                run.impeded = True
+                self._report(run, ros_pack_pb2.kRosErrMsg, progress.text)
             elif self._chassis.elapsed - run.reported >= REPORT_PERIOD_S - 1e-9:
                 self._report(run, ros_pack_pb2.kRosExecuting, progress.text)
+            run.impeded = progress.impeded
 
-    def _require_no_task(self, device: Device) -> None:
+    def _require_no_task(self, device: Device, name: str) -> None:
         tasks = self._chassis.tasks
+        if device is Device.WHEELS or tasks.uses(device):
+            tasks.give_way(f"replaced by {_short(name)}")
         if tasks.uses(device):
             task = tasks.proc.robot_task_id
             raise Refused(f"task {task} is running: pause or cancel it first")
@@ -131,8 +150,15 @@ class Actions:
     def _running(self, name: str) -> _Run:
         run = self._runs.get(name)
         if run is None:
-            raise Refused(f"{_short(name)} is not running")
+            raise Refused(f"{_short(name)} is not running: execute it first")
         return run
+
+    def _pause(self, run: _Run, reason: str) -> None:
+        if not run.paused:
+            run.paused = True
+            run.impeded = False
+            run.job.hold(self._chassis)
+            self._report(run, ros_pack_pb2.kRosPause, reason)
 
     def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
         del self._runs[run.name]

@@ -98,12 +98,13 @@ class Base:
         self.blocked = False
         if not self.moving:
             return
-        least = min(0.0, gap(self.pose) - _DUST)
         # Where it cannot drive on, it may still turn.
         for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
             moved = _displacement(velocity, dt)
             goal = self.pose.moved(*moved)
-            if velocity == STANDSTILL or gap(goal) >= least:
+            if velocity == STANDSTILL or (there := gap(goal)) >= 0.0:
+                break
+            if there >= gap(self.pose) - _DUST:  # on its way out
                 break
             self.blocked = True
         self.velocity = velocity

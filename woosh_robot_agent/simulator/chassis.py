@@ -8,6 +8,7 @@ from collections import deque
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import scenes
@@ -18,11 +19,14 @@ from woosh_robot_agent.simulator.codes import (
     BATTERY_LOW,
     EMERGENCY_STOP,
     IMPEDED,
+    KEY_AT_MANUAL,
     LOCALISATION_LOST,
     Codes,
 )
 from woosh_robot_agent.simulator.collision import Bumper
 from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.errands import Errands
+from woosh_robot_agent.simulator.follow import Follower
 from woosh_robot_agent.simulator.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.geometry import Pose, Wall
 from woosh_robot_agent.simulator.jobs import Device
@@ -36,6 +40,7 @@ from woosh_robot_agent.simulator.refused import Refused
 from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
 from woosh_robot_agent.simulator.teleop import Teleop
 from woosh_robot_agent.simulator.wifi import WiFi
+from woosh_robot_agent.simulator.yaml_fields import SceneError
 
 #: Simulated seconds per step, and so the period of PoseSpeed pushes while moving.
 STEP_S = 0.05
@@ -51,6 +56,12 @@ class Chassis:
 
     It has neither sockets nor a clock of its own: `tick` moves simulated time on, requests change
     the state between ticks, and whatever must be reported message by message is in `take_events`.
+
+    Args:
+        config: The options.
+
+    Raises:
+        SceneError: A file of a scene cannot be used.
 
     Attributes:
         time: Simulated Unix time in s.
@@ -70,25 +81,21 @@ class Chassis:
         self._events: list[Message] = []
         self._last_task_id = 0
 
-        self.scenes = scenes.default_scenes()
-        self.scene: Scene = self.scenes[scenes.START_SCENE]
-        self.map: Map = self.scene.maps[0]
+        self.scenes, self.scene = scenes.known_scenes(config.scenes)
+        self.map, start = scenes.start(self.scene)
         self.obstacles = Obstacles()
         self._bumper = Bumper()
-        self.predefined = scenes.predefined_tasks()
-        self.calls = scenes.call_tasks()
 
-        self.base = Base(scenes.START_POSE, odometer=1204.0)
+        self.base = Base(start, odometer=1204.0)
         self.laser = Laser()
         self.battery = Battery(93.0)
         self.jack = Lift("lift", Device.JACK, travel=0.06, usual_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, usual_speed=0.2)
         self.wifi = WiFi()
-        self.readiness = Readiness()
+        self.readiness = Readiness(initialised=config.initialised, located=config.initialised)
         self.occupied = False
         self.call_muted = False
         self.program_muted = False
-        self.following = False
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
         self.spoken: deque[str] = deque(maxlen=_SPOKEN_KEPT)
         self.setting = robot_pb2.Setting(
@@ -101,9 +108,17 @@ class Chassis:
         )
 
         self.teleop = Teleop()
+        self.follower = Follower()
+        self.errands = Errands(config.charge_after, config.park_after)
         self.codes = Codes(self._stamp)
         self.tasks = Tasks(self)
         self.actions = Actions(self)
+
+        if not self._fits(start):
+            raise SceneError(
+                f"scene {self.scene.name}: the robot cannot start at {start} on map "
+                f"{self.map.name}, which is not free floor: name another pose under start"
+            )
 
     @property
     def time(self) -> float:
@@ -114,6 +129,16 @@ class Chassis:
     def taskable(self) -> bool:
         """Whether it would take a task now."""
         return not self.readiness.objections()
+
+    @property
+    def predefined(self) -> woosh_task_pb2.RepeatTasks:
+        """The task sets of the scene that ExecPreTask can start."""
+        return self.scene.predefined
+
+    @property
+    def calls(self) -> woosh_task_pb2.CallTasks:
+        """The task sets of the scene that call buttons start."""
+        return self.scene.calls
 
     @property
     def driver(self) -> str:
@@ -127,6 +152,11 @@ class Chassis:
         """The navigation of the task or the action that drives, also while it is paused."""
         job = self.tasks.job
         return job if isinstance(job, Navigate) else self.actions.navigation
+
+    @property
+    def impeded(self) -> bool:
+        """Whether an obstacle stands in the way of what drives now."""
+        return self.tasks.impeded or self.actions.impeded
 
     @property
     def walls(self) -> tuple[Wall, ...]:
@@ -143,7 +173,7 @@ class Chassis:
             return util_robot_pb2.kUninit
         if self.battery.charges:
             return util_robot_pb2.kCharging
-        if self.following:
+        if self.follower.active:
             return util_robot_pb2.kFollowing
         if self.tasks.active:
             parking = self.tasks.proc.type == util_task_pb2.kParking
@@ -155,7 +185,9 @@ class Chassis:
         # Rounded, so that summing up leaves no dust: whole seconds stay whole.
         self.elapsed = round(self.elapsed + dt, 6)
         self._watch()
+        self.errands.tick(self, dt)
         self.teleop.tick(self.base, dt)
+        self.follower.tick(self, dt)
         self.tasks.tick(dt)
         self.actions.tick(dt)
         driven = self.base.odometer
@@ -192,6 +224,30 @@ class Chassis:
         if objections:
             raise Refused(objections[0])
 
+    def claim_wheels(self, user: str) -> None:
+        """Make sure that nothing drives but following and remote control, which give way.
+
+        Args:
+            user: What wants to drive, for the report of an errand that it ends.
+
+        Raises:
+            Refused: A task or an action of a client drives.
+        """
+        self.tasks.give_way(f"replaced by {user}")
+        if self.driver:
+            raise Refused(f"{self.driver} is driving: pause or cancel it first")
+        self.follower.stop()
+
+    def stop_wheels(self, reason: str) -> None:
+        """Stop at once, whatever drives: a task or an action is paused until it is resumed."""
+        self.tasks.give_way(reason)
+        if self.tasks.uses(Device.WHEELS):
+            self.tasks.pause(reason)
+        self.actions.pause_on(Device.WHEELS, reason)
+        self.follower.stop()
+        self.teleop.release()
+        self.base.halt()
+
     def take_tasks(self, orders: list[TaskOrder]) -> None:
         """Start a task or those of a set, in place of whatever uses the wheels.
 
@@ -204,7 +260,7 @@ class Chassis:
 
     def free_wheels(self, reason: str) -> None:
         """End following, remote control and every action that drives or charges."""
-        self.following = False
+        self.follower.stop()
         self.teleop.release()
         self.actions.clear(Device.WHEELS, reason)
         self.actions.clear(Device.CHARGER, reason)
@@ -221,9 +277,11 @@ class Chassis:
             Refused: It cannot be there.
         """
         if not self.map.contains(pose.x, pose.y):
-            raise Refused(f"pose {pose} is outside of map {self.map.name}")
+            raise Refused(f"pose {pose} is outside of map {self.map.name}: choose one inside")
         if self.gap(pose) < 0.0:
-            raise Refused(f"pose {pose} is inside a wall of map {self.map.name}")
+            raise Refused(
+                f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
+            )
         self.base.place(pose)
         self.readiness.located = True
         if self.navigation:
@@ -233,8 +291,7 @@ class Chassis:
         """Work in another scene or map, at the same coordinates."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        pose = self.base.pose
-        if not area.contains(*pose.point) or self.gap(pose) < 0.0:
+        if not self._fits(self.base.pose):
             self.readiness.located = False
         if self.navigation:
             self.navigation.replan()
@@ -252,11 +309,27 @@ class Chassis:
         self.readiness.emergency_stop = pressed
         self._watch()
 
+    def set_key_switch(self, manual: bool) -> None:
+        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        if manual and not self.readiness.key_manual:
+            self.codes.report(KEY_AT_MANUAL, _Level.kTips)
+        self.readiness.key_manual = manual
+        self._watch()
+
+    def lose_localisation(self) -> None:
+        """Forget where it is, as after having been carried away: it has to be told."""
+        self.readiness.located = False
+        self._watch()
+
     def scan(self) -> list[float]:
         """One scan of the laser, in m."""
         # Noise by time, not by how often somebody asked: equal seeds see equal scans.
         rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
-        return self.laser.scan(self.base.pose, self.walls, rng)
+        return self.laser.scan(self.base.pose, self.walls, rng, self.map.grid)
+
+    def _fits(self, pose: Pose) -> bool:
+        """Whether the robot can stand there."""
+        return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 
     def _watch(self) -> None:
         """Notice what is wrong, and stop what must not go on."""
@@ -267,16 +340,16 @@ class Chassis:
         self.codes.watch(LOCALISATION_LOST, _Level.kFault, present=lost)
         low = self.battery.percent <= self.setting.power.alarm
         self.codes.watch(BATTERY_LOW, _Level.kWarn, present=low)
-        impeded = self.navigation is not None and self.navigation.impeded
-        self.codes.watch(IMPEDED, _Level.kWarn, present=impeded)
+        self.codes.watch(IMPEDED, _Level.kWarn, present=self.impeded)
         if readiness.emergency_stop:
             self.base.halt()
             self.teleop.release()
         objections = readiness.objections()
         if objections:
             reason = objections[0].partition(":")[0]
-            self.following = False
+            self.follower.stop()
             self.actions.abort(reason)
+            self.tasks.give_way(reason)
             if self.tasks.active:
                 self.tasks.pause(reason)
 

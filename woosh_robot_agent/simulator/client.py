@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections import deque
 from functools import partial
+from typing import NamedTuple
 
 from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.json_codec import JsonCodec
@@ -22,6 +23,16 @@ def codec_of(data: str | bytes) -> Codec:
     return JSON if isinstance(data, str) else PROTOBUF
 
 
+_MOST_BYTES = 64 * 1024 * 1024
+"""Bytes that may wait for a client when one more frame comes, be they few frames or many."""
+
+
+class _Delayed(NamedTuple):
+    timer: asyncio.TimerHandle
+    frame: Outgoing
+    data: Encoded
+
+
 class Client:
     """The simulator's end of one connection.
 
@@ -31,24 +42,20 @@ class Client:
 
     Attributes:
         topics: What it subscribed to, each with the codec of the subscription.
-        queued: How many requests of it wait to be done.
+        waiting: How many of its requests wait, to be done or for their answers to be let go.
     """
 
     def __init__(self, transport: Transport, max_outbox: int) -> None:
         self.transport = transport
         self.topics: dict[str, Codec] = {}
-        self.queued = 0
+        self.waiting = 0
         self._max_outbox = max_outbox
         self._outbox: deque[Encoded] = deque()
-        self._delayed: dict[object, tuple[asyncio.TimerHandle, Encoded]] = {}
+        self._outbox_bytes = 0
+        self._delayed: dict[object, _Delayed] = {}
         self._held = 0
         self._filled = asyncio.Event()
         self._open = True
-
-    @property
-    def waiting(self) -> int:
-        """How many requests of it wait to be done, or for their answers to be let go."""
-        return self.queued + self._held + len(self._delayed)
 
     @property
     def backlog(self) -> int:
@@ -59,23 +66,28 @@ class Client:
         """Queue a frame; never waits."""
         if self._room():
             self._outbox.append(frame)
+            self._outbox_bytes += _size(frame)
             self._filled.set()
 
     def send_as(self, frame: Outgoing, data: Encoded) -> None:
         """Queue the encoded `frame` when its `hold` and then its `delay` let it go."""
         if not frame.hold:
-            self._send_after(frame.delay, data)
+            self._send_after(frame, data)
         elif self._room():
             self._held += 1
-            frame.hold(partial(self._let_go, frame.delay, data))
+            self.waiting += frame.is_answer
+            frame.hold(self, partial(self._let_go, frame, data))
 
     def release(self) -> None:
         """Queue at once what is delayed, in the order in which it would have come."""
-        delayed = sorted(self._delayed.values(), key=lambda item: item[0].when())
-        self._delayed.clear()
-        for timer, data in delayed:
-            timer.cancel()
-            self.send(data)
+        for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
+            self._delayed[key].timer.cancel()
+            self._due(key)
+
+    @property
+    def unsent(self) -> int:
+        """What is not sent yet: frames in the queue, and bytes that the network has not taken."""
+        return len(self._outbox) + self.transport.backlog()
 
     def drop(self) -> None:
         """End the connection at once, as a broken cable would."""
@@ -86,8 +98,9 @@ class Client:
         """Send nothing any more."""
         self._open = False
         self._outbox.clear()
-        for timer, _ in self._delayed.values():
-            timer.cancel()
+        self._outbox_bytes = 0
+        for delayed in self._delayed.values():
+            delayed.timer.cancel()
         self._delayed.clear()
 
     async def write(self, running: asyncio.Event) -> None:
@@ -100,6 +113,7 @@ class Client:
                     self._filled.clear()
                     continue
                 frame = self._outbox.popleft()
+                self._outbox_bytes -= _size(frame)
                 if callable(frame):
                     await frame(self.transport)
                 else:
@@ -108,22 +122,31 @@ class Client:
 
     def _room(self) -> bool:
         """Whether one more frame may wait; a client for which none may is dropped."""
-        if self._open and self._held + len(self._delayed) + len(self._outbox) >= self._max_outbox:
+        waiting = self._held + len(self._delayed) + len(self._outbox)
+        if self._open and (waiting >= self._max_outbox or self._outbox_bytes > _MOST_BYTES):
             self.drop()
         return self._open
 
-    def _let_go(self, delay: float, data: Encoded) -> None:
+    def _let_go(self, frame: Outgoing, data: Encoded) -> None:
         self._held -= 1
-        self._send_after(delay, data)
+        self.waiting -= frame.is_answer
+        self._send_after(frame, data)
 
-    def _send_after(self, seconds: float, data: Encoded) -> None:
-        if not seconds:
+    def _send_after(self, frame: Outgoing, data: Encoded) -> None:
+        if not frame.delay:
             self.send(data)
         elif self._room():
-            loop = asyncio.get_running_loop()
+            self.waiting += frame.is_answer
             key = object()
-            self._delayed[key] = loop.call_later(seconds, self._due, key), data
+            timer = asyncio.get_running_loop().call_later(frame.delay, self._due, key)
+            self._delayed[key] = _Delayed(timer, frame, data)
 
     def _due(self, key: object) -> None:
-        _, data = self._delayed.pop(key)
-        self.send(data)
+        delayed = self._delayed.pop(key)
+        self.waiting -= delayed.frame.is_answer
+        self.send(delayed.data)
+
+
+def _size(frame: Encoded) -> int:
+    """About how many bytes a frame takes; what a fault writes by itself takes none."""
+    return 0 if callable(frame) else len(frame)

@@ -24,6 +24,8 @@ DRIVING_STRAIGHT = Code(130104000061, "driving straight")
 EMERGENCY_STOP = Code(110101000010, "emergency stop pressed")
 LOCALISATION_LOST = Code(120102000011, "localisation lost")
 BATTERY_LOW = Code(110103000020, "battery low")
+AVOIDED = Code(130104000031, "obstacle avoided")
+KEY_AT_MANUAL = Code(110101000011, "key switch turned to manual")
 IMPEDED = Code(130104000030, "an obstacle stands in the way")
 TASK_FAILED = Code(140105000009, "task failed")
 

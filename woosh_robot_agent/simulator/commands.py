@@ -7,7 +7,7 @@ import dataclasses
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.simulator import reports
+from woosh_robot_agent.simulator import reports, uploads
 from woosh_robot_agent.simulator.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.footprints import FOOTPRINTS
@@ -57,7 +57,11 @@ def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
 def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
-        raise Refused(f"unknown control mode {request.mode}")
+        raise Refused(
+            f"unknown control mode {request.mode}: 1 is automatic, 2 manual, 3 maintenance"
+        )
+    if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
+        raise Refused("key switch stands at manual: turn it to automatic first")
     chassis.readiness.ctrl = request.mode
     return reports.mode(chassis)
 
@@ -69,14 +73,14 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
         util_robot_pb2.kScheduleMode,
     )
     if request.mode not in known:
-        raise Refused(f"unknown work mode {request.mode}")
+        raise Refused(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
     chassis.readiness.work = request.mode
     return reports.mode(chassis)
 
 
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
     if request.type not in FOOTPRINTS:
-        raise Refused(f"unknown foot print {request.type}")
+        raise Refused(f"unknown foot print {request.type}: the known ones are {list(FOOTPRINTS)}")
     chassis.footprint = request.type
     if chassis.navigation:
         chassis.navigation.replan()
@@ -95,25 +99,27 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
             f"unknown scene {name}: it comes with file_datas, or is one of these: "
             + ", ".join(chassis.scenes)
         )
-    area = scene.map(request.map_name)
+    wanted = request.map_name or uploads.first_map(scene, request.file_datas)
+    area = scene.map(wanted)
     if area is None:
-        raise Refused(f"unknown map {request.map_name} of scene {name}")
+        maps = ", ".join(each.name for each in scene.maps)
+        raise Refused(f"unknown map {wanted} of scene {name}, which has {maps}")
     chassis.enter(scene, area)
     return None
 
 
 def _with_files(chassis: Chassis, name: str, request: pack.SwitchMap) -> Scene:
     """The scene as it is after the upload: one version further, or new."""
-    files = {each.name: each.data for each in request.file_datas}
     old = chassis.scenes.get(name)
-    if old:
-        maps = [dataclasses.replace(each, version=each.version + 1) for each in old.maps]
-        return Scene(name, maps, old.files | files)
-    if len(chassis.scenes) >= _MOST_SCENES:
+    if not old and len(chassis.scenes) >= _MOST_SCENES:
         raise Refused(f"there are {_MOST_SCENES} scenes already")
+    files = uploads.checked(old.files if old else {}, request.file_datas)
+    scene = uploads.described(name, old, files)
+    if scene:
+        return scene
     # The robot still stands in the same building, whatever the files call it.
     area = dataclasses.replace(chassis.map, name=request.map_name or name, version=1)
-    return Scene(name, [area], files)
+    return dataclasses.replace(chassis.scene, name=name, maps=[area], files=files)
 
 
 def _speak(chassis: Chassis, request: pack.Speak) -> Result:
@@ -124,21 +130,18 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
-        if not chassis.driver:
-            chassis.base.halt()
-        chassis.teleop.release()
-        return None
+        driver = chassis.driver
+        chassis.stop_wheels("stopped by a velocity of zero")
+        return f"stopped: {driver} is paused, continue or cancel it" if driver else None
     if chassis.readiness.emergency_stop:
         raise Refused("emergency stop is pressed: release it first")
     if chassis.readiness.battery_empty:
         raise Refused("battery is empty: charge first")
-    if chassis.readiness.ctrl == util_robot_pb2.kMaintain:
+    if chassis.readiness.control == util_robot_pb2.kMaintain:
         raise Refused("robot is in maintenance mode: switch to automatic or manual first")
     if velocity.left and not chassis.omnidirectional:
         raise Refused("a differential base cannot move sideways: linear_y must be 0")
-    if chassis.driver:
-        raise Refused(f"{chassis.driver} is driving: pause or cancel it first")
-    chassis.following = False
+    chassis.claim_wheels("remote control")
     chassis.teleop.command(velocity)
     return None
 
@@ -146,10 +149,11 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
 def _follow(chassis: Chassis, request: pack.Follow) -> Result:
     if request.type:
         chassis.require_ready()
-        if chassis.driver:
-            raise Refused(f"{chassis.driver} is driving: pause or cancel it first")
+        chassis.claim_wheels("following")
         chassis.teleop.release()
-    chassis.following = request.type
+        chassis.follower.start()
+    else:
+        chassis.follower.stop()
     return None
 
 
@@ -171,7 +175,9 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
         wifi.switch_hotspot(on=request.enable)
         answer.enable = request.enable
     else:
-        raise Refused(f"unknown WiFi order {order}")
+        raise Refused(
+            f"unknown WiFi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
+        )
     return answer
 
 

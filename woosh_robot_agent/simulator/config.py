@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ipaddress
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # faults know the chassis, which knows its configuration
@@ -24,8 +26,14 @@ class SimulatorConfig:
         speed: How much faster than real time simulated time runs, 1 to 100.
         seed: Makes runs repeatable: the laser's noise, and the simulated clock's start, which is
             otherwise that of the machine's clock.
+        scenes: Folders or files of scenes besides the shipped ones, as for
+            `scene_files.load_scene`; the robot starts in the first.
         robot_id: The robot's number.
         omnidirectional: The base can move sideways too; else it is a differential one.
+        initialised: It knows where it is when it starts; else a client has to tell it (InitRobot).
+        charge_after: Simulated s without any command after which it drives to a charger, if its
+            battery is low and its settings allow that.
+        park_after: The same for a parking place, whatever the battery.
         max_frame: Bytes of the largest frame that it takes from a client.
         max_connections: How many clients it serves at a time.
         max_waiting: How many requests of one client may wait, to be done or for their answers to
@@ -39,8 +47,12 @@ class SimulatorConfig:
     tcp_port: int = 5481
     speed: float = 1.0
     seed: int | None = None
+    scenes: tuple[Path, ...] = ()
     robot_id: int = 30001
     omnidirectional: bool = True
+    initialised: bool = True
+    charge_after: float = 600.0
+    park_after: float = 1800.0
     max_frame: int = 64 * 1024 * 1024
     max_connections: int = 64
     max_waiting: int = 256
@@ -55,9 +67,19 @@ class SimulatorConfig:
         for name in ("max_frame", "max_connections", "max_waiting", "max_outbox"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} {getattr(self, name)} is not at least 1")
+        if self.charge_after <= 0.0 or self.park_after <= 0.0:
+            raise ValueError("charge_after and park_after must be more than 0 s")
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:
                 raise ValueError(f"port {port} is not within 0 to 65535")
+
+    @property
+    def local(self) -> bool:
+        """Whether only programs of this machine reach it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
 
     def start_time(self) -> float:
         """Where the simulated clock starts, Unix time in s."""

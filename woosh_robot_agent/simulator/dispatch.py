@@ -57,6 +57,8 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
         number = non_finite(request)
         if number:
             raise Refused(f"{number} is not a finite number")
+        if name in _COMMANDS:
+            chassis.errands.postpone()
         result = HANDLERS[name](chassis, request)
     except Refused as refusal:
         return Answer(name, None, False, str(refusal))

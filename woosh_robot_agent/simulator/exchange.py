@@ -15,6 +15,7 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.client import Client, codec_of
+from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.dispatch import HANDLERS, Answer, dispatch, refusal
 from woosh_robot_agent.simulator.hooks import Hooks, Outgoing
 from woosh_robot_agent.simulator.pushes import TOPICS, StateWatch
@@ -22,6 +23,7 @@ from woosh_robot_agent.simulator.pushes import TOPICS, StateWatch
 _log = logging.getLogger(__name__)
 
 _RECEIVED_KEPT = 10_000
+_RECEIVED_BYTES = 64 * 1024 * 1024
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
 
 
@@ -58,23 +60,25 @@ class Exchange:
 
     Args:
         chassis: What does the requests.
-        hooks: What is to go otherwise than usual.
         max_waiting: How many requests of one client may wait, to be done or to be answered.
 
     Attributes:
         clients: Those that are connected.
-        received: What clients sent, oldest first; the last ten thousand.
+        hooks: What is to go otherwise than usual.
+        received: What clients sent, oldest first; the last ten thousand, or 64 MiB of them.
         counts: How many messages of each type they sent since the start.
         bad_frames: How many frames could not be read.
     """
 
-    def __init__(self, chassis: Chassis, hooks: Hooks, max_waiting: int) -> None:
+    def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
         self.clients: set[Client] = set()
-        self.received: deque[Received] = deque(maxlen=_RECEIVED_KEPT)
+        self.hooks = Hooks()
+        self.received: deque[Received] = deque()
+        self._received_sizes: deque[int] = deque()
+        self._received_bytes = 0
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
         self._chassis = chassis
-        self._hooks = hooks
         self._max_waiting = max_waiting
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
@@ -105,7 +109,7 @@ class Exchange:
         if client.waiting >= self._max_waiting and (self._hung or not subscribes):
             self._turn_down(request)
         elif self._hung:
-            client.queued += 1
+            client.waiting += 1
             self._queue.append(request)
         else:
             self._do(request)
@@ -120,7 +124,7 @@ class Exchange:
         self._hung = hung
         while self._queue and not self._hung:
             request = self._queue.popleft()
-            request.client.queued -= 1
+            request.client.waiting -= 1
             try:
                 self._do(request)
             except Exception:  # an interceptor's fault, say: the others are served on
@@ -186,7 +190,7 @@ class Exchange:
         name = request.type
         if request.message is None or request.objection:
             return refusal(name, request.objection)
-        reason = self._hooks.refusal(name)
+        reason = self.hooks.refusal(name)
         if reason is not None:
             return refusal(name, reason)
         try:
@@ -225,6 +229,11 @@ class Exchange:
     def _record(self, type_name: str, message: Message) -> None:
         self.counts[type_name] += 1
         self.received.append(Received(type_name, message))
+        self._received_sizes.append(message.ByteSize())
+        self._received_bytes += self._received_sizes[-1]
+        while len(self.received) > _RECEIVED_KEPT or self._received_bytes > _RECEIVED_BYTES:
+            self.received.popleft()
+            self._received_bytes -= self._received_sizes.popleft()
         self._arrival.set()
         self._arrival = asyncio.Event()
 
@@ -233,7 +242,7 @@ class Exchange:
             self.push(message)
 
     def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
-        for out in self._hooks.outgoing(frame):
+        for out in self.hooks.outgoing(frame):
             data = self._encoded(codec, out)
             client.send_as(out, out.damage(codec, data) if out.damage else data)
 

@@ -35,11 +35,6 @@ FOOTPRINTS: dict[int, Outline] = {
 }
 
 
-def inner_radius(outline: Outline) -> float:
-    """Half the outline's width in m: nearer than this to a wall, it touches."""
-    return max(y for _, y in outline)
-
-
 def outer_radius(outline: Outline) -> float:
     """The radius in m within which the robot can turn on the spot."""
     return max(math.hypot(x, y) for x, y in outline)

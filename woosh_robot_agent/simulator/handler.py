@@ -40,7 +40,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """
     found = [pose(message) for message in messages]
     if len(found) > MOST_POSES:
-        raise Refused(f"{len(found)} poses are more than {MOST_POSES}")
+        raise Refused(f"{len(found)} poses are more than {MOST_POSES}: give fewer")
     return found
 
 

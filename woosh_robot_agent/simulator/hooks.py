@@ -33,7 +33,8 @@ class Outgoing:
         msg: The text of an answer.
         request: The type of the request it answers; empty for a push.
         delay: Seconds of real time to hold it back.
-        hold: Is given what sends the frame, instead of its being sent; before the delay.
+        hold: Is given for which client it is, and what sends it, instead of its being sent; the
+            delay begins after that.
         damage: What is done to the frame once it is encoded.
     """
 
@@ -44,8 +45,13 @@ class Outgoing:
     msg: str = ""
     request: str = ""
     delay: float = 0.0
-    hold: Callable[[Release], None] | None = None
+    hold: Callable[[object, Release], None] | None = None
     damage: Damage | None = None
+
+    @property
+    def is_answer(self) -> bool:
+        """Whether it is an answer; else it is a push."""
+        return self.ok is not None
 
 
 #: Gives what shall go out instead of a frame: the same, another, several or none.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Protocol
@@ -31,11 +32,13 @@ class Progress:
         done: It is finished, well or not.
         failure: Why it failed; empty if it did not.
         text: How far it is, for people.
+        impeded: An obstacle holds it up just now, which `text` tells.
     """
 
     done: bool = False
     failure: str = ""
     text: str = ""
+    impeded: bool = False
 
 
 class Job(Protocol):
@@ -62,7 +65,7 @@ def failed(reason: str) -> Progress:
 
 
 class Wait:
-    """Standing still for some seconds, or until it is broken off."""
+    """Standing still for some seconds, infinitely many included, or until it is broken off."""
 
     device = Device.NONE
     kind = util_action_pb2.kWait
@@ -73,6 +76,8 @@ class Wait:
     def tick(self, chassis: Chassis, dt: float) -> Progress:
         """See `Job.tick`."""
         self._left -= dt
+        if self._left == math.inf:
+            return Progress(text="waits for the order to go on")
         return Progress(done=self._left <= 0.0, text=f"{max(0.0, self._left):.0f} s to wait")
 
     def hold(self, chassis: Chassis) -> None:

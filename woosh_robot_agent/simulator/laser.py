@@ -1,4 +1,4 @@
-"""The safety laser: rays cast against the map's walls."""
+"""The safety laser: rays cast against walls and, where the map is a picture, against its cells."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import math
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from woosh_robot_agent.simulator.geometry import Pose, Wall, wrap
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.simulator.grid import Grid
 
 
 @dataclass(frozen=True)
@@ -39,10 +43,16 @@ class Laser:
         """How many rays one scan has."""
         return round((self.angle_max - self.angle_min) / self.increment) + 1
 
-    def scan(self, base: Pose, walls: Sequence[Wall], rng: random.Random) -> list[float]:
+    def scan(
+        self, base: Pose, walls: Sequence[Wall], rng: random.Random, grid: Grid | None = None
+    ) -> list[float]:
         """The ranges in m that a base standing at `base` measures, first ray first."""
         origin = base.moved(self.forward, 0.0, 0.0)
-        ranges = [math.inf] * self.rays
+        if grid:
+            first = origin.theta + self.angle_min
+            ranges = grid.cast(origin.point, first, self.increment, self.rays, self.range_max)
+        else:
+            ranges = [math.inf] * self.rays
         for wall in walls:
             self._cast(origin, wall, ranges)
         return [

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.simulator.geometry import Point, Pose, Wall
 
 if TYPE_CHECKING:
     from woosh_robot_agent.simulator.collision import Hull
+    from woosh_robot_agent.simulator.grid import Grid
 
 
 class MarkKind(Enum):
@@ -56,8 +59,9 @@ class Map:
         version: Counts the map's changes.
         low: The corner of the mapped area with the smallest x and y, in m.
         high: The opposite corner, in m.
-        walls: What a laser sees and a robot must not touch.
+        walls: What a laser sees and a robot must not touch, as lines.
         marks: The marks, by number.
+        grid: The same as a picture; a map can have both.
     """
 
     id: int
@@ -68,32 +72,51 @@ class Map:
     high: Point
     walls: tuple[Wall, ...]
     marks: dict[str, Mark] = field(default_factory=dict)
+    grid: Grid | None = None
 
     def clearance(self, x: float, y: float) -> float:
-        """How far the nearest wall is from (x, y), in m."""
-        return min((wall.distance(x, y) for wall in self.walls), default=float("inf"))
+        """How far the nearest wall or occupied cell is from (x, y), in m."""
+        nearest = min((wall.distance(x, y) for wall in self.walls), default=math.inf)
+        return min(nearest, self.grid.clearance(x, y)) if self.grid else nearest
 
     @property
     def blur(self) -> float:
         """By how many m `clearance` may be too great."""
-        return 0.0
+        return self.grid.resolution if self.grid else 0.0
 
     def gap(self, hull: Hull, pose: Pose) -> float:
-        """How far in m an outline at `pose` is from touching a wall: see `collision`."""
-        return hull.gap(pose, self.walls)
+        """How far in m an outline at `pose` is from touching something: see `collision`."""
+        gap = hull.gap(pose, self.walls)
+        return min(gap, self.grid.gap(hull, pose)) if self.grid else gap
 
     def contains(self, x: float, y: float) -> bool:
         """Whether (x, y) lies in the mapped area."""
-        return self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]
+        if not (self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]):
+            return False
+        return self.grid is None or self.grid.known(x, y)
 
 
 @dataclass
 class Scene:
-    """A place of work: its maps, and the files that clients uploaded for it."""
+    """A place of work.
+
+    Attributes:
+        name: Unique.
+        maps: At least one; the first is used where none is named.
+        files: What clients uploaded for it, by name.
+        start: Where a robot stands at first, on `start_map`; None if the scene does not say.
+        start_map: The map on which it stands.
+        predefined: The task sets that ExecPreTask can start.
+        calls: The task sets that call buttons start.
+    """
 
     name: str
     maps: list[Map]
     files: dict[str, bytes] = field(default_factory=dict)
+    start: Pose | None = None
+    start_map: str = ""
+    predefined: woosh_task_pb2.RepeatTasks = field(default_factory=woosh_task_pb2.RepeatTasks)
+    calls: woosh_task_pb2.CallTasks = field(default_factory=woosh_task_pb2.CallTasks)
 
     def map(self, name: str) -> Map | None:
         """The map called `name`, or the first one if `name` is empty."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from woosh_robot_agent.pb.robot import robot_count_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.simulator.ahead import way_is_free
 from woosh_robot_agent.simulator.base import (
     ACCELERATION_MPS2,
     ACCELERATION_RADPS2,
@@ -17,9 +18,9 @@ from woosh_robot_agent.simulator.base import (
     Velocity,
     approach,
 )
-from woosh_robot_agent.simulator.codes import DRIVING_STRAIGHT, NEW_NAVIGATION
+from woosh_robot_agent.simulator.codes import AVOIDED, DRIVING_STRAIGHT, NEW_NAVIGATION
 from woosh_robot_agent.simulator.footprints import FOOTPRINTS, outer_radius
-from woosh_robot_agent.simulator.geometry import Point, Pose, wrap
+from woosh_robot_agent.simulator.geometry import Point, Pose, Wall, wrap
 from woosh_robot_agent.simulator.jobs import Device, Progress, failed
 from woosh_robot_agent.simulator.planner import planner
 from woosh_robot_agent.simulator.refused import Refused
@@ -29,10 +30,18 @@ if TYPE_CHECKING:
 
 USUAL_SPEED_MPS = 0.8
 TURN_SPEED_RADPS = 0.8
-_MARGIN_M = 0.05
+MARGIN_M = 0.05
 _NEAR_M = 1e-3
 _STRAIGHT_RAD = 1e-4
 _PATIENCE_S = 30.0
+
+#: The modes that keep to their way, and wait for it to become free however long that takes.
+_WAITING = (
+    navigation_pb2.kNavWait,
+    navigation_pb2.kNarrow,
+    navigation_pb2.kMagnetic,
+    navigation_pb2.kQrcode,
+)
 
 _Level = robot_count_pb2.StatusCode
 
@@ -41,7 +50,8 @@ class Navigate:
     """Driving to a goal.
 
     The base turns on the spot towards each corner of its path, drives there and stops, and at last
-    turns to the goal's heading.
+    turns to the goal's heading. Before an obstacle that is not on the map it stops, and goes round
+    it, waits or gives up, as its mode says.
 
     Args:
         goal: Where to arrive, in the map's frame.
@@ -71,18 +81,14 @@ class Navigate:
         self._corners: deque[deque[Point]] | None = None
         self._announced = False
         self._turning = True
-        self._blocked_for = 0.0
+        self._waited = 0.0
+        self._tried: tuple[Wall, ...] | None = None
         self.path: tuple[Pose, ...] = ()
 
     @property
     def stops(self) -> tuple[Pose, ...]:
         """The poses that are still to be passed, the goal last."""
         return tuple(self._stops)
-
-    @property
-    def impeded(self) -> bool:
-        """Whether something stands in the way right now."""
-        return self._blocked_for > 0.0
 
     def change_path(self, chassis: Chassis, via: Iterable[Pose], *, strict: bool) -> None:
         """Go another way to the same goal.
@@ -94,11 +100,12 @@ class Navigate:
         self._stops, self._strict = deque([*via, self.goal]), strict
         if not self._plan(chassis):
             self._stops, self._strict = before
-            raise Refused(f"no free path by these poses to {self.goal}")
+            raise Refused(f"no free path by these poses to {self.goal}: choose others")
 
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
-        """Obey another arrival type, waiting time and speed limit from now on."""
+        """Obey another arrival type, behaviour at obstacles and speed limit from now on."""
         self._mode.CopyFrom(mode)
+        self._tried = None
 
     def hold(self, chassis: Chassis) -> None:
         """See `Job.hold`: the way is planned anew afterwards."""
@@ -107,43 +114,52 @@ class Navigate:
     def replan(self) -> None:
         """Plan the way anew before the next move."""
         self._corners = None
-        self._blocked_for = 0.0
+        self._waited = 0.0
+        self._tried = None
 
     def tick(self, chassis: Chassis, dt: float) -> Progress:
         """See `Job.tick`."""
         if self._corners is None and not self._plan(chassis):
-            return failed(f"no free path to {self._stops[0]}")
+            return failed(f"no free path to {self._stops[0]}: choose a goal on free floor")
         if not self._announced:
             self._announced = True
             chassis.codes.report(NEW_NAVIGATION, _Level.kNormal, self.kind)
         base = chassis.base
-        self._blocked_for = self._blocked_for + dt if base.blocked else 0.0
-        if self._blocked_for > self._waiting_time():
-            return failed(f"an obstacle stands in the way at {base.pose}")
+        free = self._way_is_free(chassis)
+        held_up: Progress | None = None
+        if base.blocked or not free:
+            self._waited += dt
+            held_up = self._deal_with_obstacle(chassis)
+            if not free or held_up.done:
+                return held_up
+        else:
+            self._waited = 0.0
+            self._tried = None
+        # What it touches without having seen it, a wall beside its way, it goes on trying to pass.
         while self._corners:
             corners, stop = self._corners[0], self._stops[0]
             if corners:
                 if self._drive_to(corners[0], chassis, dt):
-                    return self._progress(base)
+                    return held_up or self._progress(base)
                 corners.popleft()
                 self._turning = True
             elif self._turn_to(stop, base, dt):
-                return self._progress(base)
+                return held_up or self._progress(base)
             else:
                 self._corners.popleft()
                 self._stops.popleft()
         self._stops.append(self.goal)
         return Progress(done=True, text=f"arrived at {base.pose}")
 
-    def _plan(self, chassis: Chassis) -> bool:
-        """Find the corners of the way; False if there is none."""
-        radius = outer_radius(FOOTPRINTS[chassis.footprint]) + _MARGIN_M
+    def _plan(self, chassis: Chassis, obstacles: tuple[Wall, ...] = ()) -> bool:
+        """Find the corners of the way, round `obstacles` too; False if there is none."""
+        radius = outer_radius(FOOTPRINTS[chassis.footprint]) + MARGIN_M
         routes = planner(chassis.map, radius)
         here = chassis.base.pose.point
         legs: deque[deque[Point]] = deque()
         path = [chassis.base.pose]
         for stop in self._stops:
-            leg = [stop.point] if self._strict else routes.plan(here, stop.point)
+            leg = [stop.point] if self._strict else routes.plan(here, stop.point, obstacles)
             if leg is None:
                 return False
             for corner in leg:
@@ -154,6 +170,40 @@ class Navigate:
         self.path = tuple(path)
         self._corners = legs
         self._turning = True
+        return True
+
+    def _way_is_free(self, chassis: Chassis) -> bool:
+        """Whether the base can go on to the next corner as far as it sees."""
+        if self._turning or not self._corners or not self._corners[0]:
+            return True
+        return way_is_free(chassis, 0.0, chassis.base.pose.distance(self._corners[0][0]))
+
+    def _deal_with_obstacle(self, chassis: Chassis) -> Progress:
+        """Wait before an obstacle, find a way round it or give up, by the mode."""
+        mode, base = self._mode.mode, chassis.base
+        limit = float(self._mode.wait_timeout) or _PATIENCE_S
+        text = f"an obstacle stands in the way at {base.pose}"
+        if mode in _WAITING:
+            return Progress(text=text, impeded=True)
+        patience = limit
+        if mode != navigation_pb2.kOvertime:
+            wait = limit if mode == navigation_pb2.kTimeout else 0.0
+            if self._waited > wait and not base.moving and self._detour(chassis):
+                return self._progress(base)
+            patience = wait + _PATIENCE_S
+        if self._waited > patience:
+            return failed(f"{text}: remove it or choose another goal")
+        return Progress(text=text, impeded=True)
+
+    def _detour(self, chassis: Chassis) -> bool:
+        """Find a way round what stands there now; False if there is none."""
+        obstacles = chassis.obstacles.walls
+        if self._strict or obstacles == self._tried:
+            return False
+        self._tried = obstacles
+        if not self._plan(chassis, obstacles):
+            return False
+        chassis.codes.report(AVOIDED, _Level.kTips, self.kind)
         return True
 
     def _drive_to(self, corner: Point, chassis: Chassis, dt: float) -> bool:
@@ -189,9 +239,6 @@ class Navigate:
 
     def _speed(self) -> float:
         return self._mode.max_speed or USUAL_SPEED_MPS
-
-    def _waiting_time(self) -> float:
-        return float(self._mode.wait_timeout) or _PATIENCE_S
 
     def _progress(self, base: Base) -> Progress:
         return Progress(text=f"{base.pose.distance(self.goal.point):.2f} m from the goal")

@@ -1,10 +1,10 @@
-"""Paths through a map's free floor: A* on a grid, then straightened."""
+"""Paths through a map's free floor: A* on a lattice, then straightened."""
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 
 from woosh_robot_agent.simulator.geometry import Point, Wall
@@ -13,115 +13,211 @@ from woosh_robot_agent.simulator.maps import Map
 _CELL_M = 0.2
 #: A cell this near to an end of the path, and in sight of it, is as good as that end.
 _REACH_M = 0.6
+#: What has to stay free even around a start that is closer to something than the radius, in m.
+_LEAST_M = 1e-3
+#: By how much a diagonal step is longer than a straight one, as a share of that.
+_DIAGONAL = math.sqrt(2.0) - 1.0
 
-Cell = tuple[int, int]
 
-_NEIGHBOURS = tuple(
-    (dx, dy, _CELL_M * math.hypot(dx, dy))
-    for dx in (-1, 0, 1)
-    for dy in (-1, 0, 1)
-    if (dx, dy) != (0, 0)
-)
+class Lattice:
+    """The places of a map that a search steps through, in rows from its lower left corner on.
+
+    They are numbered row by row, with a border of blocked ones that keeps a search inside.
+    """
+
+    def __init__(self, area: Map) -> None:
+        (left, bottom), (right, top) = area.low, area.high
+        self._low = area.low
+        self._columns = math.floor((right - left) / _CELL_M + 1e-6)
+        self._rows = math.floor((top - bottom) / _CELL_M + 1e-6)
+        self._width = self._columns + 2
+        # The differences to the numbers of the neighbours, and how far those are in m.
+        self._steps = tuple(
+            (dx + dy * self._width, _CELL_M * math.hypot(dx, dy))
+            for dx in (-1, 0, 1)
+            for dy in (-1, 0, 1)
+            if (dx, dy) != (0, 0)
+        )
+
+    def blocked(self, area: Map, radius: float) -> bytearray:
+        """For each place whether the map has something nearer to it than `radius` (m)."""
+        rows: Iterable[bytes] = [bytes(self._columns)] * self._rows
+        if area.grid:
+            first = self._low[0] + 0.5 * _CELL_M, self._low[1] + 0.5 * _CELL_M
+            rows = area.grid.cramped(first, _CELL_M, self._columns, self._rows, radius)
+        border = b"\1" * self._width
+        places = bytearray(b"".join((border, *(b"\1" + row + b"\1" for row in rows), border)))
+        self.block(places, area.walls, radius)
+        return places
+
+    def block(self, places: bytearray, walls: Iterable[Wall], radius: float) -> None:
+        """Block the places that are nearer to one of `walls` than `radius` (m)."""
+        for wall in walls:
+            reach = (
+                min(wall.x1, wall.x2) - radius,
+                min(wall.y1, wall.y2) - radius,
+                max(wall.x1, wall.x2) + radius,
+                max(wall.y1, wall.y2) + radius,
+            )
+            for place in self._within(*reach):
+                if not places[place] and wall.distance(*self.centre(place)) < radius:
+                    places[place] = 1
+
+    def around(self, point: Point) -> Iterator[tuple[int, Point]]:
+        """The places within reach of a point, with their middles."""
+        x, y = point
+        for place in self._within(x - _REACH_M, y - _REACH_M, x + _REACH_M, y + _REACH_M):
+            centre = self.centre(place)
+            if math.dist(centre, point) <= _REACH_M:
+                yield place, centre
+
+    def search(
+        self, first: dict[int, float], last: set[int], goal: Point, blocked: bytearray
+    ) -> list[int] | None:
+        """The shortest way from a place to another by A*, or None if there is none.
+
+        Args:
+            first: Where it can start, and how far in m it was to get there.
+            last: Where it can end.
+            goal: Where it is to go from there.
+            blocked: The places that it cannot pass, as from `blocked`.
+        """
+        width, steps = self._width, self._steps
+        goal_column = (goal[0] - self._low[0]) / _CELL_M + 0.5
+        goal_row = (goal[1] - self._low[1]) / _CELL_M + 0.5
+
+        def to_go(place: int) -> float:
+            """The length of the shortest way in straight and diagonal steps."""
+            row, column = divmod(place, width)
+            along, across = abs(goal_column - column), abs(goal_row - row)
+            if along < across:
+                along, across = across, along
+            return _CELL_M * (along + _DIAGONAL * across)
+
+        costs = dict(first)
+        frontier = [(cost + to_go(place), cost, place) for place, cost in first.items()]
+        heapq.heapify(frontier)
+        came_from: dict[int, int] = {}
+        while frontier:
+            _, cost, place = heapq.heappop(frontier)
+            if cost > costs[place]:
+                continue
+            if place in last:
+                path = [place]
+                while path[-1] in came_from:
+                    path.append(came_from[path[-1]])
+                return path[::-1]
+            for step, length in steps:
+                other = place + step
+                if blocked[other]:
+                    continue
+                new_cost = cost + length
+                if new_cost < costs.get(other, math.inf):
+                    costs[other] = new_cost
+                    came_from[other] = place
+                    heapq.heappush(frontier, (new_cost + to_go(other), new_cost, other))
+        return None
+
+    def centre(self, place: int) -> Point:
+        """The middle of a place, in m."""
+        row, column = divmod(place, self._width)
+        return self._low[0] + (column - 0.5) * _CELL_M, self._low[1] + (row - 0.5) * _CELL_M
+
+    def _within(self, left: float, bottom: float, right: float, top: float) -> Iterator[int]:
+        columns = self._span(left - self._low[0], right - self._low[0], self._columns)
+        for row in self._span(bottom - self._low[1], top - self._low[1], self._rows):
+            for column in columns:
+                yield (row + 1) * self._width + column + 1
+
+    @staticmethod
+    def _span(low: float, high: float, count: int) -> range:
+        return range(max(0, math.floor(low / _CELL_M)), min(count, math.floor(high / _CELL_M) + 1))
 
 
 class Planner:
-    """Plans on one map for a robot that keeps `radius` (m) away from walls."""
+    """Plans on one map for a robot that keeps `radius` (m) away from whatever is not free."""
 
     def __init__(self, area: Map, radius: float) -> None:
         self._map = area
         self._radius = radius
-        self._columns = int((area.high[0] - area.low[0]) / _CELL_M)
-        self._rows = int((area.high[1] - area.low[1]) / _CELL_M)
-        self._occupied = {cell for wall in area.walls for cell in self._cells_near(wall)}
+        self._lattice = Lattice(area)
+        self._blocked = self._lattice.blocked(area, radius)
 
-    def plan(self, start: Point, goal: Point) -> list[Point] | None:
-        """The corners of a free path from `start` (not included) to `goal`, or None."""
-        if not self._map.contains(*goal) or self._map.clearance(*goal) < self._radius:
+    def plan(self, start: Point, goal: Point, obstacles: Sequence[Wall] = ()) -> list[Point] | None:
+        """The corners of a free path, or None if there is none.
+
+        Args:
+            start: Where it starts, in m; it is not one of the corners.
+            goal: Where it ends, in m; it is the last corner.
+            obstacles: Walls to keep away from besides what the map has.
+        """
+        walls = (*self._map.walls, *obstacles)
+        if not (self._map.contains(*goal) and self._free(goal, goal, self._radius, walls)):
             return None
-        # A robot that was driven closer to a wall than it would plan may leave from there.
-        leaving = min(self._radius, self._map.clearance(*start)) - 1e-6
-        if self._free(start, goal, leaving):
+        # A robot that was driven closer to something than it would plan may leave from there.
+        leaving = self._leaving(start, walls)
+        if leaving < _LEAST_M:
+            return None
+        if self._free(start, goal, leaving, walls):
             return [goal]
-        cells = self._search(start, goal, leaving)
-        if cells is None:
+        blocked = self._blocked
+        if obstacles:
+            blocked = blocked.copy()
+            self._lattice.block(blocked, obstacles, self._radius)
+        first = {
+            place: math.dist(start, there)
+            for place, there in self._lattice.around(start)
+            if not blocked[place] and self._free(start, there, leaving, walls)
+        }
+        last = {
+            place
+            for place, there in self._lattice.around(goal)
+            if not blocked[place] and self._free(goal, there, self._radius, walls)
+        }
+        places = self._lattice.search(first, last, goal, blocked)
+        if places is None:
             return None
-        return self._straightened([start, *map(self._centre, cells), goal], leaving)
+        return self._straightened([start, *map(self._lattice.centre, places), goal], leaving, walls)
 
-    def _search(self, start: Point, goal: Point, leaving: float) -> list[Cell] | None:
-        frontier: list[tuple[float, float, Cell]] = []
-        costs: dict[Cell, float] = {}
-        came_from: dict[Cell, Cell] = {}
-        for cell in self._cells_around(start):
-            centre = self._centre(cell)
-            if self._free(start, centre, leaving):
-                costs[cell] = math.dist(start, centre)
-                heapq.heappush(frontier, (costs[cell] + math.dist(centre, goal), costs[cell], cell))
-        while frontier:
-            _, cost, cell = heapq.heappop(frontier)
-            if cost > costs[cell]:
-                continue
-            centre = self._centre(cell)
-            if math.dist(centre, goal) <= _REACH_M and self._free(centre, goal, self._radius):
-                path = [cell]
-                while path[-1] in came_from:
-                    path.append(came_from[path[-1]])
-                return path[::-1]
-            for dx, dy, length in _NEIGHBOURS:
-                other = (cell[0] + dx, cell[1] + dy)
-                new_cost = cost + length
-                if self._is_free(other) and new_cost < costs.get(other, math.inf):
-                    costs[other] = new_cost
-                    came_from[other] = cell
-                    estimate = new_cost + math.dist(self._centre(other), goal)
-                    heapq.heappush(frontier, (estimate, new_cost, other))
-        return None
-
-    def _straightened(self, corners: list[Point], leaving: float) -> list[Point]:
+    def _straightened(
+        self, corners: list[Point], leaving: float, walls: Sequence[Wall]
+    ) -> list[Point]:
         path: list[Point] = []
         here = 0
         while here < len(corners) - 1:
             radius = self._radius if here else leaving
             there = len(corners) - 1
-            while there > here + 1 and not self._free(corners[here], corners[there], radius):
+            while there > here + 1 and not self._free(corners[here], corners[there], radius, walls):
                 there -= 1
             path.append(corners[there])
             here = there
         return path
 
-    def _free(self, start: Point, end: Point, radius: float) -> bool:
-        return all(wall.line_distance(start, end) >= radius for wall in self._map.walls)
+    def _leaving(self, start: Point, walls: Sequence[Wall]) -> float:
+        """How far in m a path can keep away from things at its start."""
+        room = min((wall.distance(*start) for wall in walls), default=self._radius)
+        if self._map.grid:
+            room = min(room, self._map.grid.line_room(start, start))
+        return min(self._radius, room - 1e-6)
 
-    def _is_free(self, cell: Cell) -> bool:
-        inside = 0 <= cell[0] < self._columns and 0 <= cell[1] < self._rows
-        return inside and cell not in self._occupied
-
-    def _centre(self, cell: Cell) -> Point:
-        low = self._map.low
-        return low[0] + (cell[0] + 0.5) * _CELL_M, low[1] + (cell[1] + 0.5) * _CELL_M
-
-    def _cells_around(self, point: Point) -> Iterator[Cell]:
-        column = int((point[0] - self._map.low[0]) // _CELL_M)
-        row = int((point[1] - self._map.low[1]) // _CELL_M)
-        reach = int(_REACH_M / _CELL_M)
-        for cell in (
-            (column + dx, row + dy)
-            for dx in range(-reach, reach + 1)
-            for dy in range(-reach, reach + 1)
-        ):
-            if self._is_free(cell):
-                yield cell
-
-    def _cells_near(self, wall: Wall) -> Iterator[Cell]:
-        (low_x, low_y), radius = self._map.low, self._radius
-        left, right = sorted((wall.x1 - low_x, wall.x2 - low_x))
-        bottom, top = sorted((wall.y1 - low_y, wall.y2 - low_y))
-        for column in range(int((left - radius) // _CELL_M), int((right + radius) // _CELL_M) + 1):
-            for row in range(int((bottom - radius) // _CELL_M), int((top + radius) // _CELL_M) + 1):
-                if wall.distance(*self._centre((column, row))) < radius:
-                    yield column, row
+    def _free(self, start: Point, end: Point, radius: float, walls: Sequence[Wall]) -> bool:
+        """Whether nothing is nearer to the line from `start` to `end` than `radius` (m)."""
+        left, right = min(start[0], end[0]) - radius, max(start[0], end[0]) + radius
+        bottom, top = min(start[1], end[1]) - radius, max(start[1], end[1]) + radius
+        for wall in walls:
+            # Most walls are far off, which is quickly seen.
+            if (
+                (wall.x1 > left or wall.x2 > left)
+                and (wall.x1 < right or wall.x2 < right)
+                and (wall.y1 > bottom or wall.y2 > bottom)
+                and (wall.y1 < top or wall.y2 < top)
+                and wall.line_distance(start, end) < radius
+            ):
+                return False
+        return self._map.grid is None or self._map.grid.line_room(start, end) >= radius
 
 
 @lru_cache(maxsize=16)
 def planner(area: Map, radius: float) -> Planner:
-    """The planner for a map and a radius (m); its grid is made once."""
+    """The planner for a map and a radius (m); its lattice is made once."""
     return Planner(area, radius)

@@ -87,6 +87,8 @@ class Ports:
                 self.port,
                 max_size=config.max_frame,
                 before=self._before,
+                # any page in this machine's browser could connect; beyond it there is no telling
+                local_pages_only=config.local,
             )
             self._listeners.append(websocket)
             tcp = await serve_tcp(

@@ -52,6 +52,7 @@ HANDLERS: Handlers = {
         robot_count_pb2.StatusCode: _status_code,
         robot_pb2.ScannerData: reports.scanner_data,
         map_pack_pb2.SceneDataEasy: reports.scene_data_easy,
+        map_pack_pb2.SceneData: reports.scene_data,
         map_pack_pb2.SceneList: reports.scene_list,
         woosh_task_pb2.RepeatTasks: _repeat_tasks,
         woosh_task_pb2.CallTasks: _call_tasks,

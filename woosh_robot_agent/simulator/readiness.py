@@ -12,7 +12,8 @@ class Readiness:
     """The modes and conditions that decide whether the chassis may move by itself.
 
     Attributes:
-        ctrl: The control mode.
+        ctrl: The control mode that clients asked for.
+        key_manual: The key switch stands at manual, whatever clients ask for.
         work: The work mode.
         initialised: It was told where it is since it was switched on.
         located: It still knows where it is.
@@ -21,16 +22,23 @@ class Readiness:
     """
 
     ctrl: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
+    key_manual: bool = False
     work: util_robot_pb2.WorkMode = util_robot_pb2.kTaskMode
     initialised: bool = True
     located: bool = True
     emergency_stop: bool = False
     battery_empty: bool = False
 
+    @property
+    def control(self) -> util_robot_pb2.ControlMode:
+        """The control mode that counts."""
+        return util_robot_pb2.kManual if self.key_manual else self.ctrl
+
     def objections(self) -> list[str]:
         """Every reason against moving by itself, each with its remedy; none if it is ready."""
         reasons = (
             (self.emergency_stop, "emergency stop is pressed: release it first"),
+            (self.key_manual, "key switch stands at manual: turn it to automatic first"),
             (
                 self.ctrl == util_robot_pb2.kManual,
                 "robot is in manual mode: switch to automatic first",

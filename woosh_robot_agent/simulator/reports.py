@@ -8,6 +8,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
@@ -56,7 +57,7 @@ def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
 def mode(chassis: Chassis) -> robot_pb2.Mode:
     """Its control and work mode."""
     readiness = chassis.readiness
-    return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.ctrl, work=readiness.work)
+    return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.control, work=readiness.work)
 
 
 def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
@@ -145,10 +146,9 @@ def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
 def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
     """Whether it can take a task, and what its navigation meets."""
     state = robot_pb2.OperationState
-    impeded = chassis.navigation is not None and chassis.navigation.impeded
     return state(
         robot_id=chassis.robot_id,
-        nav=state.kImpede if impeded else 0,
+        nav=state.kImpede if chassis.impeded else 0,
         robot=state.kTaskable if chassis.taskable else 0,
     )
 
@@ -251,6 +251,18 @@ def scene_data_easy(chassis: Chassis) -> map_pack_pb2.SceneDataEasy:
     )
 
 
+def scene_data(chassis: Chassis) -> map_pack_pb2.SceneData:
+    """The scene's maps with their pictures, marks and tasks.
+
+    In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
+    """
+    tasks = woosh_task_pb2.TaskInfo(
+        repeat_tasks=chassis.predefined.repeat_tasks, call_tasks=chassis.calls.call_tasks
+    )
+    maps = [_map_data(each) for each in chassis.scene.maps]
+    return map_pack_pb2.SceneData(name=chassis.scene.name, maps=maps, task_info=tasks)
+
+
 def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
     """The names of all scenes and maps."""
     return map_pack_pb2.SceneList(
@@ -259,6 +271,34 @@ def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
             for each in chassis.scenes.values()
         ]
     )
+
+
+def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
+    # numpy and Pillow take a while to come: only who asks for pictures waits for them.
+    from woosh_robot_agent.simulator.map_images import picture
+
+    drawn = picture(area)
+    return map_pack_pb2.SceneData.Map(
+        id=area.id,
+        name=area.name,
+        resolution=drawn.resolution,
+        origin=common_pb2.Pose2D(x=drawn.low[0], y=drawn.low[1]),
+        map_png=drawn.png,
+        mark_info=mark_pb2.MarkInfo(
+            version=area.version,
+            floor_name=area.floor,
+            storages=[_mark_data(mark) for mark in area.marks.values()],
+        ),
+    )
+
+
+def _mark_data(mark: Mark) -> mark_pb2.Storage:
+    base = _storage(mark)
+    storage = mark_pb2.Storage(identity=base.identity, pose=base.pose)
+    if mark.kind is not MarkKind.BASE:
+        # The groups of Storages are the plurals of the categories of Storage.
+        getattr(storage, mark.kind.value.removesuffix("s")).SetInParent()
+    return storage
 
 
 def _storages(area: Map) -> mark_pb2.Storages:

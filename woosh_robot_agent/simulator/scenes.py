@@ -1,114 +1,59 @@
-"""The scenes and predefined tasks that a simulated chassis starts with.
+"""The scenes that a simulated chassis knows at its start: the shipped ones, and those it is given.
 
-`wooshmap` is a hall of 24 by 20 m with two partitions, three pillars and a gate; `scenex` is the
-same hall furnished differently, with a second, empty floor. Both have the marks that the interface
-document's examples name, and stretches of free floor around the poses which it names.
+`wooshmap` is a hall with two partitions, three pillars and a gate; `scenex` is the same hall
+furnished differently, with a second, empty floor. See `data/`.
 """
 
 from __future__ import annotations
 
-import math
+import dataclasses
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
 
-from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator.geometry import Pose, Wall, box
-from woosh_robot_agent.simulator.maps import Map, Mark, MarkKind, Scene
+from woosh_robot_agent.simulator.geometry import Point, Pose
+from woosh_robot_agent.simulator.maps import Map, Scene
+from woosh_robot_agent.simulator.scene_files import load_scene
 
-START_SCENE = "wooshmap"
-START_POSE = Pose(4.23276472, -6.6727581, -0.255771846)
-
-_LOW, _HIGH = (-12.0, -10.0), (12.0, 10.0)
-
-# The hall's outer walls; the east side has a gate of 2 m through which a laser sees nothing.
-_HALL = (
-    Wall(-12.0, -10.0, 12.0, -10.0),
-    Wall(12.0, -10.0, 12.0, -1.0),
-    Wall(12.0, 1.0, 12.0, 10.0),
-    Wall(12.0, 10.0, -12.0, 10.0),
-    Wall(-12.0, 10.0, -12.0, -10.0),
-)
-_WOOSHMAP = (
-    *_HALL,
-    Wall(-5.0, -10.0, -5.0, -2.5),
-    Wall(-5.0, 4.0, -5.0, 10.0),
-    *box(-0.4, -4.4, 0.4, -3.6),
-    *box(8.6, 1.6, 9.4, 2.4),
-    *box(-9.4, 3.6, -8.6, 4.4),
-)
-_SCENEX = (
-    *_HALL,
-    Wall(-5.0, -10.0, -5.0, -2.5),
-    Wall(6.0, -10.0, 6.0, -5.0),
-    *box(-3.0, -6.5, -1.0, -5.5),
-    *box(-9.0, 5.0, -7.0, 6.0),
-)
+_SHIPPED = tuple(Path(__file__).parent / "data" / name for name in ("wooshmap", "scenex"))
+#: m of free floor around a place where a robot starts without being told to.
+_START_ROOM_M = 0.6
 
 
-def _marks() -> dict[str, Mark]:
-    quarter = math.pi / 2
-    marks = (
-        Mark(1, "A1", Pose(-2.0, 6.0, quarter), MarkKind.RACK, "rack by the north wall"),
-        Mark(2, "A2", Pose(5.0, 4.0, 0.0), MarkKind.RACK, "rack in the east"),
-        Mark(3, "A10", Pose(9.5, 7.0, quarter), MarkKind.PALLET_PLATFORM, "pallets"),
-        Mark(4, "A23", Pose(-9.5, -7.5, math.pi), MarkKind.RACK, "rack behind the partition"),
-        Mark(5, "K10", Pose(8.0, -4.0, -quarter), MarkKind.ROLLER_STATION, "conveyor"),
-        Mark(6, "U5", Pose(1.0, -8.0, -quarter), MarkKind.LIFT_TROLLEY, "trolley"),
-        Mark(7, "7613B5D", Pose(-8.0, 8.0, quarter), MarkKind.BASE, "inspection point"),
-        Mark(8, "W1", Pose(3.0, 8.0, quarter), MarkKind.ARM_WORKTOP, "work top"),
-        Mark(9, "T1", Pose(-3.0, -8.0, -quarter), MarkKind.TRACTOR_TRAILER, "trailer"),
-        Mark(10, "C1", Pose(-10.8, 0.5, math.pi), MarkKind.CHARGER, "charger"),
-        Mark(11, "P1", Pose(10.5, -8.5, quarter), MarkKind.PARKSPOT, "parking place"),
-    )
-    return {mark.number: mark for mark in marks}
+def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
+    """The scenes that a chassis knows, by name, and the one in which it starts.
+
+    Args:
+        given: Folders or files of further scenes, as for `load_scene`. They replace shipped ones of
+            the same name. The chassis starts in the first.
+
+    Raises:
+        SceneError: A file cannot be used.
+    """
+    shipped, own = [_loaded(path) for path in _SHIPPED], [_loaded(path) for path in given]
+    return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]
 
 
-def default_scenes() -> dict[str, Scene]:
-    """Fresh copies of the scenes that every simulated chassis knows, by name."""
-    marks = _marks()
-    scenes = (
-        Scene("wooshmap", [Map(0, "wooshmap", "1F", 147, _LOW, _HIGH, _WOOSHMAP, marks)]),
-        Scene(
-            "scenex",
-            [
-                Map(1, "scenex", "1F", 12, _LOW, _HIGH, _SCENEX, marks),
-                Map(2, "scenex2", "2F", 3, _LOW, _HIGH, _HALL),
-            ],
-        ),
-    )
-    return {scene.name: scene for scene in scenes}
+def start(scene: Scene) -> tuple[Map, Pose]:
+    """The map and the pose where a robot starts, if the scene says nothing some free place."""
+    area = scene.map(scene.start_map) or scene.maps[0]
+    return area, scene.start or Pose(*_free_place(area))
 
 
-def predefined_tasks() -> woosh_task_pb2.RepeatTasks:
-    """The task sets that ExecPreTask can start."""
-    return woosh_task_pb2.RepeatTasks(
-        repeat_tasks=[
-            woosh_task_pb2.RepeatTask(times=1, task_set=_task_set(666, "round", "A1", "A10")),
-            woosh_task_pb2.RepeatTask(times=2, task_set=_task_set(1735291765, "supply", "K10")),
-        ]
-    )
+def _free_place(area: Map) -> Point:
+    """The origin, a mark or, on a grid, the place with the most room."""
+    for point in ((0.0, 0.0), *(mark.pose.point for mark in area.marks.values())):
+        if area.contains(*point) and area.clearance(*point) >= _START_ROOM_M:
+            return point
+    return area.grid.roomiest() if area.grid else (0.0, 0.0)
 
 
-def call_tasks() -> woosh_task_pb2.CallTasks:
-    """The task sets that call buttons start."""
-    info = woosh_task_pb2.CallInfo
-    button = info.Caller(mac_addr="00:12:4b:00:1e:c5:7a:01", key_id=1)
-    call = info(type=info.kOr, events=[info.CallEvent(caller=button, release=1)])
-    return woosh_task_pb2.CallTasks(
-        call_tasks=[woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(501, "call", "U5"))]
-    )
+def _loaded(path: Path) -> Scene:
+    """A scene of one's own, whose maps are shared: planners and distance fields stay with them."""
+    scene = _read_once(path) if path in _SHIPPED else load_scene(path)
+    return dataclasses.replace(scene, maps=list(scene.maps), files={})
 
 
-def _task_set(number: int, name: str, *marks: str) -> woosh_task_pb2.WooshTaskSet:
-    tasks = [
-        woosh_task_pb2.WooshTask(
-            base=task_pb2.TaskBase(
-                id=index, name=f"{name} {index}", mark_no=mark, type=util_task_pb2.kPick
-            ),
-            custom=woosh_task_pb2.WooshTask.Custom(executable=True),
-        )
-        for index, mark in enumerate(marks, start=1)
-    ]
-    return woosh_task_pb2.WooshTaskSet(
-        base=task_pb2.TaskSetBase(id=number, name=name, no=str(number), adapter="woosh"),
-        tasks=tasks,
-    )
+@lru_cache
+def _read_once(path: Path) -> Scene:
+    return load_scene(path)

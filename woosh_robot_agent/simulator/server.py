@@ -42,16 +42,14 @@ class SimulatedChassis:
     Attributes:
         config: The options.
         chassis: The model.
-        hooks: Where connections, requests and frames can be caught.
         speed: How much faster than real time simulated time runs; can be changed any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         self.config = config or SimulatorConfig()
         self.chassis = Chassis(self.config)
-        self.hooks = Hooks()
         self.speed = self.config.speed
-        self._exchange = Exchange(self.chassis, self.hooks, self.config.max_waiting)
+        self._exchange = Exchange(self.chassis, self.config.max_waiting)
         seed = random.randrange(2**32) if self.config.seed is None else self.config.seed
         steps = self.config.scenario.steps if self.config.scenario else ()
         self._injector = Injector(self, seed, steps)
@@ -126,6 +124,11 @@ class SimulatedChassis:
 
     # Faults
 
+    @property
+    def hooks(self) -> Hooks:
+        """Where connections, requests and frames can be caught."""
+        return self._exchange.hooks
+
     def inject(self, name: str, /, **arguments: object) -> Injection:
         """Put a fault in; `woosh_robot_agent.simulator.faults.FAULTS` has all of them.
 
@@ -191,6 +194,16 @@ class SimulatedChassis:
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
         self.chassis.set_emergency_stop(pressed)
+        self.report()
+
+    def set_key_switch(self, manual: bool) -> None:
+        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        self.chassis.set_key_switch(manual)
+        self.report()
+
+    def lose_localisation(self) -> None:
+        """Make the chassis forget where it is."""
+        self.chassis.lose_localisation()
         self.report()
 
     def push(self, message: Message) -> None:
@@ -343,9 +356,10 @@ class SimulatedChassis:
             due = max(due + STEP_S / self.speed, loop.time() - _MOST_LAG_S)
             await asyncio.sleep(max(0.0, due - loop.time()))
             try:
-                self._injector.advance(STEP_S)
                 if not self._hung:
                     self.chassis.tick(STEP_S)
+                self._injector.advance(STEP_S)
+                if not self._hung:
                     self.report()
             except Exception:  # time has to go on
                 _log.exception("a step failed")

@@ -39,7 +39,9 @@ def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
 def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
-        raise Refused(f"power levels {levels} do not rise from alarm to full, at most 100")
+        raise Refused(
+            f"power levels {levels} do not rise from alarm to full, at most 100: sort them"
+        )
     power = chassis.setting.power
     power.alarm, power.low, power.idle, power.full = levels
     return copied(power)

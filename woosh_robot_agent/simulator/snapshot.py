@@ -47,7 +47,7 @@ def snapshot(chassis: Chassis) -> Snapshot:
         odometer=chassis.base.odometer,
         jack=chassis.jack.height,
         column=chassis.column.height,
-        following=chassis.following,
+        following=chassis.follower.active,
         spoken=tuple(chassis.spoken),
         info=robot_info(chassis),
     )

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.simulator.ahead import way_is_free
 from woosh_robot_agent.simulator.base import (
     ACCELERATION_MPS2,
     ACCELERATION_RADPS2,
@@ -85,37 +86,60 @@ class Steps:
 
     Args:
         steps: At least one.
-        avoid: Wait some seconds before a wall for it to go away; else fail at once.
+        avoid: Stop before an obstacle, and wait some seconds for it to go away; else drive until
+            the base touches it, and fail at once.
+        kind: What reports say these steps are.
     """
 
     device = Device.WHEELS
-    kind = util_action_pb2.kStepCtrl
 
-    def __init__(self, steps: Sequence[Shift | Turn], *, avoid: bool) -> None:
+    def __init__(
+        self,
+        steps: Sequence[Shift | Turn],
+        *,
+        avoid: bool,
+        kind: util_action_pb2.Type = util_action_pb2.kStepCtrl,
+    ) -> None:
+        self.kind = kind
         self._steps = deque(steps)
         self._count = len(self._steps)
         self._start: Pose | None = None
         self._blocked_for = 0.0
+        self._avoid = avoid
         self._patience = _PATIENCE_S if avoid else 0.0
 
     def tick(self, chassis: Chassis, dt: float) -> Progress:
         """See `Job.tick`."""
         base = chassis.base
-        self._blocked_for = self._blocked_for + dt if base.blocked else 0.0
+        free = not self._avoid or self._way_is_free(chassis)
+        blocked = base.blocked or not free
+        self._blocked_for = self._blocked_for + dt if blocked else 0.0
         while self._steps:
             step = self._steps[0]
             self._start = self._start or base.odometry
             remaining = step.remaining(self._start, base.odometry)
             how_far = step.describe(remaining)
             if self._blocked_for > self._patience:
-                return failed(f"an obstacle stands in the way after {how_far}")
+                return failed(f"an obstacle stands in the way after {how_far}: remove it")
+            if not free:
+                return Progress(text=f"an obstacle stands in the way after {how_far}", impeded=True)
             if abs(remaining) > _EXACT:
                 base.drive(step.velocity(remaining, dt))
                 number = self._count - len(self._steps) + 1
-                return Progress(text=f"step {number} of {self._count}: {how_far}")
+                text = f"step {number} of {self._count}: {how_far}"
+                return Progress(text=text, impeded=blocked)
             self._steps.popleft()
             self._start = None
         return Progress(done=True, text=f"{self._count} of {self._count} steps done")
+
+    def _way_is_free(self, chassis: Chassis) -> bool:
+        """Whether the present step can go on without coming too near to an obstacle."""
+        step = self._steps[0] if self._steps else None
+        if not isinstance(step, Shift) or self._start is None:
+            return True
+        remaining = step.remaining(self._start, chassis.base.odometry)
+        backwards = math.pi if remaining < 0.0 else 0.0
+        return way_is_free(chassis, step.direction + backwards, abs(remaining))
 
     def hold(self, chassis: Chassis) -> None:
         """See `Job.hold`."""

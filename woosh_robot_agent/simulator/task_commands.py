@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.task import task_pb2
@@ -18,10 +20,10 @@ from woosh_robot_agent.simulator.handler import (
     poses,
     usable_speed,
 )
-from woosh_robot_agent.simulator.jobs import Charge, Job, Wait
-from woosh_robot_agent.simulator.lift import MoveLift
+from woosh_robot_agent.simulator.jobs import Job, Wait
 from woosh_robot_agent.simulator.maps import Mark, MarkKind
 from woosh_robot_agent.simulator.navigation import Navigate
+from woosh_robot_agent.simulator.orders import jobs_at_mark, work_of
 from woosh_robot_agent.simulator.refused import Refused
 from woosh_robot_agent.simulator.tasks import TaskOrder
 
@@ -33,19 +35,20 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     # A mark counts for more than a path, and a path for more than a pose: clients may send all
     # three, those that they don't mean empty.
     chassis.require_ready()
+    kind, direction = request.type, request.direction
+    jobs: list[Job]
     if request.mark_no:
-        mark = _mark(chassis, request.mark_no, request.type)
-        way = Navigate(mark.pose)
+        mark = _mark(chassis, request.mark_no, kind)
+        jobs = jobs_at_mark(chassis, mark, kind, direction)
     elif request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
-        way = Navigate(via.pop(), via, strict=strict)
+        jobs = [Navigate(via.pop(), via, strict=strict), *work_of(chassis, kind, direction)]
     elif request.HasField("pose"):
-        way = Navigate(pose(request.pose))
+        jobs = [Navigate(pose(request.pose)), *work_of(chassis, kind, direction)]
     else:
         raise Refused("the task has no target: give mark_no, plan_path or pose")
-    jobs = [way, *_work(chassis, request.type, request.direction)]
     number = request.task_id or chassis.fresh_task_id()
-    chassis.take_tasks([TaskOrder(number, request.type, request.mark_no, jobs)])
+    chassis.take_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
     return None
 
 
@@ -57,38 +60,26 @@ def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
             bases = [task.base for _ in range(times) for task in repeat.task_set.tasks]
             chassis.take_tasks([_of_set(chassis, request.task_set_id, base) for base in bases])
             return None
-    raise Refused(f"unknown task set {request.task_set_id}")
+    known = ", ".join(str(each.task_set.base.id) for each in chassis.predefined.repeat_tasks)
+    raise Refused(f"unknown task set {request.task_set_id}: RepeatTasks has these: {known}")
 
 
 def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
-    jobs: list[Job] = [
-        Navigate(_mark(chassis, base.mark_no, base.type).pose),
-        *_work(chassis, base.type, base.direction),
-    ]
-    if base.wait_time > 0:
-        jobs.append(Wait(base.wait_time))
+    mark = _mark(chassis, base.mark_no, base.type)
+    jobs = jobs_at_mark(chassis, mark, base.type, base.direction)
+    if base.wait_time:
+        jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
     return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
 
 
 def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
     mark = chassis.map.marks.get(number)
     if mark is None:
-        raise Refused(f"unknown mark {number} in map {chassis.map.name}")
+        known = ", ".join(chassis.map.marks) or "none"
+        raise Refused(f"unknown mark {number} in map {chassis.map.name}: its marks are {known}")
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise Refused(f"mark {number} is not a charger")
+        raise Refused(f"mark {number} is not a charger: give one that is")
     return mark
-
-
-def _work(
-    chassis: Chassis, kind: util_task_pb2.Type, direction: util_task_pb2.Direction
-) -> list[Job]:
-    """What a task of a kind does where it arrives."""
-    if kind == util_task_pb2.kCharge:
-        return [Charge()]
-    if kind == util_task_pb2.kCarry:
-        unload = direction == util_task_pb2.kCutting
-        return [MoveLift(chassis.jack, 0.0 if unload else chassis.jack.travel)]
-    return []
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
@@ -103,9 +94,9 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
         if not segment.path.poses and segment.HasField("target"):
             route.append(pose(segment.target))
         if len(route) > MOST_POSES:
-            raise Refused(f"the path has more than {MOST_POSES} poses")
+            raise Refused(f"the path has more than {MOST_POSES} poses: give fewer")
     if not route:
-        raise Refused("the path has no poses")
+        raise Refused("the path has no poses: give at least one pose or target")
     return route, strict
 
 
@@ -126,14 +117,14 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     elif order == util_action_pb2.kStart:
         raise Refused("order 1 (start) is out of use: a task starts by itself")
     else:
-        raise Refused(f"unknown order {order}")
+        raise Refused(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
     return None
 
 
 def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     navigation = chassis.navigation
     if navigation is None:
-        raise Refused("nothing is navigating")
+        raise Refused("nothing is navigating: start a task first")
     via, strict = _route(request.paths)
     if via[-1] == navigation.goal:
         via.pop()
@@ -145,7 +136,9 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
     if chassis.navigation is None:
         return "no effect: a navigation mode counts only while a task is navigating"
     if request.nav_mode.max_speed < 0.0:
-        raise Refused(f"max_speed {request.nav_mode.max_speed:g} is negative")
+        raise Refused(
+            f"max_speed {request.nav_mode.max_speed:g} is negative: give 0 for the usual one"
+        )
     usable_speed(request.nav_mode.max_speed, _LEAST_SPEED_MPS)
     chassis.navigation.change_mode(request.nav_mode)
     return None

@@ -32,12 +32,14 @@ class TaskOrder:
         type: Its type.
         dest: The number of the mark it goes to, empty if it goes elsewhere.
         jobs: What to do, in this order.
+        errand: The chassis gave the task to itself.
     """
 
     id: int
     type: util_task_pb2.Type
     dest: str
     jobs: list[Job]
+    errand: bool = False
 
 
 class Tasks:
@@ -46,6 +48,7 @@ class Tasks:
     Attributes:
         proc: The state of the current or the last task.
         history: The last 50 finished tasks, oldest first.
+        impeded: An obstacle holds the task up just now.
     """
 
     def __init__(self, chassis: Chassis) -> None:
@@ -54,6 +57,8 @@ class Tasks:
         self._chassis = chassis
         self._jobs: deque[Job] = deque()
         self._following: deque[TaskOrder] = deque()
+        self.impeded = False
+        self._errand = False
         self._unannounced = False
 
     @property
@@ -65,6 +70,11 @@ class Tasks:
     def paused(self) -> bool:
         """Whether the task is paused."""
         return self.proc.state == util_task_pb2.kPaused
+
+    @property
+    def errand(self) -> bool:
+        """Whether there is a task that the chassis gave to itself."""
+        return self.active and self._errand
 
     @property
     def job(self) -> Job | None:
@@ -93,6 +103,7 @@ class Tasks:
         if self.paused:
             return
         self._jobs[0].hold(self._chassis)
+        self.impeded = False
         self._change(util_task_pb2.kPaused, state, reason)
 
     def resume(self) -> None:
@@ -116,7 +127,7 @@ class Tasks:
             Refused: It is not waiting.
         """
         if self.paused or not isinstance(self.job, Wait):
-            raise Refused("no task is waiting")
+            raise Refused("no task is waiting: there is no wait to break off")
         self.job.break_off()
 
     def cancel(self, reason: str) -> None:
@@ -128,6 +139,11 @@ class Tasks:
         self._require_task()
         self._end(util_task_pb2.kCanceled, reason)
         self._following.clear()
+
+    def give_way(self, reason: str) -> None:
+        """End the task if it is one that the chassis gave to itself."""
+        if self.errand:
+            self.cancel(reason)
 
     def recover(self) -> None:
         """Go on with a paused task, or try a failed one again from where it failed.
@@ -165,20 +181,28 @@ class Tasks:
                 self._jobs[0].kind,
                 progress.failure,
             )
+            # The rest of its set waits for it to be recovered.
             self._end(util_task_pb2.kFailed, progress.failure)
-            self._following.clear()
         elif progress.done and len(self._jobs) > 1:
+            self.impeded = False
             self._change(self.proc.state, util_action_pb2.kRosSuccess)
             self._jobs.popleft()
             self._change(self._running_state(), util_action_pb2.kRosExecuting)
         elif progress.done:
             self._end(util_task_pb2.kCompleted, progress.text)
             self._next()
+        elif progress.impeded != self.impeded:
+            self.impeded = progress.impeded
+            if self.impeded:
+                self._change(self.proc.state, util_action_pb2.kRosWarning, progress.text)
+            else:
+                self._change(self.proc.state, util_action_pb2.kRosExecuting)
 
     def _next(self) -> None:
         if not self._following:
             return
         order = self._following.popleft()
+        self._errand = order.errand
         self._jobs = deque(order.jobs)
         self.proc = robot_pb2.TaskProc(
             robot_id=self._chassis.robot_id,
@@ -202,6 +226,7 @@ class Tasks:
             util_task_pb2.kFailed: util_action_pb2.kRosFailure,
         }
         self._jobs[0].hold(self._chassis)
+        self.impeded = False
         self._change(state, ending[state], reason)
         self.history.append(self.proc)
 
@@ -232,7 +257,7 @@ class Tasks:
 
     def _require_task(self) -> None:
         if not self.active:
-            raise Refused("no task is running")
+            raise Refused("no task is running: start one by ExecTask first")
 
     def _require_free(self) -> None:
         self._chassis.require_ready()

@@ -243,6 +243,14 @@ class SimulatorThread:
         """Press or release the emergency stop button."""
         self.call(lambda simulator: simulator.set_emergency_stop(pressed))
 
+    def set_key_switch(self, manual: bool) -> None:
+        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        self.call(lambda simulator: simulator.set_key_switch(manual))
+
+    def lose_localisation(self) -> None:
+        """Make the chassis forget where it is."""
+        self.call(lambda simulator: simulator.lose_localisation())
+
     def listen(self) -> None:
         """Take clients, at the ports of the start."""
         self._await(self._simulator.listen())

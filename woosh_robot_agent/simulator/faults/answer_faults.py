@@ -6,7 +6,7 @@ import asyncio
 import dataclasses
 from collections.abc import Callable, Iterable
 
-from woosh_robot_agent.simulator.faults.fault import Begin, End, Fault, Injection, Target
+from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
 from woosh_robot_agent.simulator.faults.parameters import Parameter
 from woosh_robot_agent.simulator.hooks import Outgoing, Release
 
@@ -27,17 +27,18 @@ FRAMES = Parameter(
 
 def befalls(injection: Injection, frame: Outgoing) -> bool:
     """Whether a fault is meant for a frame, by its arguments `type` and `frames`."""
-    answer = frame.ok is not None
     frames = injection.arguments.get("frames", "answers")
-    name = frame.request if answer else frame.type
+    name = frame.request if frame.is_answer else frame.type
     return (
         injection.active
-        and frames in ("all", "answers" if answer else "pushes")
+        and frames in ("all", "answers" if frame.is_answer else "pushes")
         and injection["type"] in ("", name)
     )
 
 
-def on_frames(alter: Callable[[Injection, Outgoing], Iterable[Outgoing]]) -> Begin:
+def on_frames(
+    alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
+) -> Callable[[Target, Injection], End]:
     """A fault that puts other frames in place of those that it befalls."""
 
     def begin(target: Target, injection: Injection) -> End:
@@ -78,26 +79,32 @@ def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 class _Shuffle:
-    """Keeps frames until there are enough of them, or none came for a while, and mixes them."""
+    """Keeps a client's frames until there are enough of them, or for a while, and mixes them."""
 
     def __init__(self, injection: Injection) -> None:
         self._injection = injection
-        self._kept: list[Release] = []
-        self._timer: asyncio.TimerHandle | None = None
+        self._kept: dict[object, list[Release]] = {}
+        self._timers: dict[object, asyncio.TimerHandle] = {}
 
-    def keep(self, release: Release) -> None:
-        self._kept.append(release)
-        if len(self._kept) >= self._injection["window"] or not self._injection.active:
-            self.flush()
-        elif self._timer is None:
+    def keep(self, client: object, release: Release) -> None:
+        kept = self._kept.setdefault(client, [])
+        kept.append(release)
+        if len(kept) >= self._injection["window"] or not self._injection.active:
+            self._flush(client)
+        elif client not in self._timers:
             loop = asyncio.get_running_loop()
-            self._timer = loop.call_later(self._injection["seconds"], self.flush)
+            timer = loop.call_later(self._injection["seconds"], self._flush, client)
+            self._timers[client] = timer
 
     def flush(self) -> None:
-        if self._timer:
-            self._timer.cancel()
-            self._timer = None
-        kept, self._kept = self._kept, []
+        for client in list(self._kept):
+            self._flush(client)
+
+    def _flush(self, client: object) -> None:
+        timer = self._timers.pop(client, None)
+        if timer:
+            timer.cancel()
+        kept = self._kept.pop(client)
         mixed = kept[:]
         self._injection.rng.shuffle(mixed)
         if mixed == kept:  # as they came would be no fault
@@ -110,7 +117,6 @@ def _reorder(target: Target, injection: Injection) -> End:
     shuffle = _Shuffle(injection)
     keep = on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
     stop = keep(target, injection)
-    assert stop
 
     def end() -> None:
         stop()

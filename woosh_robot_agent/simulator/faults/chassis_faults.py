@@ -31,8 +31,7 @@ def _emergency_stop(target: Target, injection: Injection) -> End:
 def _lost_localisation(target: Target, injection: Injection) -> End:
     readiness = target.chassis.readiness
     before = readiness.located
-    readiness.located = False
-    target.report()
+    target.lose_localisation()
 
     def end() -> None:
         readiness.located = readiness.located or before
@@ -47,7 +46,7 @@ def _obstacle(target: Target, injection: Injection) -> End:
     if x is None:
         there = chassis.base.pose.moved(injection["ahead"], 0.0, 0.0)
         x, y = there.x, there.y
-    name = f"fault {id(injection)}"
+    name = f"fault {injection.number}"
     chassis.obstacles.put(name, x, y, injection["radius"])
     target.report()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -10,7 +11,7 @@ from typing import Any, Protocol
 from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.faults.parameters import Parameter, resolve
+from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter, resolve
 from woosh_robot_agent.simulator.hooks import Hooks
 
 
@@ -39,6 +40,9 @@ class Target(Protocol):
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
+
+    def lose_localisation(self) -> None:
+        """Make the chassis forget where it is."""
 
     def push(self, message: Message) -> None:
         """Push a message to everybody who subscribed to its type."""
@@ -89,13 +93,21 @@ class Fault:
         """All its parameters."""
         return (*self.own, FOR) if self.lasting else self.own
 
-    def resolve(self, arguments: Mapping[str, object]) -> dict[str, Any]:
+    def resolve(
+        self, arguments: Mapping[str, object], also: tuple[Parameter, ...] = ()
+    ) -> dict[str, Any]:
         """The arguments with all defaults put in.
+
+        Args:
+            arguments: What was said.
+            also: Further parameters, which are not the fault's own.
 
         Raises:
             FaultError: One is unknown or does not fit.
         """
-        resolved = resolve(self.name, self.parameters, arguments)
+        if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
+            raise FaultError(f"{self.name} is momentary: it takes no `for`")
+        resolved = resolve(self.name, (*self.parameters, *also), arguments)
         if self.check:
             self.check(resolved)
         return resolved
@@ -106,6 +118,7 @@ class Injection:
 
     Attributes:
         fault: Its kind.
+        number: Which of its kind it is, from 1.
         arguments: All of them, defaults included, by name.
         rng: Its random choices, which the simulator's seed decides.
         hits: How many answers, frames or connections it has met.
@@ -115,11 +128,13 @@ class Injection:
     def __init__(
         self,
         fault: Fault,
+        number: int,
         arguments: dict[str, Any],
         rng: random.Random,
         clear: Callable[[Injection], None],
     ) -> None:
         self.fault = fault
+        self.number = number
         self.arguments = arguments
         self.rng = rng
         self.hits = 0
@@ -133,7 +148,7 @@ class Injection:
     def __str__(self) -> str:
         """As on the command line, without what is at its default."""
         said = [
-            f"{parameter.name}={self.arguments[parameter.name]}"
+            f"{parameter.name}={shlex.quote(str(self.arguments[parameter.name]))}"
             for parameter in self.fault.parameters
             if self.arguments[parameter.name] != parameter.default
         ]

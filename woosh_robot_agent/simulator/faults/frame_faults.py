@@ -8,6 +8,7 @@ import string
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.frames import Codec, FrameError
@@ -24,7 +25,12 @@ _CHUNK = 256 * 1024
 #: A field that no message of the chassis has, and a value of it.
 _UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
 _UNKNOWN_NUMBER = 1999
-_VARINT, _DELIMITED = 0, 2
+_VARINT, _FIXED64, _DELIMITED = 0, 1, 2
+_WIDE = (
+    FieldDescriptor.TYPE_DOUBLE,
+    FieldDescriptor.TYPE_FIXED64,
+    FieldDescriptor.TYPE_SFIXED64,
+)
 
 Json = dict[str, Any]
 
@@ -135,9 +141,8 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
     present: list[Any] = [field for field, _ in message.ListFields()]
     field = injection.rng.choice(present or list(message.DESCRIPTOR.fields))
     message.ClearField(field.name)
-    is_number = field.message_type is None and field.cpp_type != field.CPPTYPE_STRING
-    wrong = (_DELIMITED, b"\1?") if is_number else (_VARINT, b"\1")
-    pack.body.value = message.SerializeToString() + _tag(field.number, wrong[0]) + wrong[1]
+    wire_type, value = (_VARINT, b"\1") if field.type in _WIDE else (_FIXED64, b"\1" * 8)
+    pack.body.value = message.SerializeToString() + _tag(field.number, wire_type) + value
     return pack.SerializeToString()
 
 

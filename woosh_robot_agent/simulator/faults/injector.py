@@ -49,8 +49,9 @@ class Injector:
             FaultError: There is none of this name, or an argument is wrong.
         """
         fault = find(name)
-        rng = random.Random(f"{self._seed}:{name}:{self.counts[name]}")
-        injection = Injection(fault, fault.resolve(arguments), rng, self._clear)
+        number = self.counts[name] + 1
+        rng = random.Random(f"{self._seed}:{name}:{number}")
+        injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)
         key = fault if fault.shared else injection
         if key not in self._ends:
             end = fault.begin(self._target, injection)
@@ -68,7 +69,8 @@ class Injector:
 
     def clear(self) -> None:
         """End all faults."""
-        for injection in reversed(self.active):
+        # Shared ones last: what a frozen chassis has queued is done as if nothing else were wrong.
+        for injection in sorted(self.active, key=lambda each: each.fault.shared):
             injection.clear()
 
     def advance(self, seconds: float) -> None:

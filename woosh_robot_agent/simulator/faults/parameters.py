@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from woosh_robot_agent.protos import message_types
 
-Value = bool | int | float | str
+Value = int | float | str
+
+#: A number beyond this is a mistake, infinity included.
+_MOST = 1e300
 
 
 class FaultError(ValueError):
@@ -33,7 +36,7 @@ class Parameter:
     """
 
     name: str
-    kind: type[bool] | type[int] | type[float] | type[str]
+    kind: type[int] | type[float] | type[str]
     default: Value | None
     description: str
     unit: str = ""
@@ -43,22 +46,14 @@ class Parameter:
     is_message: bool = False
 
     def parse(self, text: str) -> Value:
-        """The value that a text on the command line stands for.
+        """The value that a text on the command line stands for, unchecked.
 
-        Raises:
-            FaultError: It is none.
+        What stands for none is left as it is, for `check` to complain of.
         """
-        if self.kind is bool and text.lower() in ("true", "false"):
-            return text.lower() == "true"
-        if self.kind in (int, float):
-            number: Callable[[str], int | float] = int if self.kind is int else float
-            try:
-                return self.check(number(text))
-            except ValueError as error:
-                if isinstance(error, FaultError):
-                    raise
-                raise self._wrong(text) from None
-        return self.check(text)
+        try:
+            return self.kind(text)
+        except ValueError:
+            return text
 
     def check(self, value: object) -> Value:
         """`value` in the parameter's type.
@@ -66,18 +61,19 @@ class Parameter:
         Raises:
             FaultError: It does not fit.
         """
-        if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if not isinstance(value, self.kind) or (isinstance(value, bool) and self.kind is not bool):
-            raise self._wrong(value)
-        if self.kind in (int, float):
-            if not self.low <= value <= self.high or not math.isfinite(value):  # type: ignore[operator,arg-type]
+        if self.kind is str:
+            if not isinstance(value, str) or (self.choices and value not in self.choices):
                 raise self._wrong(value)
-        elif self.choices and value not in self.choices:
+            if self.is_message and value and value not in message_types():
+                raise FaultError(f"{self.name}: no message has the type {value!r}")
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong(value)
-        elif self.is_message and value and value not in message_types():
-            raise FaultError(f"{self.name}: no message has the type {value!r}")
-        return value
+        if self.kind is int and not isinstance(value, int):
+            raise self._wrong(value)
+        if not (self.low <= value <= self.high and abs(value) <= _MOST):
+            raise self._wrong(value)
+        return self.kind(value)
 
     @property
     def allowed(self) -> str:
@@ -86,11 +82,11 @@ class Parameter:
             return " or ".join(self.choices)
         if self.is_message:
             return "message type"
-        text = {bool: "true or false", int: "integer", float: "number", str: "text"}[self.kind]
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            text += f" {self.low:g} to {self.high:g}"
-        elif math.isfinite(self.low):
-            text += f" from {self.low:g}"
+        text = {int: "integer", float: "number", str: "text"}[self.kind]
+        if math.isfinite(self.low):
+            text += f" from {_number(self.low)}"
+        if math.isfinite(self.high):
+            text += f" to {_number(self.high)}"
         return f"{text} {self.unit}".rstrip()
 
     def _wrong(self, value: object) -> FaultError:
@@ -113,7 +109,7 @@ def resolve(
     known = {parameter.name: parameter for parameter in parameters}
     arguments: dict[str, Any] = {name: known[name].default for name in known}
     for key, value in given.items():
-        name = key.rstrip("_")
+        name = key.removesuffix("_")
         if name not in known:
             names = ", ".join(known) or "none"
             raise FaultError(f"{what} has no argument {name!r}; its arguments are: {names}")
@@ -126,7 +122,11 @@ def resolve(
     return arguments
 
 
+def _number(value: float) -> str:
+    return f"{int(value)}" if value == int(value) else f"{value:g}"
+
+
 def _article(text: str) -> str:
-    if text.startswith(("true", "answers")) or " or " in text:
+    if " or " in text:
         return text
     return f"{'an' if text[0] in 'aeiou' else 'a'} {text}"

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter, resolve
+from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
 from woosh_robot_agent.simulator.faults.table import find
 
 _AT = Parameter("at", float, 0.0, "when it happens", unit="simulated s", low=0.0)
@@ -52,10 +52,8 @@ def step(name: str, **arguments: object) -> Step:
     Raises:
         FaultError: There is none of this name, or an argument is wrong.
     """
-    fault = find(name)
-    known = resolve(name, (*fault.parameters, _AT), arguments)
-    at = known.pop("at")
-    return Step(at, name, fault.resolve(known))
+    resolved = find(name).resolve(arguments, also=(_AT,))
+    return Step(resolved.pop("at"), name, resolved)
 
 
 def parse_fault(text: str) -> Step:
@@ -67,15 +65,18 @@ def parse_fault(text: str) -> Step:
         FaultError: There is none of this name, or an argument is wrong.
     """
     try:
-        name, *words = shlex.split(text)
+        words = shlex.split(text)
     except ValueError as error:
-        raise FaultError(f"fault {text!r}: {error or 'the name is missing'}") from None
+        raise FaultError(f"fault {text!r}: {error}") from None
+    name, words = (words[0], words[1:]) if words else ("", [])
     parameters = {parameter.name: parameter for parameter in (*find(name).parameters, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
             raise FaultError(f"{name}: {word!r} is not of the form key=value")
+        if key in arguments:
+            raise FaultError(f"{name}: {key} is said twice")
         # An unknown one is complained of below, as everywhere.
         arguments[key] = parameters[key].parse(value) if key in parameters else value
     return step(name, **arguments)
@@ -108,6 +109,8 @@ def _entry(entry: object) -> Step:
         raise FaultError(f"{entry!r} is not of the form {{at: SECONDS, do: NAME}}")
     arguments = dict(entry)
     name = arguments.pop("do", None)
+    if name is False:  # YAML takes the word off for that
+        name = "off"
     if not isinstance(name, str):
         raise FaultError("`do` has to name a fault")
     if "at" not in arguments:

@@ -45,8 +45,6 @@ def _argument(parameter: Parameter) -> str:
     default = parameter.default
     if default is None:
         said = "left out"
-    elif isinstance(default, bool):
-        said = str(default).lower()
     elif isinstance(default, float):
         said = f"{default:g}"
     else:

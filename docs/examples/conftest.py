@@ -1,0 +1,5 @@
+"""What the tests in this folder can use."""
+
+from woosh_robot_agent.testing import pytest_configure, simulated_chassis, woosh_agent
+
+__all__ = ["pytest_configure", "simulated_chassis", "woosh_agent"]

@@ -1,0 +1,66 @@
+"""A simulated chassis on this machine, and the agent with all that bringup.launch.py starts.
+
+    ros2 launch woosh_robot_agent sim.launch.py
+
+Arguments: namespace, frame_prefix and params_file as in bringup.launch.py; port of the simulated
+chassis; speed, how much faster than real time it runs.
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+
+PACKAGE = "woosh_robot_agent"
+SIMULATOR = Path(get_package_prefix(PACKAGE), "lib", PACKAGE, "simulator")
+LAUNCH = Path(get_package_share_directory(PACKAGE), "launch")
+CONFIG = Path(get_package_share_directory(PACKAGE), "config")
+
+
+def generate_launch_description():
+    passed_on = ("namespace", "frame_prefix", "params_file", "port")
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "port", default_value="5480", description="Port of the simulated chassis"
+            ),
+            DeclareLaunchArgument(
+                "speed", default_value="1", description="How much faster time runs, 1 to 100"
+            ),
+            DeclareLaunchArgument(
+                "namespace", default_value="woosh_robot", description="Namespace of the robot"
+            ),
+            DeclareLaunchArgument(
+                "frame_prefix", default_value="", description="Put before every frame"
+            ),
+            DeclareLaunchArgument(
+                "params_file",
+                default_value=str(CONFIG / "agent.yaml"),
+                description="File with the agent's other parameters",
+            ),
+            # no ROS node: it would not know the arguments that ROS gives to nodes
+            ExecuteProcess(
+                cmd=[
+                    str(SIMULATOR),
+                    "--port",
+                    LaunchConfiguration("port"),
+                    "--tcp-port",
+                    "0",
+                    "--speed",
+                    LaunchConfiguration("speed"),
+                ],
+                name="simulator",
+                output="screen",
+            ),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(str(LAUNCH / "bringup.launch.py")),
+                launch_arguments=[
+                    ("ip", "127.0.0.1"),
+                    *((name, LaunchConfiguration(name)) for name in passed_on),
+                ],
+            ),
+        ]
+    )

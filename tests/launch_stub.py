@@ -1,0 +1,84 @@
+"""A stand-in for ROS's launch, which is not on PyPI: just enough to read our launch files with.
+
+Where the real one is installed, `test_launch` uses that one for reading too.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
+
+
+class Part:
+    """Whatever a launch file makes: it only remembers what it was made with."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        self.arguments = arguments
+        self.named = named
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.__dict__["named"][name]
+        except KeyError:
+            raise AttributeError(name) from None
+
+
+class LaunchConfiguration(Part):
+    def perform(self, context: dict[str, Any]) -> str:
+        return resolve(self, context)
+
+
+def resolve(value: Any, context: dict[str, Any]) -> Any:
+    """What a substitution stands for."""
+    kind = type(value).__name__
+    if kind == "LaunchConfiguration":
+        return context[value.arguments[0]]
+    if kind == "PathJoinSubstitution":
+        return "/".join(resolve(each, context) for each in value.arguments[0])
+    if kind == "FindPackageShare":
+        from ament_index_python.packages import get_package_share_directory
+
+        return get_package_share_directory(value.arguments[0])
+    if kind == "ParameterValue":
+        return value.named["value_type"](resolve(value.arguments[0], context))
+    return value
+
+
+_MODULES = {
+    "launch": ["LaunchDescription"],
+    "launch.actions": [
+        "DeclareLaunchArgument",
+        "ExecuteProcess",
+        "IncludeLaunchDescription",
+        "OpaqueFunction",
+    ],
+    "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
+    "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
+    "launch_ros": [],
+    "launch_ros.actions": ["Node"],
+    "launch_ros.parameter_descriptions": ["ParameterValue"],
+    "launch_ros.substitutions": ["FindPackageShare"],
+}
+
+
+@contextmanager
+def installed() -> Iterator[None]:
+    """Have launch files import the stand-in."""
+    before = {name: sys.modules.get(name) for name in _MODULES}
+    for name, classes in _MODULES.items():
+        module: Any = ModuleType(name)
+        for each in classes:
+            known = globals().get(each)
+            setattr(module, each, known or type(each, (Part,), {}))
+        sys.modules[name] = module
+    try:
+        yield
+    finally:
+        for name, module in before.items():
+            if module is None:
+                del sys.modules[name]
+            else:
+                sys.modules[name] = module

@@ -1,0 +1,262 @@
+"""A chassis, or what pretends to be one, that means harm: the link stays bounded and goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import subprocess
+import sys
+import tracemalloc
+from typing import Any
+
+import pytest
+from link_peer import Packed, Peer, RawServer, aio, error_of, eventually, soon
+
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link.frames import FrameError
+from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.once import LogOnce, shown
+from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.protos import message_types
+
+MIB = 1024 * 1024
+
+
+@aio
+async def test_the_link_goes_where_it_was_told_and_nowhere_else() -> None:
+    """A redirect to another machine is no chassis."""
+    async with Peer() as elsewhere:
+
+        async def redirect(reader: Any, writer: Any) -> None:
+            await reader.readuntil(b"\r\n\r\n")
+            writer.write(
+                b"HTTP/1.1 302 Found\r\nContent-Length: 0\r\n"
+                + f"Location: ws://127.0.0.1:{elsewhere.port}\r\n\r\n".encode()
+            )
+            await reader.read()
+
+        async with RawServer(redirect) as server:
+            config = elsewhere.config()
+            client = ChassisClient(config=_with_port(config, server.port))
+            assert "not a WebSocket server" in str(await error_of(client))
+            assert not elsewhere.wires
+
+
+def _with_port(config: Any, port: int) -> Any:
+    from dataclasses import replace
+
+    return replace(config, port=port)
+
+
+@aio
+async def test_a_length_that_no_message_has_ends_the_connection_at_once() -> None:
+    """It could not be skipped within a lifetime, and would count as life."""
+    async with Peer("tcp") as peer, peer.client() as client:
+        wire = await peer.wire()
+        await wire.raw(Packed.varint(2**40) + b"x" * 1000)
+        await peer.wire(2)
+        await client.wait_ready(2)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "[" + "{}," * (1_500_000) + "{}]",
+        '{"type":"woosh.robot.NavPath","body":{"path":{"poses":[' + "{}," * 1_500_000 + "{}]}}}",
+        '{"type":"x","body":[' + "[]," * 1_500_000 + "[]]}",
+        '{"type":"x","body":{' + ",".join(f'"{n}":1' for n in range(1_500_000)) + "}}",
+    ],
+    ids=["envelope", "poses", "lists", "names"],
+)
+def test_a_small_frame_does_not_become_a_big_heap(data: str) -> None:
+    """An empty object takes two bytes of a frame, and a hundred of memory."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(FrameError, match="objects, lists and names"):
+            JsonCodec().decode(data)
+        assert tracemalloc.get_traced_memory()[1] < MIB
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_big_frame_of_sensible_content_is_read() -> None:
+    numbers = ",".join(["0.25"] * 1_000_000)
+    frame = JsonCodec().decode('{"type":"x","body":{"ranges":[' + numbers + "]}}")
+    assert isinstance(frame.body, dict)
+
+
+@pytest.mark.parametrize("codec", ["json", "protobuf"])
+def test_a_type_that_is_no_name_is_cut(codec: str) -> None:
+    """It stands in errors, in logs, and in a simulator's answer."""
+    name = "x" * MIB
+    if codec == "json":
+        envelope = JsonCodec().decode('{"type":"' + name + '","sn":1}')
+    else:
+        envelope = ProtobufCodec().decode(Packed.pack({"type": name, "sn": 1}))
+    assert len(envelope.type) < 300
+    assert envelope.sn == 1
+    longest = max(message_types(), key=len)
+    assert JsonCodec().decode('{"type":"' + longest + '"}').type == longest
+
+
+@pytest.mark.parametrize(
+    ("sn", "kind"),
+    [('"' + "9" * 4000 + '"', "envelope"), ("9" * 100_000, "json"), ('"0x10"', "envelope")],
+)
+def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
+    with pytest.raises(FrameError) as caught:
+        JsonCodec().decode('{"type":"x","sn":' + sn + "}")
+    assert caught.value.kind == kind
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize("limit", ["default", "0"])
+def test_numbers_as_text_are_bounded_whatever_the_interpreter_says(limit: str) -> None:
+    """Turning a million digits into an integer takes Python many seconds."""
+    program = (
+        "from woosh_robot_agent.link.json_mapping import FieldError, from_json\n"
+        "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
+        "for text in ('9' * 20_000_000, '-' + '0' * 20_000_000, '9' * 4000):\n"
+        "    try:\n"
+        "        from_json({'mapId': text}, PoseSpeed())\n"
+        "    except FieldError as error:\n"
+        "        assert 'too long' in str(error), error\n"
+        "    else:\n"
+        "        raise SystemExit('it was taken')\n"
+    )
+    environment = {} if limit == "default" else {"PYTHONINTMAXSTRDIGITS": limit}
+    subprocess.run(
+        [sys.executable, "-c", program], env={**os.environ, **environment}, check=True, timeout=50
+    )
+
+
+def test_deep_nesting_with_protobufs_own_python() -> None:
+    """Its slow implementation has no limit of its own and runs into Python's."""
+    program = (
+        "from google.protobuf.internal import api_implementation\n"
+        "if api_implementation.Type() != 'python':\n"
+        "    raise SystemExit(0)\n"
+        "from woosh_robot_agent.link.frames import FrameError\n"
+        "from woosh_robot_agent.link.protobuf_codec import ProtobufCodec\n"
+        "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
+        "codec = ProtobufCodec()\n"
+        "frame = codec.decode(codec.encode('woosh.robot.PoseSpeed', PoseSpeed()))\n"
+        "frame.body = b'\\xfb\\x06' * 100_000 + b'\\xfc\\x06' * 100_000\n"
+        "for read in (lambda: codec.decode(frame.body), lambda: codec.body(frame, PoseSpeed)):\n"
+        "    try:\n"
+        "        read()\n"
+        "    except FrameError:\n"
+        "        continue\n"
+    )
+    environment = {**os.environ, "PROTOCOL_BUFFERS_PYTHON_IMPLEMENTATION": "python"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_is_told_once_is_remembered_in_little_room() -> None:
+    log = LogOnce(logging.getLogger("woosh_robot_agent.test"))
+    tracemalloc.start()
+    try:
+        for number in range(300):
+            log.warn(f"error {number} " + "x" * 100_000, "too much")
+        assert tracemalloc.get_traced_memory()[0] < MIB
+    finally:
+        tracemalloc.stop()
+
+
+@aio
+async def test_the_texts_of_a_chassis_are_one_short_line_in_the_log() -> None:
+    records: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: records.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("woosh_robot_agent.link")
+    logger.addHandler(handler)
+    try:
+        async with Peer() as peer, peer.client() as client:
+            wire = await peer.wire()
+            await wire.send({"type": "error", "ok": False, "msg": "a\n[INFO] b\x1b[2J" + "x" * MIB})
+            await eventually(lambda: [text for text in records if "reports" in text])
+            (told,) = [text for text in records if "reports" in text]
+            assert told.isprintable()
+            assert len(told) < 1000
+            task = asyncio.ensure_future(client.request(Speak()))
+            await wire.answer(await wire.next("woosh.robot.Speak"), ok=False, msg="a\nb" * 1000)
+            answer = await soon(task)
+            assert answer.msg == "a\nb" * 1000, "but callers get them as they are"
+    finally:
+        logger.removeHandler(handler)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("电量低", "电量低"),
+        ("a\nb\tc", "a\\nb\\tc"),
+        ("\x1b[31mred", "\\x1b[31mred"),
+        ("\u202eright to left", "\\u202eright to left"),
+        ("x" * 600, "x" * 500 + "... (600 characters)"),
+    ],
+)
+def test_text_of_others_in_a_log(text: str, expected: str) -> None:
+    assert shown(text) == expected
+
+
+HOSTILE = {
+    "nested lists": "[" * 100_000,
+    "nested objects": '{"a":' * 100_000,
+    "nested body": '{"type":"woosh.robot.PoseSpeed","body":' + "[" * 5000 + "]" * 5000 + "}",
+    "nested unknown field": '{"type":"woosh.robot.PoseSpeed","body":{"new":'
+    + "[" * 900
+    + "]" * 900
+    + "}}",
+    "type is a list": '{"type":["woosh.robot.PoseSpeed"],"body":{}}',
+    "type is empty": '{"type":"","body":{}}',
+    "body is a list": '{"type":"woosh.robot.PoseSpeed","body":[1]}',
+    "sn is an object": '{"type":"woosh.robot.PoseSpeed","sn":{},"body":{}}',
+    "sn is infinite": '{"type":"woosh.robot.PoseSpeed","sn":1e999,"body":{}}',
+    "sn is negative": '{"type":"woosh.robot.PoseSpeed","sn":-1,"body":{}}',
+    "base64 of nothing but padding": '{"type":"woosh.common.FileData","body":{"data":"'
+    + "=" * MIB
+    + '"}}',
+    "base64 that is none": '{"type":"woosh.common.FileData","body":{"data":"'
+    + "\\u0000" * 9
+    + '"}}',
+    "keys twice": '{"type":"x","type":"woosh.robot.PoseSpeed","body":{},"body":1}',
+    "a number too big": '{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":1e308}}}',
+    "any in any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","body":{"info":'
+    + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
+    + "{}"
+    + "}" * 300
+    + "}}",
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+@aio
+async def test_a_hostile_push_ends_nothing(what: str) -> None:
+    async with Peer() as peer, peer.client() as client:
+        client.subscribe(PoseSpeed, lambda _push: None)
+        wire = await peer.wire()
+        await wire.raw(HOSTILE[what])
+        task = asyncio.ensure_future(client.request(Speak()))
+        await wire.answer(await wire.next("woosh.robot.Speak"))
+        assert (await soon(task)).ok
+        assert client.stats.connects == 1
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+@aio
+async def test_a_hostile_answer_ends_nothing(what: str) -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = asyncio.ensure_future(client.request(Speak()))
+        asked = await wire.next("woosh.robot.Speak")
+        await wire.raw(f'{{"sn":{asked["sn"]},' + HOSTILE[what].removeprefix("{"))
+        await wire.answer(asked)
+        await soon(task)
+        assert client.stats.connects == 1

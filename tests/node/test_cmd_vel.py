@@ -1,0 +1,256 @@
+"""cmd_vel: drives while it is repeated, and stops the robot when it is not."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import Twist, TwistStamped
+from goals import CANCELED, SUCCEEDED, short_task, step
+from harness import Client, wait_until
+from std_srvs.srv import Trigger
+
+from woosh_robot_agent.simulator import SimulatorThread
+
+TWIST = "woosh.robot.Twist"
+
+
+class Sender:
+    """Publishes on cmd_vel, once or again and again."""
+
+    def __init__(self, client: Client, message_class: Any = Twist) -> None:
+        self._client = client
+        self._publisher = client.node.create_publisher(message_class, client.path("cmd_vel"), 10)
+        wait_until(self._publisher.get_subscription_count, "the agent at cmd_vel")
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def send(self, x: float = 0.0, y: float = 0.0, turn: float = 0.0) -> None:
+        message = Twist()
+        message.linear.x, message.linear.y, message.angular.z = x, y, turn
+        self._publisher.publish(message)
+
+    def send_stamped(self, x: float, age: float) -> None:
+        message = TwistStamped()
+        message.twist.linear.x = x
+        at = self._client.node.get_clock().now().nanoseconds - int(age * 1e9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(at, 10**9)
+        self._publisher.publish(message)
+
+    def repeat(self, rate: float, **velocity: float) -> None:
+        def loop() -> None:
+            while not self._stop.wait(1 / rate):
+                self.send(**velocity)
+
+        self._thread = threading.Thread(target=loop, daemon=True)
+        self._thread.start()
+
+    def pause(self) -> float:
+        """End `repeat`; returns the time of the end."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._stop.clear()
+        return time.monotonic()
+
+
+@pytest.fixture
+def sender(agent: Any, client: Client) -> Iterator[Sender]:
+    sender = Sender(client)
+    yield sender
+    sender.pause()
+
+
+@pytest.fixture
+def twists(simulator: SimulatorThread) -> Callable[[], list[tuple[float, float, float]]]:
+    """What reached the chassis so far: linear, linear_y, angular."""
+
+    def read() -> list[tuple[float, float, float]]:
+        return [
+            (m.linear, m.linear_y, m.angular)
+            for m in (each.message for each in simulator.received if each.type == TWIST)
+        ]
+
+    return read
+
+
+@pytest.fixture
+def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
+    """When velocities reached the chassis, and whether each was zero."""
+    times: list[tuple[float, bool]] = []
+
+    def note(frame: Any) -> list[Any]:
+        if frame.request == TWIST:
+            sent = simulator_last(simulator)
+            times.append((time.monotonic(), not (sent.linear or sent.linear_y or sent.angular)))
+        return [frame]
+
+    simulator.intercept(note)
+    return times
+
+
+def simulator_last(simulator: SimulatorThread) -> Any:
+    return simulator._simulator.last(TWIST)  # in the simulator's own thread
+
+
+def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
+    sender.send(0.2, -0.1, 0.3)
+    simulator.wait_received(TWIST)
+    assert twists()[0] == pytest.approx((0.2, -0.1, 0.3))
+
+
+def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals):
+    delays = []
+    for times in range(1, 4):  # the best of three: a busy machine may be late now and then
+        before = len(arrivals)
+        sender.repeat(20, x=0.3)
+        wait_until(lambda: len(arrivals) >= before + 5)  # noqa: B023
+        end = sender.pause()
+        wait_until(lambda: arrivals[-1][1], "the zero")
+        delays.append(arrivals[-1][0] - end)
+        count = len(arrivals)
+        threading.Event().wait(0.8)
+        assert len(arrivals) == count
+        assert twists().count((0.0, 0.0, 0.0)) == times
+    assert 0.3 < min(delays) < 0.6
+
+
+def test_a_zero_needs_no_other(simulator, sender, twists):
+    sender.send(x=0.3)
+    simulator.wait_received(TWIST)
+    sender.send()
+    simulator.wait_received(TWIST, 2)
+    threading.Event().wait(0.8)
+    assert len(twists()) == 2
+
+
+class TestRate:
+    def test_the_latest_wins(self, simulator, start_agent, client, arrivals):
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=5.0)
+        agent.wait_connected()
+        sender = Sender(client)
+        sender.repeat(100, x=0.3)
+        begun = time.monotonic()
+        wait_until(lambda: len(arrivals) >= 6)
+        assert time.monotonic() - begun > 0.9, "six at 5 Hz take a second"
+        sender.pause()
+
+    def test_a_zero_waits_for_nothing(self, simulator, start_agent, client, arrivals):
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=1.0)
+        agent.wait_connected()
+        sender = Sender(client)
+        sender.send(x=0.3)
+        simulator.wait_received(TWIST)
+        begun = time.monotonic()
+        sender.send()
+        wait_until(lambda: arrivals and arrivals[-1][1])
+        assert time.monotonic() - begun < 0.5
+
+
+class TestRefused:
+    def test_nan(self, simulator, sender, twists, logs):
+        sender.send(math.nan)
+        sender.send(x=0.3, y=math.inf)
+        logs.wait(lambda record: "not all finite" in record.getMessage())
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+        assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
+
+    def test_beyond_the_limits_is_clamped(self, simulator, start_agent, client, twists):
+        agent = start_agent(
+            ip="127.0.0.1", port=simulator.port, cmd_vel_max_linear=0.5, cmd_vel_max_angular=0.2
+        )
+        agent.wait_connected()
+        Sender(client).send(3.0, 4.0, -9.0)
+        simulator.wait_received(TWIST)
+        assert twists()[0] == pytest.approx((0.3, 0.4, -0.2)), "the direction stays"
+
+    def test_a_stale_stamp(self, simulator, start_agent, client, twists, logs):
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_stamped=True)
+        agent.wait_connected()
+        sender = Sender(client, TwistStamped)
+        sender.send_stamped(0.4, age=3.0)
+        logs.wait(lambda record: "cmd_vel_max_age" in record.getMessage())
+        sender.send_stamped(0.1, age=0.0)
+        simulator.wait_received(TWIST)
+        assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
+
+    def test_while_a_goal_runs(self, simulator, agent, sender, client, twists, logs):
+        goal = step(client, 20.0)
+        simulator.wait_received("woosh.ros.CallAction")
+        sender.send(x=0.3)
+        logs.wait(lambda record: "cmd_vel_override" in record.getMessage())
+        goal.cancel()
+        assert goal.result()[0] == CANCELED
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+        assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
+
+    def test_a_goal_that_comes_while_it_drives_is_not_stopped(
+        self, simulator, agent, sender, client, twists
+    ):
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+        goal = short_task(client, 0.5)
+        assert goal.result()[0] == SUCCEEDED
+        assert (0.0, 0.0, 0.0) not in twists()
+
+    def test_unless_it_may_override(self, simulator, start_agent, client):
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_override=True)
+        agent.wait_connected()
+        step(client, 20.0)
+        simulator.wait_received("woosh.ros.CallAction")
+        Sender(client).send(x=0.3)
+        simulator.wait_received(TWIST)
+
+    def test_it_can_be_off(self, simulator, start_agent, client):
+        start_agent(ip="127.0.0.1", port=simulator.port, enable_cmd_vel=False).wait_connected()
+        wait_until(lambda: client.publishers("connected"), "the agent")
+        assert not client.node.count_subscribers(client.path("cmd_vel"))
+
+
+class TestLinkLoss:
+    def test_a_driving_robot_gets_its_zero_when_the_link_is_back(
+        self, simulator, agent, sender, twists
+    ):
+        sender.send(x=0.3)
+        simulator.wait_received(TWIST)
+        simulator.stop_listening()
+        wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
+        sender.send(x=0.4)  # nobody gets this, then or later
+        simulator.listen()
+        agent.wait_connected(2)
+        simulator.wait_received(TWIST, 2)
+        threading.Event().wait(0.8)
+        assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
+
+    def test_a_standing_one_gets_nothing(self, simulator, agent, sender, twists):
+        sender.send(x=0.3)
+        sender.send()
+        wait_until(lambda: (0.0, 0.0, 0.0) in twists())
+        count = len(twists())
+        simulator.drop()
+        agent.wait_connected(2)
+        threading.Event().wait(0.8)
+        assert len(twists()) == count
+
+
+class TestStop:
+    def test_it_silences_until_a_pause(self, simulator, agent, sender, client, twists, logs):
+        sender.repeat(20, x=0.3)
+        simulator.wait_received(TWIST, 3)
+        assert client.call(Trigger, "stop").success
+        logs.wait(lambda record: "the robot was stopped" in record.getMessage())
+        wait_until(lambda: twists()[-1] == (0.0, 0.0, 0.0))
+        count = len(twists())
+        threading.Event().wait(0.5)
+        assert len(twists()) == count, "nothing after the stop"
+        sender.pause()
+        threading.Event().wait(0.7)
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST, count + 1)
+        assert twists()[count] == pytest.approx((0.1, 0.0, 0.0))

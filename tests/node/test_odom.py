@@ -1,0 +1,234 @@
+"""odom and /tf against where the simulated robot really is."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from goals import SUCCEEDED
+from harness import Client, wait_until
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_msgs.srv import SetRobotPose, Twist
+from woosh_ros_msgs.action import StepControl
+from woosh_ros_msgs.msg import StepControlStep
+
+POSE_SPEED = "woosh.robot.PoseSpeed"
+STRAIGHT, ROTATE, LATERAL = 1, 2, 3
+EXECUTE = 1
+
+
+@pytest.fixture
+def slow_simulator() -> Any:
+    """At three times the speed of a real robot: odom is about how far one can drive in a time."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
+        yield running
+
+
+@pytest.fixture
+def truth(slow_simulator: SimulatorThread) -> list[Plane]:
+    """Every pose that the robot reported, oldest first."""
+    poses: list[Plane] = []
+
+    def note(frame: Outgoing) -> list[Outgoing]:
+        if frame.type == POSE_SPEED:
+            poses.append(Plane.of(frame.body.pose))  # type: ignore[union-attr]
+        return [frame]
+
+    slow_simulator.intercept(note)
+    return poses
+
+
+@pytest.fixture
+def start(slow_simulator: SimulatorThread, start_agent: Callable[..., Any]) -> Callable[..., Any]:
+    def start(**parameters: Any) -> Any:
+        agent = start_agent(ip="127.0.0.1", port=slow_simulator.port, backoff_min=0.1, **parameters)
+        agent.wait_connected()
+        return agent
+
+    return start
+
+
+def odoms(client: Client) -> Any:
+    return client.echo_with(Odometry, "odom", QoSProfile(depth=1000))
+
+
+def plane(pose: Any) -> Plane:
+    return Plane(
+        pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
+    )
+
+
+def of_transform(transform: Any) -> Plane:
+    shift, rotation = transform.translation, transform.rotation
+    return Plane(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
+
+
+def near(one: Plane, other: Plane, metres: float = 0.01, radians: float = 0.01) -> bool:
+    off = one.inverse * other
+    return off.distance <= metres and abs(off.theta) <= radians
+
+
+def drive(client: Client, *steps: tuple[int, float]) -> None:
+    """Run steps of (mode, value) at full speed to their end."""
+    goal = StepControl.Goal()
+    goal.arg.action.value = EXECUTE
+    for mode, value in steps:
+        step = StepControlStep(value=value, speed=1.0)
+        step.mode.value = mode
+        goal.arg.steps.append(step)
+    status, ret = client.send_goal(StepControl, "ros/StepControl", goal).result(60.0)
+    assert status == SUCCEEDED, ret
+
+
+def start_pose(simulator: SimulatorThread) -> Plane:
+    pose = simulator.state.pose
+    return Plane(pose.x, pose.y, pose.theta)
+
+
+def test_a_square(slow_simulator, truth, start, client):
+    begin = start_pose(slow_simulator)
+    start()
+    odom = odoms(client)
+    first = odom.wait_count(1)[0]
+    assert first.header.frame_id == "odom"
+    assert first.child_frame_id == "base_link"
+    drive(client, *[(STRAIGHT, 1.0), (ROTATE, math.pi / 2)] * 4)
+    end = start_pose(slow_simulator)
+    odom.wait(lambda m: near(begin * plane(m.pose.pose), end) and not m.twist.twist.angular.z)
+    at = 0
+    for message in odom.messages:
+        pose = begin * plane(message.pose.pose)
+        found = [i for i in range(at, len(truth)) if near(pose, truth[i])]
+        if near(pose, begin) and not at:
+            continue
+        assert found, f"{pose} is nowhere on the way after {truth[at]}"
+        at = found[0]
+    stamps = [m.header.stamp.sec + m.header.stamp.nanosec / 1e9 for m in odom.messages]
+    assert stamps == sorted(set(stamps))
+    assert 0.7 < max(m.twist.twist.linear.x for m in odom.messages) <= 1.0
+
+
+def test_sideways(slow_simulator, start, client):
+    begin = start_pose(slow_simulator)
+    start()
+    odom = odoms(client)
+    drive(client, (LATERAL, 0.8))
+    end = start_pose(slow_simulator)
+    odom.wait(lambda m: near(begin * plane(m.pose.pose), end))
+    speeds = [m.twist.twist.linear.y for m in odom.messages]
+    assert max(speeds) > 0.3
+    wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
+
+
+def test_a_standing_robot_goes_on_at_the_rate(start, client):
+    start(odom_rate=50.0)
+    odom = odoms(client)
+    odom.wait_count(25)
+    stamps = [m.header.stamp.sec + m.header.stamp.nanosec / 1e9 for m in odom.messages]
+    gaps = sorted(b - a for a, b in pairwise(stamps))
+    assert gaps[len(gaps) // 2] == pytest.approx(0.02, abs=0.01)
+
+
+def test_covariance(start, client):
+    diagonal = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    start(pose_covariance=diagonal, twist_covariance=diagonal[::-1])
+    (message,) = odoms(client).wait_count(1)[:1]
+    for covariance, wanted in (
+        (message.pose.covariance, diagonal),
+        (message.twist.covariance, diagonal[::-1]),
+    ):
+        assert [covariance[7 * i] for i in range(6)] == wanted
+        assert sum(covariance) == pytest.approx(sum(wanted))
+
+
+def test_it_stops_with_the_link(slow_simulator, start, client):
+    agent = start()
+    odom = odoms(client)
+    odom.wait_count(3)
+    slow_simulator.stop_listening()
+    wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
+    before = len(odom.messages)
+    threading.Event().wait(0.5)  # ten would come in this time
+    assert len(odom.messages) - before <= 2, "what was on its way when the link went"
+    slow_simulator.listen()
+    agent.wait_connected(2)
+    odom.wait_count(before + 5)
+
+
+def test_it_can_be_off(start, client):
+    start(enable_odom=False)
+    wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
+    assert not client.publishers("odom")
+    assert not client.publishers("/tf")
+
+
+class TestTransforms:
+    def test_odom_goes_on_while_the_map_pose_jumps(self, slow_simulator, start, client):
+        start(publish_tf=True)
+        odom = odoms(client)
+        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
+        odom.wait_count(1)
+        drive(client, (STRAIGHT, 0.5))
+        for x, y, theta in ((1.0, 1.5, 1.0), (2.0, -7.5, -3.0)):
+            request = SetRobotPose.Request()
+            request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = x, y, theta
+            assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
+            transforms.wait(lambda m: near(chain(m), Plane(x, y, theta)))  # noqa: B023
+            drive(client, (ROTATE, 0.5))
+        end = start_pose(slow_simulator)
+        transforms.wait(lambda m: near(chain(m), end))
+        self._is_continuous(odom.messages)
+        for message in transforms.messages:
+            assert [(t.header.frame_id, t.child_frame_id) for t in message.transforms] == [
+                ("map", "odom"),
+                ("odom", "base_link"),
+            ]
+        # the square of jumps left odom where the wheels brought it
+        assert near(plane(odom.messages[-1].pose.pose), Plane(0.5, 0.0, 1.0))
+
+    def test_a_jump_while_driving(self, slow_simulator, start, client):
+        start(publish_tf=True)
+        odom = odoms(client)
+        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
+        twist = Twist.Request()
+        twist.arg.angular = 0.5
+        for _ in range(3):
+            assert client.call(Twist, "robot/Twist", arg=twist.arg).ok
+        odom.wait(lambda m: m.twist.twist.angular.z > 0.2)
+        request = SetRobotPose.Request()
+        request.arg.pose.x, request.arg.pose.y = 1.0, 1.5
+        assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
+        odom.wait(lambda m: m.twist.twist.angular.z == 0.0 and m.pose.pose.orientation.z)
+        wait_until(lambda: near(chain(transforms.messages[-1]), start_pose(slow_simulator)))
+        self._is_continuous(odom.messages)
+
+    def test_prefix_and_names(self, start, client):
+        start(
+            publish_tf=True, frame_prefix="r1/", map_frame="world", odom_frame="o", base_frame="b"
+        )
+        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=10))
+        message = transforms.wait_count(1)[0]
+        assert [(t.header.frame_id, t.child_frame_id) for t in message.transforms] == [
+            ("r1/world", "r1/o"),
+            ("r1/o", "r1/b"),
+        ]
+
+    @staticmethod
+    def _is_continuous(messages: list[Any]) -> None:
+        poses = [plane(m.pose.pose) for m in messages]
+        for one, other in pairwise(poses):
+            assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
+
+
+def chain(message: Any) -> Plane:
+    to_odom, to_base = (of_transform(t.transform) for t in message.transforms)
+    return to_odom * to_base

@@ -1,0 +1,114 @@
+"""initialpose and goal_pose, as RViz sends them, and cancel."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from harness import Client, wait_until
+from std_srvs.srv import Trigger
+
+from woosh_robot_agent.simulator import SimulatorThread
+
+CALL_ACTION = "woosh.ros.CallAction"
+SET_POSE = "woosh.robot.SetRobotPose"
+
+
+class Sender:
+    """What RViz's tools publish."""
+
+    def __init__(self, client: Client) -> None:
+        self._publishers = {
+            name: client.node.create_publisher(cls, client.path(name), 10)
+            for name, cls in (
+                ("initialpose", PoseWithCovarianceStamped),
+                ("goal_pose", PoseStamped),
+            )
+        }
+        for name, publisher in self._publishers.items():
+            wait_until(publisher.get_subscription_count, f"the agent at {name}")
+
+    def initialpose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
+        message = PoseWithCovarianceStamped()
+        _fill(message, message.pose.pose, x, y, yaw, frame)
+        self._publishers["initialpose"].publish(message)
+
+    def goal_pose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
+        message = PoseStamped()
+        _fill(message, message.pose, x, y, yaw, frame)
+        self._publishers["goal_pose"].publish(message)
+
+
+def _fill(message: Any, pose: Any, x: float, y: float, yaw: float, frame: str) -> None:
+    message.header.frame_id = frame
+    pose.position.x, pose.position.y = x, y
+    pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+
+
+@pytest.fixture
+def sender(agent: Any, client: Client) -> Sender:
+    return Sender(client)
+
+
+def at(simulator: SimulatorThread, x: float, y: float, yaw: float) -> bool:
+    pose = simulator.state.pose
+    return (pose.x, pose.y, pose.theta) == pytest.approx((x, y, yaw), abs=0.02)
+
+
+class TestInitialpose:
+    def test_it_is_where_it_is_said_to_be(self, simulator, sender):
+        sender.initialpose(1.0, 1.5, 2.0)
+        wait_until(lambda: at(simulator, 1.0, 1.5, 2.0))
+
+    def test_a_refusal_is_told(self, simulator, sender, logs):
+        sender.initialpose(500.0, 0.0, 0.0)
+        logs.wait(lambda r: "refused initialpose" in r.getMessage() and r.levelname == "ERROR")
+
+    def test_another_frame_is_told(self, simulator, sender, logs):
+        sender.initialpose(1.0, 1.5, 0.0, frame="odom")
+        logs.wait(lambda r: "set the fixed frame to map" in r.getMessage())
+        assert simulator.counts[SET_POSE] == 0
+
+    def test_nonsense_is_told(self, simulator, sender, logs):
+        sender.initialpose(math.nan, 1.5, 0.0)
+        logs.wait(lambda r: "not finite" in r.getMessage())
+        assert simulator.counts[SET_POSE] == 0
+
+
+class TestGoalPose:
+    @pytest.fixture
+    def statuses(self, client) -> Any:
+        return client.echo(GoalStatusArray, "ros/MoveBase/_action/status")
+
+    def test_it_drives_there(self, simulator, sender, logs):
+        sender.goal_pose(5.0, -6.8, 0.5)
+        wait_until(lambda: at(simulator, 5.0, -6.8, 0.5))
+        logs.wait(lambda r: r.getMessage() == "goal_pose was reached")
+
+    def test_the_next_replaces_it(self, simulator, sender, statuses):
+        sender.goal_pose(-8.0, 8.0, 0.5)
+        simulator.wait_received(CALL_ACTION)
+        sender.goal_pose(5.0, -6.8, 0.5)
+        wait_until(lambda: at(simulator, 5.0, -6.8, 0.5))
+        ended = {GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_SUCCEEDED}
+        statuses.wait(lambda m: {s.status for s in m.status_list} == ended)
+
+    def test_cancel(self, simulator, sender, client, statuses):
+        assert not client.call(Trigger, "cancel").success
+        sender.goal_pose(-8.0, 8.0, 0.5)
+        simulator.wait_received(CALL_ACTION)
+        assert client.call(Trigger, "cancel").success
+        statuses.wait(lambda m: m.status_list[-1].status == GoalStatus.STATUS_CANCELED)
+        wait_until(lambda: not client.call(Trigger, "cancel").success)
+
+    def test_why_it_was_not_reached_is_told(self, sender, logs):
+        sender.goal_pose(500.0, 0.0, 0.0)
+        logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: "))
+
+    def test_another_frame_is_told(self, simulator, sender, logs):
+        sender.goal_pose(1.0, 1.5, 0.0, frame="odom")
+        logs.wait(lambda r: "set the fixed frame to map" in r.getMessage())
+        assert simulator.counts[CALL_ACTION] == 0

@@ -1,0 +1,135 @@
+"""scan: asked only while it is wanted, in REP 117's terms, and true."""
+
+from __future__ import annotations
+
+import math
+import random
+import threading
+from typing import Any
+
+import pytest
+from harness import wait_until
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
+
+from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
+from woosh_robot_agent.pb.util.common_pb2 import Vector3
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.simulator.laser import Laser
+from woosh_robot_agent.standard.scan import rep_117
+
+SCANNER = "woosh.robot.ScannerData"
+
+
+def scans(client: Any) -> Any:
+    return client.echo_with(LaserScan, "scan", qos_profile_sensor_data)
+
+
+def test_it_is_asked_only_while_somebody_subscribes(simulator, agent, client):
+    wait_until(lambda: client.publishers("scan"), "the agent")
+    threading.Event().wait(0.5)
+    assert simulator.counts[SCANNER] == 0
+    subscription = client.node.create_subscription(
+        LaserScan, client.path("scan"), lambda _scan: None, qos_profile_sensor_data
+    )
+    simulator.wait_received(SCANNER, 3)
+    client.node.destroy_subscription(subscription)
+    wait_until(lambda: not client.node.count_subscribers(client.path("scan")))
+    seen = -1
+
+    def quiet() -> bool:
+        nonlocal seen
+        before, seen = seen, simulator.counts[SCANNER]
+        threading.Event().wait(0.5)
+        return simulator.counts[SCANNER] == before
+
+    wait_until(quiet, "an end of the questions")
+
+
+def test_it_sees_the_walls(simulator: SimulatorThread, agent, client):
+    scan = scans(client).wait_count(1)[0]
+    assert scan.header.frame_id == "laser"
+
+    def truth(sim: Any) -> list[float]:
+        exact = Laser(noise=0.0)
+        chassis = sim.chassis
+        return exact.scan(chassis.base.pose, chassis.map.walls, random.Random(1))
+
+    walls = simulator.call(truth)
+    assert len(scan.ranges) == len(walls) == 881
+    for seen, wall in zip(scan.ranges, walls, strict=True):
+        assert seen == wall or abs(seen - wall) < 0.02
+    assert scan.angle_min + 880 * scan.angle_increment == pytest.approx(scan.angle_max, abs=1e-3)
+
+
+def test_what_is_out_of_range(simulator, agent, client):
+    data = ScannerData(
+        angle_min=-1.0,
+        angle_max=1.0,
+        angle_increment=0.4,
+        range_min=0.1,
+        range_max=10.0,
+        ranges=[math.nan, math.inf, 0.0, 0.05, 5.0, 10.5],
+    )
+
+    def answer(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCANNER:
+            frame.body.CopyFrom(data)  # type: ignore[union-attr]
+        return [frame]
+
+    simulator.intercept(answer)
+    scan = scans(client).wait_count(1)[0]
+    assert math.isnan(scan.ranges[0])
+    assert list(scan.ranges[1:]) == pytest.approx([math.inf, math.inf, -math.inf, 5.0, math.inf])
+
+
+def test_rep_117():
+    assert list(rep_117([1.0, 0.0, 0.01, 30.0], 0.05, 25.0)) == [1.0, math.inf, -math.inf, math.inf]
+
+
+def test_the_place_of_the_laser(simulator, start_agent, client):
+    start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")
+    static = client.echo(TFMessage, "/tf_static")
+    (transform,) = static.wait_count(1)[0].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("a/base_link", "a/laser")
+    assert transform.transform.translation.x == pytest.approx(0.25)
+    assert transform.transform.rotation.w == 1.0
+    threading.Event().wait(0.5)
+    assert simulator.counts[SCANNER] == 1, "one question was enough"
+
+
+def test_older_firmware_tells_no_place(simulator, start_agent, client, logs):
+    def without(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCANNER:
+            frame.body.ClearField("offset")  # type: ignore[union-attr]
+        return [frame]
+
+    simulator.intercept(without)
+    start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
+    static = client.echo(TFMessage, "/tf_static")
+    assert scans(client).wait_count(2)
+    assert not static.messages
+
+
+def test_a_refusal_is_told_once(simulator, agent, client, logs):
+    simulator.refuse(SCANNER, "the laser is broken")
+    received = scans(client)
+    simulator.wait_received(SCANNER, 3)
+    told = [r for r in logs.messages if r.levelname == "WARNING" and "broken" in r.getMessage()]
+    assert len(told) == 1
+    simulator.accept(SCANNER)
+    received.wait_count(1)
+
+
+def test_tf_at_a_height(simulator, start_agent, client):
+    def high(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCANNER:
+            frame.body.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3))  # type: ignore[union-attr]
+        return [frame]
+
+    simulator.intercept(high)
+    start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
+    static = client.echo(TFMessage, "/tf_static")
+    shift = static.wait_count(1)[0].transforms[0].transform.translation
+    assert (shift.x, shift.y, shift.z) == pytest.approx((0.1, 0.2, 0.3))

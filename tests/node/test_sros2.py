@@ -1,0 +1,155 @@
+"""The agent has exactly what its policy allows, and runs under SROS2 where that is there."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as xml
+
+import pytest
+from harness import Client, RunningAgent, wait_until
+
+from woosh_robot_agent import security
+from woosh_robot_agent.testing import AgentProcess, running_chassis
+
+ROOT = Path(__file__).parents[2]
+EVERY_ROS_NODE = {"ros_discovery_info"}
+"""What the middleware itself uses; SROS2 adds it to all permissions."""
+
+
+def permissions(policy: str) -> dict[str, set[str]]:
+    """The DDS topics that a policy has a node publish and subscribe, by SROS2's translation."""
+    out: dict[str, set[str]] = {"publish": set(), "subscribe": set()}
+
+    def ask(name: str, asks: str, answers: str) -> None:
+        out[asks].add(f"rq{name}Request")
+        out[answers].add(f"rr{name}Reply")
+
+    def act(name: str, asks: str, answers: str) -> None:
+        for service in ("send_goal", "cancel_goal", "get_result"):
+            ask(f"{name}/_action/{service}", asks, answers)
+        for topic in ("feedback", "status"):
+            out[answers].add(f"rt{name}/_action/{topic}")
+
+    for group in xml.fromstring(policy).findall(".//profile/*"):
+        (deed,) = group.attrib
+        for element in group:
+            name = str(element.text)
+            if group.tag == "topics":
+                out[deed].add(f"rt{name}")
+            elif deed in ("request", "reply"):
+                ask(name, *(("publish", "subscribe")[:: 1 if deed == "request" else -1]))
+            else:
+                act(name, *(("publish", "subscribe")[:: 1 if deed == "call" else -1]))
+    return out
+
+
+def used(client: Client, node: str, namespace: str) -> dict[str, set[str]]:
+    """The DDS topics that a node of the graph publishes and subscribes."""
+    ask: Any = client.node
+    found = {
+        "publish": ask.get_publisher_names_and_types_by_node(node, namespace, True),
+        "subscribe": ask.get_subscriber_names_and_types_by_node(node, namespace, True),
+    }
+    return {deed: {name for name, _ in names} - EVERY_ROS_NODE for deed, names in found.items()}
+
+
+def test_the_agent_has_exactly_what_its_policy_allows(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
+    start_agent(ip="127.0.0.1", port=1, publish_tf=True)
+    allowed = permissions(security.agent_policy())
+
+    def seen() -> bool:
+        nodes = client.node.get_node_names_and_namespaces()
+        return ("agent", "/woosh_robot") in nodes and allowed == used(
+            client, "agent", "/woosh_robot"
+        )
+
+    try:
+        wait_until(seen, "the graph")
+    except AssertionError:
+        assert used(client, "agent", "/woosh_robot") == allowed
+
+
+def test_a_client_has_what_every_node_has(client: Client) -> None:
+    """Of the client's policy this is what the table does not say."""
+    nothing = permissions(security.client_policy(read_only=True, only=["robot/General"]))
+    nothing["publish"].remove("rq/woosh_robot/robot/GeneralRequest")
+    nothing["subscribe"].remove("rr/woosh_robot/robot/GeneralReply")
+    wait_until(lambda: used(client, "client", "/") == nothing, "the client's own endpoints")
+
+
+def test_policies_of_agent_and_client_fit_each_other() -> None:
+    agent = permissions(security.agent_policy())
+    client = permissions(security.client_policy())
+    common = {"rt/rosout", "rt/parameter_events"}
+
+    def of_the_robot(names: set[str]) -> set[str]:
+        return {name for name in names - common if "/client/" not in name and "/agent/" not in name}
+
+    published, subscribed = of_the_robot(agent["publish"]), of_the_robot(agent["subscribe"])
+    assert of_the_robot(client["publish"]) <= subscribed
+    assert of_the_robot(client["subscribe"]) <= published
+    # what remains is between the agent and itself: goal_pose becomes a goal
+    assert subscribed - of_the_robot(client["publish"]) <= published
+    assert published - of_the_robot(client["subscribe"]) <= subscribed
+
+
+needs_sros2 = pytest.mark.skipif(
+    not (importlib.util.find_spec("sros2") and shutil.which("ros2")),
+    reason="there are no tools of SROS2 here (apt-get install ros-jazzy-sros2)",
+)
+
+
+@needs_sros2
+def test_agent_and_client_under_sros2(
+    domain: int, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`client` is from before the keystore: it takes no part in security, and so gets nothing."""
+    from woosh_robot_msgs.srv import PoseSpeed
+
+    keystore = tmp_path / "keystore"
+    subprocess.run([ROOT / "scripts" / "make_keystore", keystore], check=True, timeout=100)
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(keystore))
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    with running_chassis() as chassis:
+        agent = AgentProcess(
+            domain,
+            "/woosh_robot",
+            *("--enclave", "/woosh_robot/agent"),
+            ip="127.0.0.1",
+            port=chassis.port,
+        )
+        try:
+            wait_until(lambda: "connected to " in agent.output or agent.process.poll() is not None)
+            if "doesn't have the security libraries" in agent.output:
+                pytest.skip("this build of the middleware has no security")
+            agent.wait_connected()
+            done = subprocess.run(
+                [
+                    *(sys.executable, Path(__file__).with_name("secured_client.py")),
+                    *("--ros-args", "--enclave", "/woosh_robot/client"),
+                ],
+                env={
+                    **os.environ,
+                    "PYTHONPATH": f"{ROOT / 'tests'}:{os.environ.get('PYTHONPATH', '')}",
+                },
+                capture_output=True,
+                text=True,
+                timeout=60,
+            )
+            assert done.returncode == 0, done.stderr
+            said = [line.split()[0] for line in done.stdout.splitlines()]
+            assert said == ["service", "topic", "refused"], done.stdout
+            outsider = client.node.create_client(PoseSpeed, "/woosh_robot/robot/PoseSpeed")
+            assert not outsider.service_is_ready()
+        finally:
+            agent.close()

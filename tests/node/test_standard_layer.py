@@ -1,0 +1,126 @@
+"""The standard layer as a whole: what it offers, how it is switched, and two robots at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import Twist
+from harness import Client, RunningAgent, wait_until
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from tf2_msgs.msg import TFMessage
+
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.standard.settings import PARAMETERS, StandardSettings
+from woosh_robot_agent.standard.table import STANDARD, Kind
+
+TWIST = "woosh.robot.Twist"
+SWITCHES = [p.name for p in PARAMETERS if p.name.startswith("enable_") or p.name == "publish_tf"]
+
+
+def endpoints(client: Client) -> dict[str, Any]:
+    """What the agent offers of the table, by name: types, or of topics the endpoint's info."""
+    found: dict[str, Any] = {}
+    node = client.node
+    if ("agent", client.namespace) not in node.get_node_names_and_namespaces():
+        return found  # not discovered yet
+    services = dict(node.get_service_names_and_types_by_node("agent", client.namespace))
+    for entry in STANDARD:
+        path = client.path(entry.name)
+        if entry.kind is Kind.SERVICE:
+            if path in services:
+                found[entry.name] = services[path][0].replace("/srv/", "/")
+            continue
+        ask = (
+            node.get_subscriptions_info_by_topic
+            if entry.kind is Kind.INPUT
+            else node.get_publishers_info_by_topic
+        )
+        mine = [i for i in ask(path) if i.node_name == "agent"]
+        if mine:
+            found[entry.name] = mine[0]
+    return found
+
+
+def test_all_of_the_table_is_there(start_agent, client):
+    start_agent(ip="127.0.0.1", port=1, publish_tf=True)
+    wait_until(lambda: set(endpoints(client)) == {e.name for e in STANDARD}, "all endpoints")
+    found = endpoints(client)
+    for entry in STANDARD:
+        if entry.kind is Kind.SERVICE:
+            assert found[entry.name] == entry.type
+            continue
+        info = found[entry.name]
+        assert info.topic_type.replace("/msg/", "/") == entry.type
+        latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        reliable = info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        assert latched == (entry.kind is Kind.LATCHED)
+        assert reliable == (entry.kind is not Kind.SENSOR)
+
+
+def test_all_of_it_can_be_off(start_agent, client):
+    start_agent(ip="127.0.0.1", port=1, **dict.fromkeys(SWITCHES, False))
+    wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
+    assert not endpoints(client)
+
+
+@pytest.mark.parametrize("switch", SWITCHES)
+def test_each_part_alone(switch, start_agent, client):
+    start_agent(ip="127.0.0.1", port=1, **{name: name == switch for name in SWITCHES})
+    wanted = {entry.name for entry in STANDARD if entry.switch == switch}
+    wait_until(lambda: set(endpoints(client)) == wanted, f"{wanted}")
+
+
+@pytest.mark.parametrize("name", ["map_frame", "odom_frame", "base_frame", "scan_frame"])
+def test_frames_are_checked(name):
+    for bad in ("/map", ""):
+        with pytest.raises(ValueError, match=name):
+            StandardSettings(**{name: bad})
+
+
+class TestTwoRobots:
+    @pytest.fixture
+    def robots(self, domain: int) -> Iterator[list[tuple[SimulatorThread, RunningAgent, Client]]]:
+        """Two robots with an agent each, in one domain, told apart by namespace and prefix."""
+        running = []
+        for name in ("r1", "r2"):
+            config = SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)
+            simulator = SimulatorThread(config).__enter__()
+            agent = RunningAgent(
+                domain,
+                f"/{name}",
+                ip="127.0.0.1",
+                port=simulator.port,
+                publish_tf=True,
+                frame_prefix=f"{name}/",
+            )
+            running.append((simulator, agent, Client(domain, f"/{name}")))
+        yield running
+        for simulator, agent, client in running:
+            client.close()
+            agent.close()
+            simulator.__exit__(None, None, None)
+
+    def test_each_has_its_own(self, robots):
+        for _, agent, _ in robots:
+            agent.wait_connected()
+        (one, _, first), (two, _, second) = robots
+        frames = first.echo_with(TFMessage, "/tf", QoSProfile(depth=100))
+        odoms = [
+            client.echo_with(Odometry, "odom", QoSProfile(depth=10)) for client in (first, second)
+        ]
+        publisher = first.node.create_publisher(Twist, first.path("cmd_vel"), 10)
+        wait_until(publisher.get_subscription_count, "the first agent")
+        message = Twist()
+        message.angular.z = 0.5
+        publisher.publish(message)
+        one.wait_received(TWIST)
+        odoms[0].wait(lambda m: m.twist.twist.angular.z > 0.0)
+        odoms[1].wait_count(3)
+        assert two.counts[TWIST] == 0
+        assert not any(m.twist.twist.angular.z for m in odoms[1].messages)
+        assert {m.header.frame_id for m in odoms[1].messages} == {"r2/odom"}
+        for prefix in ("r1/", "r2/"):
+            frames.wait(lambda m: m.transforms[0].header.frame_id == f"{prefix}map")  # noqa: B023

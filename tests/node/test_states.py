@@ -1,0 +1,225 @@
+"""battery_state, plan, footprint, connected, map and /diagnostics against the simulated robot."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PolygonStamped
+from goals import short_task
+from harness import wait_until
+from nav_msgs.msg import OccupancyGrid, Path
+from PIL import Image
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Bool
+
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.simulator import Outgoing
+from woosh_robot_agent.standard.grid import MapError, cells_of
+from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
+
+SCENE_DATA = "woosh.map.SceneData"
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+
+
+def test_battery(simulator, agent, client):
+    states = client.echo(BatteryState, "battery_state")
+    first = states.wait_count(1)[0]
+    assert first.percentage == pytest.approx(0.93)
+    assert first.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    assert first.present
+    assert math.isnan(first.voltage)
+    simulator.push(Battery(power=40, charge_state=Battery.kAuto))
+    charging = BatteryState.POWER_SUPPLY_STATUS_CHARGING
+    last = states.wait(lambda m: m.power_supply_status == charging)
+    assert last.percentage == pytest.approx(0.4)
+
+
+def test_plan(simulator, agent, client):
+    plans = client.echo(Path, "plan")
+    goal = short_task(client, 1.0)
+    plan = plans.wait(lambda m: len(m.poses) > 1)
+    assert plan.header.frame_id == "map"
+    end = plan.poses[-1]
+    assert end.header.frame_id == "map"
+    assert goal.result()[0]
+    pose = simulator.state.pose
+    at = end.pose.position
+    assert (at.x, at.y) == pytest.approx((pose.x, pose.y), abs=0.02)
+    wait_until(lambda: not plans.messages[-1].poses, "the end of the path")
+
+
+def test_footprint(simulator, agent, client):
+    footprints = client.echo(PolygonStamped, "footprint")
+    first = footprints.wait_count(1)[0]
+    assert first.header.frame_id == "base_link"
+    assert len(first.polygon.points) == 8
+    request = SwitchFootPrint.Request()
+    request.arg.type.value = 2
+    assert client.call(SwitchFootPrint, "robot/SwitchFootPrint", arg=request.arg).ok
+    footprints.wait(lambda m: m.polygon != first.polygon)
+
+
+class TestConnected:
+    def test_it_follows_the_link(self, simulator, agent, client):
+        connected = client.echo(Bool, "connected")
+        connected.wait(lambda m: m.data)
+        simulator.stop_listening()
+        connected.wait(lambda m: not m.data)
+        simulator.listen()
+        wait_until(lambda: connected.messages[-1].data)
+
+    def test_it_is_false_where_there_never_was_one(self, start_agent, client):
+        start_agent(ip="127.0.0.1", port=1)
+        connected = client.echo(Bool, "connected")
+        assert not connected.wait_count(1)[0].data
+
+
+class TestMap:
+    @pytest.fixture
+    def scene(self, simulator) -> SceneData:
+        """What the chassis answers when it is asked for its maps; the test may change it."""
+        data = SceneData(name="wooshmap")
+        data.maps.add(
+            id=0,
+            name="wooshmap",
+            resolution=0.5,
+            origin=Pose2D(x=-1.0, y=-2.0),
+            map_png=png([[255, 205, 0], [0, 255, 255]]),
+        )
+
+        def answer(frame: Outgoing) -> list[Outgoing]:
+            if frame.request != SCENE_DATA:
+                return [frame]
+            return [Outgoing(SCENE_DATA, data, frame.sn, True, "", frame.request)]
+
+        simulator.intercept(answer)
+        return data
+
+    def test_it_is_the_picture(self, scene, agent, client):
+        grid = client.echo(OccupancyGrid, "map").wait_count(1)[0]
+        assert grid.header.frame_id == "map"
+        assert (grid.info.width, grid.info.height) == (3, 2)
+        assert grid.info.resolution == pytest.approx(0.5)
+        assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, -2.0)
+        # the picture's lowest row is the grid's first
+        assert list(grid.data) == [100, 0, 0, 0, -1, 100]
+
+    def test_it_is_not_asked_for_in_vain(self, simulator, scene, agent, client):
+        states = client.echo(BatteryState, "battery_state")
+        states.wait_count(1)
+        diagnostics(client).wait_count(2)  # two seconds
+        assert simulator.counts[SCENE_DATA] == 0
+
+    def test_it_is_renewed_when_the_map_changes(self, simulator, scene, agent, client):
+        grids = client.echo(OccupancyGrid, "map")
+        grids.wait_count(1)
+        scene.name = scene.maps[0].name = "scenex"
+        scene.maps[0].map_png = png([[0]])
+        request = SwitchMap.Request()
+        request.arg.scene_name = "scenex"
+        assert client.call(SwitchMap, "robot/SwitchMap", arg=request.arg).ok
+        assert list(grids.wait(lambda m: m.info.width == 1).data) == [100]
+
+    def test_what_cannot_be_read_is_said_once(self, simulator, scene, agent, client, logs):
+        scene.maps[0].map_png = b"no picture"
+        client.echo(OccupancyGrid, "map")
+        logs.wait(lambda r: "its picture cannot be read" in r.getMessage())
+
+    def test_pictures(self):
+        with pytest.raises(MapError):
+            cells_of(b"")
+        with pytest.raises(MapError):
+            cells_of(png([[1, 2, 3]] * 3)[:40])
+        assert cells_of(png([[0]])) == (1, 1, cells_of(png([[0]]))[2])
+
+
+def png(rows: list[list[int]]) -> bytes:
+    image = Image.new("L", (len(rows[0]), len(rows)))
+    image.putdata([grey for row in rows for grey in row])
+    file = io.BytesIO()
+    image.save(file, "PNG")
+    return file.getvalue()
+
+
+def diagnostics(client: Any) -> Any:
+    return client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+
+
+def of(array: Any, name: str) -> Any:
+    (status,) = [s for s in array.status if s.name == f"woosh_robot/agent: {name}"]
+    return status
+
+
+def values(status: Any) -> dict[str, str]:
+    return {each.key: each.value for each in status.values}
+
+
+class TestDiagnostics:
+    def test_all_is_well(self, simulator, agent, client):
+        array = diagnostics(client).wait_count(1)[0]
+        names = ["link", "chassis", "battery", "hardware", "abnormal codes"]
+        assert [s.name.rpartition(": ")[2] for s in array.status] == names
+        assert {bytes(s.level) for s in array.status} == {OK}
+        assert {s.hardware_id for s in array.status} == {"30001"}
+        link = values(of(array, "link"))
+        assert link["state"] == "ready"
+        assert link["reconnects"] == "0"
+        assert int(link["rx"]) > 0
+        assert values(of(array, "chassis"))["taskable"] == "yes"
+        assert values(of(array, "battery"))["percent"] == "93"
+
+    def test_every_reason_why_not(self, simulator, agent, client):
+        arrays = diagnostics(client)
+        simulator.set_emergency_stop(True)
+        request = SwitchControlMode.Request()
+        request.arg.mode.value = 2
+        assert client.call(SwitchControlMode, "robot/SwitchControlMode", arg=request.arg).ok
+        status = of(arrays.wait(lambda a: "manual" in of(a, "chassis").message), "chassis")
+        assert status.level >= WARN
+        assert "emergency stop is pressed" in status.message
+        assert values(status)["taskable"] == "no"
+        codes = of(arrays.wait(lambda a: of(a, "abnormal codes").level == ERROR), "abnormal codes")
+        assert codes.message
+
+    def test_devices_that_are_not_normal(self, simulator, agent, client):
+        arrays = diagnostics(client)
+        simulator.push(
+            HardwareState(
+                motor=[HardwareState.kNormal, HardwareState.kFatal], imu=HardwareState.kWarn
+            )
+        )
+        status = of(arrays.wait(lambda a: of(a, "hardware").level == ERROR), "hardware")
+        assert values(status) == {"motor 2": "Fatal", "imu": "Warn"}
+
+    def test_the_link_is_lost(self, simulator, agent, client):
+        arrays = diagnostics(client)
+        arrays.wait_count(1)
+        simulator.stop_listening()
+        array = arrays.wait(lambda a: of(a, "link").level == ERROR)
+        assert of(array, "battery").level == STALE
+        simulator.listen()
+        back = arrays.wait(lambda a: values(of(a, "link"))["reconnects"] == "1")
+        assert of(back, "link").level == OK
+
+    def test_a_low_battery(self, simulator, agent, client):
+        arrays = diagnostics(client)
+        simulator.push(Battery(power=15, charge_state=Battery.kNot))
+        arrays.wait(lambda a: of(a, "battery").level == WARN)
+        simulator.push(Battery(power=4, charge_state=Battery.kNot))
+        arrays.wait(lambda a: of(a, "battery").level == ERROR)
+        simulator.push(Battery(power=4, charge_state=Battery.kAuto))
+        arrays.wait(
+            lambda a: of(a, "battery").level == OK and values(of(a, "battery"))["percent"] == "4"
+        )

@@ -1,0 +1,123 @@
+"""stop: at once, from any state, and before all that waits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from goals import ABORTED, step, task
+from harness import RunningAgent, wait_future, wait_until
+from std_srvs.srv import Trigger
+
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist
+
+TWIST = "woosh.robot.Twist"
+SPEAK = "woosh.robot.Speak"
+
+
+def still(simulator: SimulatorThread) -> bool:
+    return not (simulator.state.velocity.speed or simulator.state.velocity.turn)
+
+
+def test_it_ends_a_task(simulator, agent, client):
+    goal = task(client)
+    wait_until(lambda: not still(simulator))
+    answer = client.call(Trigger, "stop")
+    assert (answer.success, answer.message) == (True, "stopped; task cancelled")
+    assert goal.result()[0] == ABORTED, "its own client did not cancel it"
+    wait_until(lambda: still(simulator))
+
+
+def test_it_ends_every_action(simulator, agent, client):
+    goal = step(client, 20.0)
+    wait_until(lambda: not still(simulator))
+    answer = client.call(Trigger, "stop")
+    assert (answer.success, answer.message) == (True, "stopped; StepControl cancelled")
+    assert goal.result()[0] == ABORTED
+    wait_until(lambda: still(simulator))
+
+
+def test_it_stops_a_velocity(simulator, agent, client):
+    request = Twist.Request()
+    request.arg.angular = 0.5
+    assert client.call(Twist, "robot/Twist", arg=request.arg).ok
+    answer = client.call(Trigger, "stop")
+    assert (answer.success, answer.message) == (True, "stopped")
+    last: Any = simulator.last(TWIST)
+    assert (last.linear, last.angular) == (0.0, 0.0)
+
+
+def test_from_rest(agent, client):
+    answer = client.call(Trigger, "stop")
+    assert (answer.success, answer.message) == (True, "stopped")
+
+
+def test_without_a_link_it_says_what_to_do(simulator, start_agent, client):
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
+    agent.wait_connected()
+    simulator.stop_listening()
+    wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
+    answer = client.call(Trigger, "stop")
+    assert not answer.success
+    assert "NOT STOPPED: not connected" in answer.message
+    assert "emergency stop" in answer.message
+
+
+def test_it_needs_no_room_among_the_requests(simulator, start_agent, client):
+    start_agent(ip="127.0.0.1", port=simulator.port, max_in_flight=1).wait_connected()
+    simulator.mute(SPEAK)
+    client.call_async(Speak, "robot/Speak")
+    simulator.wait_received(SPEAK)
+    assert client.call(Trigger, "stop").success
+
+
+def test_it_is_quick(simulator, agent, client):
+    arrived = threading.Event()
+
+    def note(frame: Any) -> list[Any]:
+        if frame.request == TWIST:
+            arrived.set()
+        return [frame]
+
+    simulator.intercept(note)
+    client.service(Trigger, "stop")
+    delays = []
+    for _ in range(5):  # the best of five: a busy machine may be late now and then
+        arrived.clear()
+        begun = time.monotonic()
+        answer = client.call_async(Trigger, "stop")
+        assert arrived.wait(5.0)
+        delays.append(time.monotonic() - begun)
+        assert wait_future(answer).success
+    assert min(delays) < 0.05
+
+
+def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, client):
+    """The chassis reads nothing for a while: later it must not get what the stop is to end."""
+    simulator.inject("half_open")
+    big = "x" * 1_000_000  # more than the sockets hold
+    loads = [client.call_async(Speak, "robot/Speak", arg=speak(big)) for _ in range(12)]
+    connection = agent.agent._chassis._connection
+    assert connection is not None
+    wait_until(lambda: len(connection._outbox) > 2, "a jam")
+    start = client.call_async(ExecPreTask, "robot/ExecPreTask")
+    wait_until(lambda: "woosh.robot.ExecPreTask" in connection._names.values())
+    stop = client.call_async(Trigger, "stop")
+    response = wait_future(start)
+    assert not response.ok
+    assert "the service stop took its place" in response.msg
+    simulator.clear_faults()
+    assert wait_future(stop).success
+    for load in loads:
+        assert wait_future(load).ok
+    assert simulator.counts["woosh.robot.ExecPreTask"] == 0
+    order = [each.type for each in simulator.received]
+    assert order.index(TWIST) < len(order) - 1 - order[::-1].index(SPEAK), "it overtook some"
+
+
+def speak(text: str) -> Any:
+    request = Speak.Request()
+    request.arg.text = text
+    return request.arg

@@ -1,0 +1,189 @@
+"""What teams use in their own tests: the example of the docs runs, and so does what is under it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+
+from woosh_robot_agent.testing import (
+    RunningAgent,
+    own_domain,
+    running_agent,
+    running_chassis,
+    spinning,
+    wait_until,
+)
+from woosh_robot_msgs.srv import PoseSpeed
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
+
+
+def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
+    """Run pytest as a team would, outside of this repository; its exit code and its words."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "--strict-markers", "--strict-config", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""},
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_the_example_of_the_docs(tmp_path: Path) -> None:
+    for file in EXAMPLES:
+        shutil.copy(file, tmp_path)
+    status, said = run_pytest(tmp_path)
+    assert status == 0, said
+    assert "3 passed" in said
+    assert "warning" not in said
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: str(file.name))
+def test_the_docs_show_the_example_as_it_is(file: Path) -> None:
+    assert f"```python\n{file.read_text()}```" in (DOCS / "testing.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "conftest",
+    [
+        "pytest_plugins = ['woosh_robot_agent.testing']",
+        "from woosh_robot_agent.testing import simulated_chassis, woosh_agent",
+    ],
+)
+def test_fixtures_by_plugin_and_by_import(tmp_path: Path, conftest: str) -> None:
+    (tmp_path / "conftest.py").write_text(conftest)
+    (tmp_path / "test_it.py").write_text(
+        "def test_it(woosh_agent, simulated_chassis):\n"
+        "    import os\n"
+        "    assert os.environ['ROS_DOMAIN_ID'] == str(woosh_agent.domain)\n"
+        "    assert simulated_chassis.connections == 1\n"
+    )
+    status, said = run_pytest(tmp_path)
+    assert status == 0, said
+
+
+def test_marks_set_the_fixtures_up(tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text("pytest_plugins = ['woosh_robot_agent.testing']")
+    (tmp_path / "test_it.py").write_text(
+        "import pytest\n"
+        "pytestmark = pytest.mark.woosh_chassis(speed=3, robot_id=7)\n"
+        "@pytest.mark.woosh_chassis(speed=4)\n"
+        "@pytest.mark.woosh_agent(process=True, namespace='/r7', poll_timeout=1234)\n"
+        "def test_it(ros_domain, woosh_agent, simulated_chassis):\n"
+        "    assert simulated_chassis.call(lambda simulator: simulator.speed) == 4\n"
+        "    assert simulated_chassis.state.info.robot_id == 7\n"
+        "    assert woosh_agent.domain == ros_domain\n"
+        "    assert woosh_agent.namespace == '/r7'\n"
+        "    assert woosh_agent.process.args[-1] == 'poll_timeout:=1234'\n"
+        "@pytest.mark.woosh_chassis(4)\n"
+        "def test_without_names(simulated_chassis):\n"
+        "    pass\n"
+    )
+    status, said = run_pytest(tmp_path)
+    assert status == 1, said
+    assert "1 passed, 1 error" in said
+    assert "woosh_chassis takes options by name, not (4,)" in said
+
+
+@pytest.fixture(params=[False, True], ids=["in process", "process"])
+def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
+    with running_chassis() as chassis, running_agent(chassis, process=request.param) as agent:
+        yield agent
+
+
+def test_an_agent_beside_the_test(agent: RunningAgent) -> None:
+    rclpy.init()
+    try:
+        node = rclpy.create_node("visitor")
+        client = node.create_client(PoseSpeed, f"{agent.namespace}/robot/PoseSpeed")
+        wait_until(client.service_is_ready, "the service")
+        with spinning(node):
+            answer = client.call_async(PoseSpeed.Request())
+            wait_until(answer.done, "the answer")
+        assert answer.result().info.pose.x == pytest.approx(4.23, abs=0.1)
+    finally:
+        rclpy.shutdown()
+
+
+@pytest.mark.parametrize("process", [False, True])
+def test_an_agent_connects_again(process: bool) -> None:
+    with running_chassis() as chassis, running_agent(chassis, process=process) as agent:
+        chassis.drop()
+        agent.wait_connected(2)
+
+
+def test_an_agent_over_tcp() -> None:
+    with running_chassis() as chassis, running_agent(chassis, transport="tcp"):
+        assert chassis.connections == 1
+
+
+@pytest.mark.parametrize("process", [False, True])
+def test_an_agent_that_cannot_start_says_why(process: bool) -> None:
+    with (
+        running_chassis() as chassis,
+        pytest.raises((ValueError, AssertionError), match="encoding"),
+        running_agent(chassis, process=process, encoding="xml"),
+    ):
+        pass
+
+
+def test_two_robots() -> None:
+    with (
+        own_domain() as domain,
+        running_chassis(robot_id=1) as one,
+        running_chassis(robot_id=2) as two,
+        running_agent(one, domain=domain, namespace="/one"),
+        running_agent(two, domain=domain, namespace="/two"),
+    ):
+        assert (one.connections, two.connections) == (1, 1)
+
+
+def test_domains_are_apart_and_the_environment_is_restored(monkeypatch: Any) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "77")
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    with own_domain() as one, own_domain() as two:
+        assert one != two
+        assert os.environ["ROS_DOMAIN_ID"] == str(two)
+        assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert os.environ["ROS_DOMAIN_ID"] == "77"
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
+
+
+def test_what_a_callback_raises_reaches_the_test() -> None:
+    with own_domain():
+        rclpy.init()
+        try:
+            node = rclpy.create_node("clumsy")
+            called = []
+
+            def clumsy() -> None:
+                called.append(True)
+                raise ZeroDivisionError
+
+            node.create_timer(0.01, clumsy)
+            with pytest.raises(ZeroDivisionError), spinning(node):
+                wait_until(lambda: called, "the timer")
+        finally:
+            rclpy.shutdown()
+
+
+def test_the_driver_does_not_need_pytest() -> None:
+    """Nor does it load this package."""
+    program = (
+        "import sys, woosh_robot_agent.agent, woosh_robot_agent.node, woosh_robot_agent.simulator\n"
+        "found = {'pytest', 'woosh_robot_agent.testing'} & set(sys.modules)\n"
+        "sys.exit(f'loaded: {found}' if found else 0)"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

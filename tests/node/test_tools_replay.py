@@ -1,0 +1,93 @@
+"""A field problem on a laptop: the agent does a task through `record`, then again by `replay`."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from goals import COMPLETED, SUCCEEDED, short_task
+from harness import wait_until
+
+from woosh_robot_agent.tools.recording import Frame, read
+from woosh_robot_msgs.msg import Mode as ModeMsg
+from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
+from woosh_robot_msgs.srv import RobotInfo, Speak
+
+TIMEOUT = 30.0
+TASK = 77
+
+
+@contextmanager
+def running(tool: str, *arguments: str) -> Iterator[int]:
+    """A tool as a program; gives the port that it says it listens at, and ends it by Ctrl-C."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if found := re.search(r"(?:agent to |ready on ws://)127\.0\.0\.1:(\d+)", line):
+                yield int(found[1])
+                break
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=TIMEOUT)
+        assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def do_task(client: Any) -> tuple[int, list[Any], list[Any]]:
+    """A goal's end, its feedback, and what its topic said of it."""
+    echo = client.echo(TaskProcMsg, "robot/TaskProc")
+    wait_until(lambda: client.node.count_publishers(client.path("robot/TaskProc")), "the topic")
+    goal = short_task(client, 0.5, task_id=TASK)
+    status, ret = goal.result(TIMEOUT)
+    ends = COMPLETED if status == SUCCEEDED else ret.state.value
+    echo.wait(lambda m: m.robot_task_id == TASK and m.state.value == ends)
+    return status, list(goal.feedback.messages), [m for m in echo.messages if _of_task(m)]
+
+
+def _of_task(message: Any) -> bool:
+    return bool(message.robot_task_id == TASK)
+
+
+@pytest.mark.parametrize("transport", ["websocket", "tcp"])
+def test_a_task_through_the_recorder_and_from_the_recording(
+    tmp_path: Path, simulator: Any, start_agent: Any, client: Any, transport: str
+) -> None:
+    path = tmp_path / "field.jsonl.gz"
+    port = simulator.tcp_port if transport == "tcp" else simulator.port
+    there = ["--ip", "127.0.0.1", "--port", str(port), "--transport", transport]
+    with running("record", *there, "--listen", "127.0.0.1:0", "--output", str(path)) as proxy:
+        agent = start_agent(ip="127.0.0.1", port=proxy, transport=transport, backoff_min=0.1)
+        agent.wait_connected()
+        info = client.call(RobotInfo, "robot/RobotInfo").info
+        status, feedback, topic = do_task(client)
+        assert status == SUCCEEDED
+        agent.close()
+
+    recorded = [record for record in read(path).records if isinstance(record, Frame)]
+    assert {record.sender for record in recorded} == {"client", "chassis"}
+
+    arguments = ["--port", "0", "--tcp-port", "0", "--speed", "5", "--wait-for-commands"]
+    with running("replay", str(path), *arguments) as replayed:
+        again = start_agent(ip="127.0.0.1", port=replayed, backoff_min=0.1, encoding="protobuf")
+        again.wait_connected()
+        mode = client.echo(ModeMsg, "robot/Mode").wait_count(1)[0]
+        assert mode == info.mode
+        assert client.call(RobotInfo, "robot/RobotInfo").info == info
+        assert do_task(client) == (status, feedback, topic)
+        refused = client.call(Speak, "robot/Speak")
+        assert not refused.ok
+        assert "the recording has no request of type woosh.robot.Speak" in refused.msg
+        again.close()

@@ -1,0 +1,18 @@
+"""Waiting for what no frame announces."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from sim_wire import TIMEOUT
+
+
+def wait_until(condition: Callable[[], Any], what: str = "") -> Any:
+    """Wait for a condition; returns what it gave."""
+    deadline = time.monotonic() + TIMEOUT
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"timed out waiting for {what or condition}"
+        time.sleep(0.005)
+    return value

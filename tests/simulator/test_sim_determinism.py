@@ -1,0 +1,179 @@
+"""With seed and requests at fixed simulated times two runs push the same frames, at any speed."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from google.protobuf import json_format
+from sim_wire import Json, JsonClient
+
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.client import Client
+from woosh_robot_agent.simulator.dispatch import dispatch
+from woosh_robot_agent.simulator.exchange import Exchange
+from woosh_robot_agent.simulator.pushes import TOPICS
+
+Do = Callable[[Chassis], None]
+
+PROC, FEEDBACKS = "woosh.robot.TaskProc", "woosh.ros.Feedbacks"
+COMPLETED, CANCELED, PAUSED, ACTION_WAIT = 7, 8, 4, 5
+
+
+def ask(name: str, **body: Any) -> Do:
+    """A request that the chassis must take."""
+
+    def do(chassis: Chassis) -> None:
+        message = json_format.ParseDict(body, message_type(name)())
+        answer = dispatch(chassis, message)
+        assert answer.ok, answer.msg
+
+    return do
+
+
+def put(name: str, x: float, y: float) -> Do:
+    return lambda chassis: chassis.obstacles.put(name, x, y)
+
+
+STEPS = [{"mode": 1, "value": 0.5}, {"mode": 2, "value": 1.57}, {"mode": 3, "value": 0.3}]
+
+#: What happens at which simulated second.
+SCRIPT: list[tuple[float, Do]] = [
+    (1.0, ask("woosh.robot.ExecTask", taskId=11, type=4, direction=1, markNo="K10")),
+    (30.0, ask("woosh.ros.CallAction", stepControl={"action": 1, "steps": STEPS})),
+    (
+        32.0,
+        ask("woosh.ros.CallAction", liftControl3={"action": 1, "executeMode": 1, "height": 0.4}),
+    ),
+    (45.0, ask("woosh.robot.ExecTask", type=1, markNo="A2")),
+    (47.0, lambda chassis: chassis.set_emergency_stop(True)),
+    (50.0, lambda chassis: chassis.set_emergency_stop(False)),
+    (51.0, ask("woosh.robot.ActionOrder", order=5)),
+    (75.0, ask("woosh.robot.ExecTask", type=1, pose={"x": -2.0, "y": 4.0})),
+    (76.0, put("box", 1.5, 4.0)),
+    (110.0, lambda chassis: chassis.obstacles.remove("box")),
+    (111.0, ask("woosh.robot.ExecPreTask", taskSetId=777)),
+    (150.0, ask("woosh.robot.ActionOrder", order=3)),
+    (220.0, ask("woosh.robot.Twist", linear=0.3, angular=0.3)),
+    (220.3, ask("woosh.robot.Twist", linear=0.3, linear_y=0.1)),
+    (225.0, lambda chassis: chassis.lose_localisation()),
+    (226.0, ask("woosh.robot.SetRobotPose", pose={"x": 0.0, "y": 0.0})),
+    (227.0, lambda chassis: chassis.set_key_switch(True)),
+    (228.0, lambda chassis: chassis.set_key_switch(False)),
+    (229.0, put("leader", 2.5, 0.5)),
+    (230.0, ask("woosh.robot.Follow", type=True)),
+    (240.0, ask("woosh.robot.Follow")),
+    (310.0, lambda chassis: setattr(chassis.battery, "level", 50.0)),
+    (311.0, ask("woosh.robot.SetOccupancy", occupy=True)),
+]
+END_S = 312.0
+
+
+def config(speed: float = 1.0) -> SimulatorConfig:
+    return SimulatorConfig(port=0, tcp_port=0, speed=speed, seed=7, park_after=20.0)
+
+
+class Player:
+    """Does what the script says when its time has come."""
+
+    def __init__(self) -> None:
+        self._left = list(SCRIPT)
+
+    def play(self, chassis: Chassis) -> None:
+        while self._left and self._left[0][0] <= chassis.elapsed + 1e-9:
+            self._left.pop(0)[1](chassis)
+
+
+class Recorder(Client):
+    """A client without a connection."""
+
+    def __init__(self) -> None:
+        super().__init__(None, 0)  # type: ignore[arg-type]
+        self.frames: list[Json] = []
+
+    def send(self, frame: str | bytes) -> None:
+        self.frames.append(json.loads(frame))
+
+
+def in_lock_step() -> list[Json]:
+    """All pushes of a run without sockets and without a clock."""
+    chassis = Chassis(config())
+    exchange, recorder, player = Exchange(chassis), Recorder(), Player()
+    exchange.join(recorder)
+    subscription = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
+    exchange.receive(recorder, json.dumps(subscription))
+    while chassis.elapsed < END_S:
+        player.play(chassis)
+        chassis.tick(STEP_S)
+        exchange.report_changes(while_moving=True)
+    return recorder.frames
+
+
+def over_a_socket(monkeypatch: pytest.MonkeyPatch, speed: float) -> list[Json]:
+    """All pushes of a run over a socket, whose time begins when the client has subscribed."""
+    subscribed, player, tick = threading.Event(), Player(), Chassis.tick
+
+    def gated(chassis: Chassis, dt: float) -> None:
+        if subscribed.is_set() and chassis.elapsed < END_S:
+            player.play(chassis)
+            tick(chassis, dt)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Chassis, "tick", gated)
+        with SimulatorThread(config(speed)) as simulator:
+            client = JsonClient(simulator.port)
+            client.subscribe(*sorted(TOPICS))
+            subscribed.set()
+            frames = [client.receive()]
+            while not (frames[-1]["type"] == "woosh.robot.DeviceState" and occupied(frames[-1])):
+                frames.append(client.receive())
+            client.close()
+    return frames
+
+
+def occupied(frame: Json) -> bool:
+    return bool(frame["body"]["software"] & 8)
+
+
+@pytest.fixture(scope="module")
+def reference() -> list[Json]:
+    return in_lock_step()
+
+
+def test_the_script_is_eventful(reference: list[Json]) -> None:
+    assert {frame["type"] for frame in reference} >= TOPICS - {
+        "woosh.robot.Setting",
+        "woosh.robot.Network",
+        "woosh.robot.Scene",
+        "woosh.robot.Model",
+    }
+    procs = [frame["body"] for frame in reference if frame["type"] == PROC]
+    ended = [(each["type"], each["state"]) for each in procs if each["state"] in (7, 8, 9)]
+    carry, pick, parking = 4, 1, 2
+    assert ended == [
+        (carry, COMPLETED),
+        (pick, COMPLETED),
+        (pick, COMPLETED),
+        (carry, COMPLETED),
+        (carry, COMPLETED),
+        (parking, COMPLETED),
+        (parking, COMPLETED),
+    ]
+    assert {PAUSED, ACTION_WAIT} <= {each["state"] for each in procs}
+    assert any(each.get("action", {}).get("state") == 2 for each in procs)
+
+
+def test_two_runs_in_lock_step_push_the_same(reference: list[Json]) -> None:
+    assert in_lock_step() == reference
+
+
+@pytest.mark.parametrize("speed", [100.0, 60.0])
+def test_runs_over_a_socket_push_the_same_at_any_speed(
+    monkeypatch: pytest.MonkeyPatch, reference: list[Json], speed: float
+) -> None:
+    assert over_a_socket(monkeypatch, speed) == reference

@@ -1,0 +1,248 @@
+"""Faults of requests and their answers, as a client meets them."""
+
+from __future__ import annotations
+
+import pytest
+from sim_wait import wait_until
+from sim_wire import JsonClient, TcpClient, packed, subscription
+
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+MODE = "woosh.robot.Mode"
+BATTERY = "woosh.robot.Battery"
+OCCUPY = "woosh.robot.SetOccupancy"
+OCCUPIED = 8  # the bit in DeviceState.software
+HOUR = 3600.0
+
+
+def order(client: JsonClient, count: int) -> list[int]:
+    """The numbers of answers, as they come, to requests sent in a row."""
+    for sn in range(1, count + 1):
+        client.send({"type": MODE, "sn": sn})
+    return [client.receive()["sn"] for _ in range(count)]
+
+
+def test_refuse(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+    everything = simulator.inject("refuse", text="out of order")
+    simulator.inject("refuse", type=OCCUPY, text="今天不行", count=1)
+    assert client.refused(OCCUPY, {"occupy": True}) == "今天不行"  # the newest, once
+    assert client.refused(OCCUPY, {"occupy": True}) == "out of order"
+    answer = tcp.request(MODE)
+    assert (answer.ok, answer.msg, answer.type) == (False, "out of order", MODE)
+    everything.clear()
+    assert not client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED
+    assert simulator.counts[OCCUPY] == 2
+    assert everything.hits == 2
+
+
+def test_refuse_one_type(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("refuse", type=OCCUPY)
+    client.ask(MODE)
+    assert client.refused(OCCUPY) == "refused by the simulator"
+    simulator.clear_faults()
+    client.ask(OCCUPY)
+
+
+def test_delay_lets_others_pass(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("delay", type=BATTERY, seconds=0.3)
+    client.send({"type": BATTERY, "sn": 501})
+    client.send({"type": MODE, "sn": 502})
+    assert [client.receive()["sn"] for _ in range(2)] == [502, 501]
+
+
+def test_delay_is_let_go_at_the_end_of_all_faults(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    fault = simulator.inject("delay", seconds=HOUR, jitter=HOUR, count=3)
+    for sn in range(1, 4):
+        client.send({"type": MODE, "sn": sn})
+    wait_until(lambda: fault.hits == 3)
+    assert not fault.active
+    assert simulator.faults == []
+    client.ask(BATTERY)
+    simulator.clear_faults()
+    assert sorted(client.receive()["sn"] for _ in range(3)) == [1, 2, 3]
+
+
+def test_delay_of_pushes(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe(BATTERY, MODE)
+    simulator.inject("delay", seconds=0.3, frames="pushes", type=BATTERY)
+    simulator.push(robot_pb2.Battery(power=3))
+    simulator.push(robot_pb2.Mode())
+    assert [client.receive()["type"] for _ in range(2)] == [MODE, BATTERY]
+
+
+def test_equal_seeds_jitter_equally() -> None:
+    """The pauses are far apart, so that the order tells them apart."""
+    seen = []
+    for _ in range(2):
+        with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=3)) as simulator:
+            fault = simulator.inject("delay", seconds=0.0, jitter=HOUR)
+            client = JsonClient(simulator.port)
+            for sn in range(1, 11):
+                client.send({"type": MODE, "sn": sn})
+            wait_until(lambda fault=fault: fault.hits == 10)
+            simulator.clear_faults()  # in the order in which they would have come
+            seen.append([client.receive()["sn"] for _ in range(10)])
+            client.close()
+    assert seen[0] == seen[1]
+    assert sorted(seen[0]) == list(range(1, 11)) != seen[0]
+
+
+def test_reorder() -> None:
+    seen = []
+    for _ in range(2):
+        with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=5)) as simulator:
+            simulator.inject("reorder", window=5, seconds=HOUR)
+            client = JsonClient(simulator.port)
+            seen.append(order(client, 15))
+            client.close()
+    assert seen[0] == seen[1]
+    for begin in (0, 5, 10):
+        group = seen[0][begin : begin + 5]
+        assert sorted(group) == list(range(begin + 1, begin + 6)) != group
+
+
+def test_reorder_keeps_nothing_for_ever(simulator: SimulatorThread, client: JsonClient) -> None:
+    fault = simulator.inject("reorder", window=100, seconds=0.1)
+    assert sorted(order(client, 3)) == [1, 2, 3]
+    fault.clear()
+    fault = simulator.inject("reorder", window=100, seconds=HOUR)
+    client.send({"type": MODE, "sn": 9})
+    wait_until(lambda: fault.hits == 1)
+    fault.clear()
+    assert client.receive()["sn"] == 9
+
+
+def test_reorder_keeps_clients_apart(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
+    fault = simulator.inject("reorder", window=2, seconds=HOUR)
+    client.send({"type": MODE, "sn": 1})
+    tcp.send(packed(MODE, sn=3))
+    wait_until(lambda: fault.hits == 2)
+    client.send({"type": MODE, "sn": 2})
+    assert [client.receive()["sn"] for _ in range(2)] == [2, 1]
+    tcp.send(packed(MODE, sn=4))
+    assert [tcp.receive().sn for _ in range(2)] == [4, 3]
+
+
+def test_lose_answer(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("lose_answer", type=OCCUPY, count=1)
+    client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 500})
+    assert client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED  # it was done
+    client.ask(OCCUPY, {"occupy": False})
+    assert simulator.counts[OCCUPY] == 2
+
+
+def test_answer_twice(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+    simulator.inject("answer_twice")
+    client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 500})
+    first, second = client.receive(), client.receive()
+    assert first == second
+    assert first["sn"] == 500
+    tcp.send(packed(MODE, sn=7))
+    assert tcp.receive() == tcp.receive()
+    assert simulator.counts[OCCUPY] == 1  # done once
+
+
+@pytest.mark.parametrize(("by", "sn", "wrong"), [(1, 4, 5), (1, 2**31 - 1, 1), (10, 2**31 - 5, 6)])
+def test_wrong_sn(
+    simulator: SimulatorThread, client: JsonClient, by: int, sn: int, wrong: int
+) -> None:
+    simulator.inject("wrong_sn", by=by, count=1)
+    client.send({"type": MODE, "sn": sn})
+    assert client.receive()["sn"] == wrong
+    client.send({"type": MODE, "sn": sn})
+    assert client.receive()["sn"] == sn
+
+
+def test_wrong_type(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+    simulator.inject("wrong_type", type=BATTERY)
+    answer = client.request(BATTERY)
+    assert (answer["type"], answer["body"]["power"] > 0) == ("woosh.robot.Network", True)
+    answer = tcp.request(BATTERY)
+    assert answer.type == "woosh.robot.Network"
+    assert answer.body.type_url.endswith(BATTERY)
+    assert client.request(MODE)["type"] == MODE
+
+
+def test_faults_add_up(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("answer_twice", type=BATTERY)
+    simulator.inject("wrong_type", other=MODE)
+    simulator.inject("delay", seconds=0.01)
+    client.send({"type": BATTERY, "sn": 1})
+    assert [client.receive()["type"] for _ in range(2)] == [MODE, MODE]
+    simulator.clear_faults()
+    assert client.request(BATTERY)["type"] == BATTERY
+
+
+def test_of_hooks_the_last_of_a_kind_counts(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.delay(BATTERY, HOUR)
+    simulator.delay(BATTERY, 0.01)
+    simulator.refuse(BATTERY, "no")
+    simulator.refuse(BATTERY, "never")
+    assert client.refused(BATTERY) == "never"
+    assert [fault.name for fault in simulator.faults] == ["delay", "refuse"]
+    simulator.accept(BATTERY)
+    client.ask(BATTERY)
+    assert simulator.faults == []
+
+
+def test_requests_that_wait_are_limited() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, max_waiting=3)
+    with SimulatorThread(config) as simulator:
+        client, other = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
+        simulator.inject("delay", seconds=HOUR)
+        for sn in range(1, 6):
+            client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": sn})
+        refused = [client.receive() for _ in range(2)]
+        assert [answer["sn"] for answer in refused] == [4, 5]
+        for answer in refused:
+            assert (answer["type"], answer["ok"]) == (OCCUPY, False)
+            assert "3 requests of this connection wait already" in answer["msg"]
+        assert simulator.counts[OCCUPY] == 5
+        other.send(packed(MODE, sn=1))  # it has a limit of its own
+        simulator.wait_received(MODE)
+        simulator.clear_faults()
+        assert [client.receive()["sn"] for _ in range(3)] == [1, 2, 3]
+        assert other.receive().ok
+        client.ask(MODE)
+        client.close()
+        other.close()
+
+
+def test_requests_that_a_frozen_chassis_has_to_do_are_limited() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, max_waiting=2)
+    with SimulatorThread(config) as simulator:
+        client, tcp = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
+        simulator.inject("freeze")
+        for sn in range(1, 5):
+            client.send({"type": MODE, "sn": sn})
+        for _ in range(3):  # which have no answer that could refuse them
+            tcp.send(subscription(MODE))
+        simulator.wait_received(MODE, 4)
+        with pytest.raises((AssertionError, ConnectionError)):
+            tcp.receive()
+        simulator.clear_faults()
+        answers = [client.receive() for _ in range(4)]
+        assert {answer["sn"]: answer["ok"] for answer in answers} == {
+            1: True,
+            2: True,
+            3: False,
+            4: False,
+        }
+        client.ask(MODE)
+        client.close()
+        tcp.close()
+
+
+def test_a_client_that_leaves_takes_what_waits_with_it(simulator: SimulatorThread) -> None:
+    simulator.inject("delay", seconds=HOUR)
+    client = JsonClient(simulator.port)
+    client.send({"type": MODE, "sn": 1})
+    simulator.wait_received(MODE)
+    client.close()
+    wait_until(lambda: simulator.connections == 0)
+    simulator.clear_faults()

@@ -1,0 +1,261 @@
+"""Faults of single frames, over each way of speaking with the chassis."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+import pytest
+import websockets
+from google.protobuf.message import DecodeError
+from sim_wire import JsonClient, TcpClient, body_of, packed, subscription
+from websockets.exceptions import ConnectionClosed
+
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+MODE = "woosh.robot.Mode"
+BATTERY = "woosh.robot.Battery"
+MIB = 1024 * 1024
+LEGACY = int(websockets.version.version.split(".")[0]) < 14
+
+
+class Peer(Protocol):
+    """A client that takes what comes, and looks at it only when told to."""
+
+    def ask(self, sn: int, type_name: str = MODE) -> None: ...
+
+    def subscribe(self, type_name: str) -> None: ...
+
+    def raw(self) -> bytes: ...
+
+    def parse(self, data: bytes) -> tuple[str, int, Any]:
+        """Type, number and body; ValueError if it is no frame."""
+
+    def close(self) -> None: ...
+
+
+class JsonPeer:
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self._client = JsonClient(simulator.port)
+
+    def ask(self, sn: int, type_name: str = MODE) -> None:
+        self._client.send({"type": type_name, "sn": sn})
+
+    def subscribe(self, type_name: str) -> None:
+        self._client.send({"type": "woosh.Subscription", "body": {"topics": [type_name], "sub": 1}})
+
+    def raw(self) -> bytes:
+        socket = self._client.socket
+        data = self._client._await(socket.recv() if LEGACY else socket.recv(decode=False))
+        return data.encode() if isinstance(data, str) else data
+
+    def parse(self, data: bytes) -> tuple[str, int, Any]:
+        frame = json.loads(data)
+        return frame["type"], frame.get("sn", 0), frame["body"]
+
+    def close(self) -> None:
+        self._client.close()
+
+
+class _PackPeer:
+    def parse(self, data: bytes) -> tuple[str, int, Any]:
+        try:
+            pack = MessagePackJson.FromString(data)
+        except DecodeError as error:
+            raise ValueError from error
+        return pack.type, pack.sn, body_of(pack)
+
+
+class BinaryPeer(_PackPeer):
+    """Protobuf over a WebSocket."""
+
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self._client = JsonClient(simulator.port)
+
+    def ask(self, sn: int, type_name: str = MODE) -> None:
+        self._client.send(packed(type_name, sn=sn))
+
+    def subscribe(self, type_name: str) -> None:
+        self._client.send(subscription(type_name))
+
+    def raw(self) -> bytes:
+        data = self._client._await(self._client.socket.recv())
+        assert isinstance(data, bytes)
+        return data
+
+    def close(self) -> None:
+        self._client.close()
+
+
+class TcpPeer(_PackPeer):
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self._client = TcpClient(simulator.tcp_port)
+
+    def ask(self, sn: int, type_name: str = MODE) -> None:
+        self._client.send(packed(type_name, sn=sn))
+
+    def subscribe(self, type_name: str) -> None:
+        self._client.send(subscription(type_name))
+
+    def raw(self) -> bytes:
+        return self._client.receive_bytes()
+
+    def close(self) -> None:
+        self._client.close()
+
+
+@pytest.fixture(params=[JsonPeer, BinaryPeer, TcpPeer])
+def peer(simulator: SimulatorThread, request: pytest.FixtureRequest) -> Iterator[Peer]:
+    connect: Callable[[SimulatorThread], Peer] = request.param
+    peer = connect(simulator)
+    yield peer
+    peer.close()
+
+
+def exchange(peer: Peer, sn: int, type_name: str = MODE) -> tuple[str, int, Any]:
+    peer.ask(sn, type_name)
+    return peer.parse(peer.raw())
+
+
+@pytest.mark.parametrize("name", ["garbage", "truncated", "invalid_utf8"])
+def test_frames_that_nobody_can_read(simulator: SimulatorThread, peer: Peer, name: str) -> None:
+    if name == "invalid_utf8" and LEGACY and isinstance(peer, JsonPeer):
+        return  # this client ends the connection itself, as the next test has it
+    fault = simulator.inject(name, type=BATTERY, count=2)
+    for sn in (1, 2):
+        peer.ask(sn, BATTERY)
+        with pytest.raises(ValueError):
+            peer.parse(peer.raw())
+    assert not fault.active
+    assert exchange(peer, 3, BATTERY)[:2] == (BATTERY, 3)
+    assert simulator.connections == 1
+    assert simulator.counts[BATTERY] == 3
+
+
+def test_text_that_is_no_utf8(simulator: SimulatorThread, client: JsonClient) -> None:
+    """By the WebSocket's rules it ends the connection, unless a client asks for raw text."""
+    simulator.inject("invalid_utf8", count=1)
+    client.send({"type": MODE, "sn": 1})
+    with pytest.raises(ConnectionClosed) as error:
+        client.receive()
+    assert error.value.sent is not None
+    assert error.value.sent.code == 1007
+
+
+@pytest.mark.parametrize("name", ["garbage", "truncated", "unknown_fields", "wrong_field_type"])
+def test_pushes_too(simulator: SimulatorThread, peer: Peer, name: str) -> None:
+    simulator.inject(name, frames="pushes", type=BATTERY)
+    peer.subscribe(BATTERY)
+    assert exchange(peer, 3)[:2] == (MODE, 3)
+    push = robot_pb2.Battery(power=7)
+    simulator.push(push)
+    data = peer.raw()
+    if name in ("garbage", "truncated"):
+        with pytest.raises(ValueError):
+            peer.parse(data)
+    else:
+        assert peer.parse(data)[:2] == (BATTERY, 0)
+        assert peer.parse(data)[2] != push
+    assert exchange(peer, 4)[:2] == (MODE, 4)
+
+
+def test_all_frames(simulator: SimulatorThread, peer: Peer) -> None:
+    peer.subscribe(BATTERY)
+    assert exchange(peer, 3)[:2] == (MODE, 3)
+    simulator.inject("garbage", frames="all", length=10, count=2)
+    simulator.push(robot_pb2.Battery(power=7))
+    assert len(peer.raw()) == 10
+    peer.ask(4)
+    assert len(peer.raw()) == 10
+    assert exchange(peer, 5)[:2] == (MODE, 5)
+
+
+def test_frames_that_break_off(simulator: SimulatorThread, peer: Peer) -> None:
+    simulator.inject("truncated", where="wire", count=1)
+    peer.ask(1)
+    with pytest.raises((ConnectionClosed, ConnectionError, AssertionError)):
+        peer.raw()
+    again = type(peer)(simulator)  # type: ignore[call-arg]
+    assert exchange(again, 2)[:2] == (MODE, 2)
+    again.close()
+
+
+def test_oversize_frames_are_right_otherwise(simulator: SimulatorThread, peer: Peer) -> None:
+    usual = exchange(peer, 1)[2]
+    simulator.inject("oversize", mib=3, count=1)
+    peer.ask(1)
+    data = peer.raw()
+    assert 3 * MIB <= len(data) < 3 * MIB + 100
+    assert isinstance(usual, dict) is isinstance(peer, JsonPeer)
+    type_name, sn, body = peer.parse(data)
+    assert (type_name, sn) == (MODE, 1)
+    assert len(str(body)) == len(str(usual))
+    assert exchange(peer, 2)[:2] == (MODE, 2)
+
+
+def test_oversize_is_over_the_usual_limit(simulator: SimulatorThread) -> None:
+    peer = TcpPeer(simulator)
+    simulator.inject("oversize")
+    peer.ask(1)
+    assert len(peer.raw()) > 64 * MIB
+    peer.close()
+
+
+def test_unknown_fields_leave_the_others_alone(simulator: SimulatorThread, peer: Peer) -> None:
+    usual = exchange(peer, 1, BATTERY)[2]
+    simulator.inject("unknown_fields")
+    type_name, sn, body = exchange(peer, 2, BATTERY)
+    assert (type_name, sn) == (BATTERY, 2)
+    assert body != usual
+    if isinstance(body, dict):
+        assert {key: body[key] for key in usual} == usual
+        assert len(body) == len(usual) + 1
+    else:
+        body.DiscardUnknownFields()
+        assert body == usual
+
+
+def test_wrong_field_type(simulator: SimulatorThread, peer: Peer) -> None:
+    usual = exchange(peer, 1, BATTERY)[2]
+    simulator.inject("wrong_field_type")
+    body = exchange(peer, 2, BATTERY)[2]
+    if isinstance(body, dict):
+        (wrong,) = [key for key in usual if type(body[key]) is not type(usual[key])]
+        assert {**body, wrong: usual[wrong]} == usual
+    else:
+        before = {field.name for field, _ in usual.ListFields()}
+        body.ByteSize()
+        (wrong,) = before - {field.name for field, _ in body.ListFields()}
+        assert len(body.SerializeToString()) > 0
+        usual.ClearField(wrong)
+        body.DiscardUnknownFields()
+        assert body == usual
+
+
+def test_an_empty_body_of_the_wrong_type(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("wrong_field_type", type="woosh.robot.SetOccupancy")
+    client.send({"type": "woosh.robot.SetOccupancy", "sn": 1})
+    assert client.receive()["body"] == "neither"
+
+
+def test_equal_seeds_damage_equally() -> None:
+    seen = []
+    for _ in range(2):
+        with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=8)) as simulator:
+            simulator.inject("garbage", count=3)
+            simulator.inject("wrong_field_type", type=BATTERY)
+            peer = JsonPeer(simulator)
+            frames = []
+            for sn in range(3):
+                peer.ask(sn)
+                frames.append(peer.raw())
+            kinds = []
+            for sn in range(5):
+                body = exchange(peer, sn, BATTERY)[2]
+                kinds.append([type(value) for value in body.values()])
+            seen.append((frames, kinds))
+            peer.close()
+    assert seen[0] == seen[1]

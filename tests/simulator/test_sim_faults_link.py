@@ -1,0 +1,271 @@
+"""Faults of the connection as a whole, and what all faults have in common."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections import Counter
+
+import pytest
+from sim_wait import wait_until
+from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
+from websockets.exceptions import ConnectionClosed
+
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.simulator import (
+    FaultError,
+    SimulatedChassis,
+    SimulatorConfig,
+    SimulatorThread,
+)
+from woosh_robot_agent.simulator.faults import FAULTS, markdown
+
+MODE = "woosh.robot.Mode"
+OCCUPY = "woosh.robot.SetOccupancy"
+UPGRADE = (
+    b"GET / HTTP/1.1\r\nHost: here\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+GONE = (AssertionError, ConnectionError)  # how a TcpClient meets the end of its connection
+
+
+def connect(port: int) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", port), TIMEOUT)
+
+
+def test_drop(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+    assert tcp.request(MODE).ok
+    wait_until(lambda: simulator.connections == 2)
+    assert not simulator.inject("drop").active
+    with pytest.raises(ConnectionClosed):
+        client.receive()
+    with pytest.raises(GONE):
+        tcp.receive()
+    again = TcpClient(simulator.tcp_port)
+    assert again.request(MODE).ok
+    again.close()
+    assert simulator.injected == Counter(drop=1)
+    assert simulator.faults == []
+
+
+def test_accept_then_drop(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask(MODE)
+    fault = simulator.inject("accept_then_drop", count=2)
+    new = JsonClient(simulator.port)  # its handshake was answered
+    with pytest.raises(ConnectionClosed):
+        new.receive()
+    new.close()
+    with connect(simulator.tcp_port) as tcp:
+        assert tcp.recv(1) == b""
+    wait_until(lambda: not fault.active)
+    assert fault.hits == 2
+    third = TcpClient(simulator.tcp_port)
+    assert third.request(MODE).ok
+    third.close()
+    client.ask(MODE)  # who was there before stays
+    assert simulator.counts[MODE] == 3
+
+
+def test_off_and_back_at_the_same_ports(simulator: SimulatorThread) -> None:
+    ports = simulator.port, simulator.tcp_port
+    first = TcpClient(simulator.tcp_port)
+    assert first.request(MODE).ok
+    fault = simulator.inject("off")
+    with pytest.raises(GONE):
+        first.receive()
+    first.close()
+    for port in ports:
+        with pytest.raises(ConnectionRefusedError):
+            connect(port)
+        with socket.socket() as other, pytest.raises(OSError, match="in use"):
+            other.bind(("127.0.0.1", port))
+    fault.clear()
+    assert (simulator.port, simulator.tcp_port) == ports
+    client, tcp = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
+    client.ask(MODE)
+    assert tcp.request(MODE).ok
+    client.close()
+    tcp.close()
+
+
+def test_half_open(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+    """Nothing comes back, from old connections and from new ones, until it is over."""
+    client.ask(MODE)
+    fault = simulator.inject("half_open")
+    client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 900})
+    pong = client._await(client.socket.ping())
+    with connect(simulator.port) as websocket, connect(simulator.tcp_port) as new:
+        websocket.sendall(UPGRADE)
+        request = packed(MODE, sn=5)
+        new.sendall(bytes([len(request)]) + request)
+        for silent in (websocket, new):
+            silent.settimeout(0.2)
+            with pytest.raises(TimeoutError):
+                silent.recv(1)
+        with pytest.raises(asyncio.TimeoutError):
+            client.receive(timeout=0.05)
+        assert not pong.done()
+        assert simulator.counts[OCCUPY] == 0
+        assert not simulator.state.info.device_state.software & 8
+        fault.clear()
+        for silent, begin in ((websocket, b"HTTP/1.1 101"), (new, b"")):
+            silent.settimeout(TIMEOUT)
+            assert silent.recv(12).startswith(begin)
+    assert client.receive()["sn"] == 900
+    client._await(pong)
+    assert simulator.counts[OCCUPY] == 1
+
+
+def test_shared_faults_last_until_the_last_of_them(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    faults = [simulator.inject("half_open") for _ in range(2)]
+    client.send({"type": MODE, "sn": 7})
+    faults[0].clear()
+    with pytest.raises(asyncio.TimeoutError):
+        client.receive(timeout=0.1)
+    faults[1].clear()
+    assert client.receive()["sn"] == 7
+    assert simulator.injected["half_open"] == 2
+
+
+def test_freeze(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+    client.ask(MODE)
+    fault = simulator.inject("freeze")
+    elapsed = simulator.state.elapsed
+    client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 901})
+    client.send({"type": OCCUPY, "body": {"occupy": False}, "sn": 902})
+    client.send({"type": "no such type", "sn": 903})
+    tcp.send(packed(MODE, sn=904))
+    simulator.wait_received(OCCUPY, 2)
+    simulator.wait_received(MODE, 2)
+    with pytest.raises(asyncio.TimeoutError):
+        client.receive(timeout=0.2)
+    client._await(client._await(client.socket.ping()))
+    assert simulator.state.elapsed == elapsed
+    assert not simulator.state.info.device_state.software & 8
+    fault.clear()
+    answers = [client.receive() for _ in range(3)]
+    assert [answer["sn"] for answer in answers] == [901, 902, 903]
+    assert [answer["ok"] for answer in answers] == [True, True, False]
+    assert tcp.receive().sn == 904
+    assert simulator.counts[OCCUPY] == 2
+    wait_until(lambda: simulator.state.elapsed > elapsed)
+
+
+def test_nothing_leaves_a_frozen_chassis(simulator: SimulatorThread, client: JsonClient) -> None:
+    """Neither pushes nor answers of requests from before."""
+    client.subscribe("woosh.robot.Battery")
+    delayed = simulator.inject("delay", seconds=0.1)
+    client.send({"type": MODE, "sn": 800})
+    wait_until(lambda: delayed.hits)
+    frozen = simulator.inject("freeze")
+    simulator.push(robot_pb2.Battery(power=3))
+    with pytest.raises(asyncio.TimeoutError):
+        client.receive(timeout=0.3)
+    frozen.clear()
+    assert {client.receive().get("sn") for _ in range(2)} == {800, None}
+
+
+def test_freeze_ends_by_itself(simulator: SimulatorThread, client: JsonClient) -> None:
+    """Its own clock goes on, though that of the chassis stands still."""
+    fault = simulator.inject("freeze", for_=10.0)
+    client.send({"type": MODE, "sn": 3})
+    assert client.receive()["sn"] == 3
+    assert not fault.active
+
+
+def test_half_open_while_frozen(simulator: SimulatorThread, client: JsonClient) -> None:
+    frozen, held = simulator.inject("freeze"), simulator.inject("half_open")
+    client.send({"type": MODE, "sn": 3})
+    held.clear()
+    simulator.wait_received(MODE)
+    with pytest.raises(asyncio.TimeoutError):
+        client.receive(timeout=0.1)
+    frozen.clear()
+    assert client.receive()["sn"] == 3
+
+
+def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None:
+    fault = simulator.inject("half_open")
+    fault.clear()
+    fault.clear()
+    simulator.inject("drop").clear()
+    simulator.clear_faults()
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "complaint"),
+    [
+        ("dorp", {}, "no fault 'dorp'; there are: drop, "),
+        ("delay", {"second": 1}, "delay has no argument 'second'; its arguments are: seconds, "),
+        ("delay", {"seconds": "1"}, "delay: seconds: '1' is not a number from 0 to 86400 real s"),
+        ("delay", {"seconds": -1}, "seconds: -1 is not"),
+        ("delay", {"seconds": float("nan")}, "seconds: nan is not"),
+        ("delay", {"seconds": 10**400}, "is not a number from 0 to 86400"),
+        ("delay", {"count": 10**400}, "is not an integer from 0"),
+        ("delay", {"for_": float("inf")}, "for: inf is not a number from 0 simulated s"),
+        ("delay", {"count": 1.5}, "count: 1.5 is not an integer from 0"),
+        ("delay", {"count": True}, "count: True is not an integer"),
+        ("delay", {"frames": "some"}, "frames: 'some' is not answers or pushes or all"),
+        ("refuse", {"text": 5}, "text: 5 is not a text"),
+        ("refuse", {"type": "woosh.robot.Speek"}, "no message has the type 'woosh.robot.Speek'"),
+        ("drop", {"for_": 1}, "drop is momentary: it takes no `for`"),
+        ("obstacle", {"x": 1.0}, "x and y go together"),
+        ("burst", {"type": "woosh.robot.Speak"}, "is not one of"),
+    ],
+)
+def test_wrong_ones_say_what_is_right(
+    simulator: SimulatorThread, name: str, arguments: dict[str, object], complaint: str
+) -> None:
+    with pytest.raises(FaultError) as error:
+        simulator.inject(name, **arguments)
+    assert complaint in str(error.value)
+    assert simulator.injected == Counter()
+    assert simulator.faults == []
+
+
+def test_begin_and_end_are_logged_once(
+    simulator: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "woosh_robot_agent.simulator.faults")
+    fault = simulator.inject("delay", seconds=0.5, type=MODE)
+    fault.clear()
+    fault.clear()
+    simulator.inject("drop")
+    simulator.inject("emergency_stop", for_=1)
+    wait_until(lambda: not simulator.faults)
+    assert [record.message for record in caplog.records] == [
+        f"fault begins: delay seconds=0.5 type={MODE}",
+        f"fault ends: delay seconds=0.5 type={MODE}",
+        "fault: drop",
+        "fault begins: emergency_stop for=1.0",
+        "fault ends: emergency_stop for=1.0",
+    ]
+
+
+def test_in_the_callers_loop() -> None:
+    async def scenario() -> None:
+        config = SimulatorConfig(port=0, tcp_port=0, speed=100)
+        async with SimulatedChassis(config) as simulator:
+            fault = simulator.inject("off")
+            await simulator.settle()
+            with pytest.raises(ConnectionRefusedError):
+                await asyncio.open_connection("127.0.0.1", simulator.tcp_port)
+            fault.clear()
+            await simulator.settle()
+            _, writer = await asyncio.open_connection("127.0.0.1", simulator.tcp_port)
+            writer.close()
+            simulator.inject("half_open")
+            simulator.inject("freeze")
+            simulator.inject("off")  # it ends all the same
+
+    asyncio.run(scenario())
+
+
+def test_the_table_is_complete() -> None:
+    rows = markdown().splitlines()
+    assert len(rows) == len(FAULTS) + 2
+    assert all(row.count(" | ") == 3 for row in rows)
+    assert all(fault.description for fault in FAULTS.values())

@@ -1,0 +1,206 @@
+"""Faults by schedule: from files and from the command line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sim_wait import wait_until
+from sim_wire import JsonClient
+from test_sim_program import PROGRAM, running
+
+from woosh_robot_agent.simulator import (
+    FaultError,
+    Scenario,
+    SimulatorConfig,
+    SimulatorThread,
+    load_scenario,
+)
+from woosh_robot_agent.simulator.__main__ import main
+from woosh_robot_agent.simulator.faults import Step, markdown, parse_fault
+
+SCENARIO = """\
+# comes second, but happens first
+- {at: 30, do: lost_localisation, for: 10}
+- at: 10
+  do: emergency_stop
+  for: 5.5
+- {at: 60, do: refuse, type: woosh.robot.Speak, text: "not now: busy"}
+- {at: 60, do: drop}
+"""
+CODES = "woosh.robot.count.StatusCodes"
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "scenario.yaml"
+    path.write_text(SCENARIO)
+    return path
+
+
+def test_files_are_read(scenario: Path) -> None:
+    steps = load_scenario(scenario).steps
+    assert [(step.at, step.name) for step in steps] == [
+        (30.0, "lost_localisation"),
+        (10.0, "emergency_stop"),
+        (60.0, "refuse"),
+        (60.0, "drop"),
+    ]
+    assert steps[1].arguments == {"for": 5.5}
+    assert steps[2].arguments["text"] == "not now: busy"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("- {at: 1, do: drop", "not YAML"),
+        ("\0", "not YAML"),
+        ("drop", "not a list of {at: SECONDS, do: NAME}"),
+        ("", "not a list"),
+        ("- drop", "entry 1: 'drop' is not of the form {at: SECONDS, do: NAME}"),
+        ("- {at: 1, 5: drop}", "entry 1: "),
+        ("- {at: 1, do: drop}\n- {do: drop}", "entry 2: drop: `at` has to say when"),
+        ("- {at: 1}", "entry 1: `do` has to name a fault"),
+        ("- {at: -1, do: drop}", "entry 1: drop: at: -1 is not a number from 0 simulated s"),
+        ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
+        ("- {at: 1, do: dorp}", "entry 1: no fault 'dorp'; there are: drop, "),
+        ("- {at: 1, do: delay, secs: 3}", "entry 1: delay has no argument 'secs'"),
+        ("- {at: 1, do: drop, for: 3}", "entry 1: drop is momentary"),
+        ("- {at: 1, do: off, for: }", "entry 1: off: for: None is not a number"),
+        ("- {at: 1, do: on}", "entry 1: `do` has to name a fault"),
+    ],
+)
+def test_wrong_files_say_what_is_right(tmp_path: Path, text: str, complaint: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(FaultError) as error:
+        load_scenario(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert complaint in str(error.value)
+
+
+def test_the_command_lines_form() -> None:
+    assert parse_fault("drop") == Step(0.0, "drop", {})
+    step = parse_fault("refuse text='not today' type=woosh.robot.Speak at=5 for=10 count=2")
+    assert (step.at, step.name) == (5.0, "refuse")
+    assert step.arguments == {
+        "text": "not today",
+        "type": "woosh.robot.Speak",
+        "count": 2,
+        "for": 10.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "no fault ''; there are: "),
+        ("'", "No closing quotation"),
+        ("delay 3", "delay: '3' is not of the form key=value"),
+        ("delay seconds=1 seconds=2", "delay: seconds is said twice"),
+        ("delay seconds=x", "delay: seconds: 'x' is not a number from 0 to 86400 real s"),
+        ("delay count=1.5", "delay: count: '1.5' is not an integer from 0"),
+        ("delay what=1", "delay has no argument 'what'; its arguments are: seconds, "),
+    ],
+)
+def test_wrong_command_lines_say_what_is_right(
+    text: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main(["--fault", text])
+    assert exit_.value.code == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_a_wrong_file_by_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--scenario", str(tmp_path / "none.yaml")])
+    assert "No such file" in capsys.readouterr().err
+
+
+def codes(client: JsonClient) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = client.ask(CODES)["scs"]
+    return found
+
+
+def test_things_happen_in_simulated_time(scenario: Path) -> None:
+    """And in two runs alike."""
+    config = SimulatorConfig(
+        port=0, tcp_port=0, speed=100, seed=2, scenario=load_scenario(scenario)
+    )
+    runs = []
+    for _ in range(2):
+        with SimulatorThread(config) as simulator:
+            wait_until(lambda simulator=simulator: simulator.injected["drop"])
+            assert dict(simulator.injected) == {
+                "emergency_stop": 1,
+                "lost_localisation": 1,
+                "refuse": 1,
+                "drop": 1,
+            }
+            assert [fault.name for fault in simulator.faults] == ["refuse"]
+            client = JsonClient(simulator.port)
+            assert client.refused("woosh.robot.Speak") == "not now: busy"
+            runs.append([(code["msg"], int(code["time"])) for code in codes(client)])
+            client.close()
+    assert runs[0] == runs[1]
+    begin = 1735689600000
+    assert [(text, time - begin) for text, time in runs[0]] == [
+        ("emergency stop pressed", 10_000),
+        ("localisation lost", 30_000),
+    ]
+
+
+def test_what_is_due_at_the_start_is_there_for_the_first_client() -> None:
+    scenario = Scenario((parse_fault("off for=20"),))
+    config = SimulatorConfig(port=0, tcp_port=0, speed=50, scenario=scenario)
+    with SimulatorThread(config) as simulator:
+        port = simulator.port
+        seen = simulator.injected["off"]
+        wait_until(lambda: not simulator.faults)
+        wait_until(lambda: simulator.port == port)
+        simulator.clear_faults()  # returns when it listens
+        client = JsonClient(port)
+        client.ask("woosh.robot.Mode")
+        client.close()
+    assert seen == 1
+
+
+def test_as_a_program(scenario: Path) -> None:
+    arguments = ("--scenario", str(scenario), "--speed", "100", "-v", "--seed", "2")
+    refuse = "refuse type=woosh.robot.SetOccupancy text='by hand'"
+    freeze = "freeze at=20 for=5"
+    with running(*arguments, "--fault", refuse, "--fault", freeze) as (process, port, _):
+        assert process.stderr
+        said = []
+        for line in process.stderr:
+            said += [line.strip().partition("injector: ")[2]] if "injector" in line else []
+            if "fault: drop" in line:
+                break
+        client = JsonClient(port)
+        assert client.refused("woosh.robot.SetOccupancy") == "by hand"
+        assert client.refused("woosh.robot.Speak") == "not now: busy"
+        client.close()
+    assert said == [
+        "fault begins: refuse text='by hand' type=woosh.robot.SetOccupancy",
+        "fault begins: emergency_stop for=5.5",
+        "fault ends: emergency_stop for=5.5",
+        "fault begins: freeze for=5.0",
+        "fault ends: freeze for=5.0",
+        "fault begins: lost_localisation for=10.0",
+        "fault ends: lost_localisation for=10.0",
+        "fault begins: refuse text='not now: busy' type=woosh.robot.Speak",
+        "fault: drop",
+    ]
+
+
+def test_the_list() -> None:
+    out = subprocess.run(
+        [*PROGRAM, "--list-faults"], capture_output=True, text=True, check=True
+    ).stdout
+    assert out == markdown() + "\n"
+    module = [sys.executable, "-m", "woosh_robot_agent.simulator.faults"]
+    assert subprocess.run(module, capture_output=True, text=True, check=True).stdout == out

@@ -1,0 +1,124 @@
+"""Clients that mean harm: the simulated chassis goes on serving them and the others."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
+
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+MODE = "woosh.robot.Mode"
+MIB = 1024 * 1024
+HOSTILE = {
+    "nested lists": "[" * 100_000,
+    "nested body": '{"type":"woosh.robot.Speak","sn":999,"body":' + "[" * 5000 + "]" * 5000 + "}",
+    "a type that is no name": '{"type":"' + "x" * 1_000_000 + '","sn":999}',
+    "very many objects": '{"type":"woosh.robot.Speak","sn":999,"body":['
+    + "{}," * 1_500_000
+    + "{}]}",
+    "a number of very many digits": '{"type":"woosh.robot.Speak","sn":' + "9" * 100_000 + "}",
+    "a long number": '{"type":"woosh.robot.Speak","sn":' + "9" * 4000 + "}",
+    "keys twice": '{"type":"woosh.robot.Speak","type":"woosh.Subscription","body":{"topics":1}}',
+    "subscription to everything": '{"type":"woosh.Subscription","body":{"topics":['
+    + ",".join(['"x"'] * 100_000)
+    + '],"sub":true}}',
+    "deep any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","sn":999,"body":{"info":'
+    + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
+    + "{}"
+    + "}" * 300
+    + "}}",
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_hostile_frame_ends_nothing(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient, what: str
+) -> None:
+    client.send(HOSTILE[what])
+    client.ask(MODE)
+    assert tcp.request(MODE).ok
+    assert simulator.connections == 2
+
+
+def test_an_answer_is_not_much_longer_than_its_request(client: JsonClient) -> None:
+    answer = client.request("x" * 1_000_000)
+    assert answer["ok"] is False
+    assert len(answer["msg"]) < 1000
+    assert len(answer["type"]) < 1000
+
+
+def test_deep_groups(simulator: SimulatorThread, tcp: TcpClient) -> None:
+    tcp.send(b"\xfb\x06" * 100_000 + b"\xfc\x06" * 100_000)
+    tcp.send(packed(MODE)[:-1])
+    assert tcp.request(MODE).ok
+    assert simulator.connections == 1
+
+
+def test_what_waits_for_a_client_that_does_not_read_is_bounded(
+    simulator: SimulatorThread, tcp: TcpClient
+) -> None:
+    """By bytes too: few frames can be large."""
+    assert tcp.request(MODE).ok
+    frame = b"x" * (20 * MIB)
+    for _ in range(6):
+        simulator.send_raw(frame)
+    deadline = time.monotonic() + TIMEOUT
+    while simulator.connections:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_the_record_of_what_clients_sent_is_bounded(
+    simulator: SimulatorThread, tcp: TcpClient
+) -> None:
+    speech = Speak(text="x" * (8 * MIB))
+    for number in range(1, 11):
+        assert tcp.request("woosh.robot.Speak", speech, number).sn == number
+    assert simulator.counts["woosh.robot.Speak"] == 10
+    assert len(simulator.received) == 7
+
+
+async def _handshake(port: int, origin: str) -> str:
+    """The first line that the simulator answers to a client of this origin."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    header = f"Origin: {origin}\r\n" if origin else ""
+    writer.write(
+        (
+            f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\n{header}"
+            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        ).encode()
+    )
+    line = await asyncio.wait_for(reader.readline(), TIMEOUT)
+    writer.close()
+    return line.decode()
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("", "101"),
+        ("http://localhost:3000", "101"),
+        ("http://127.0.0.1:5480", "101"),
+        ("http://[::1]", "101"),
+        ("https://somewhere.example", "403"),
+        ("http://localhost.somewhere.example", "403"),
+        ("http://127.0.0.1.somewhere.example", "403"),
+        ("null", "403"),
+    ],
+)
+def test_web_pages_of_others_are_refused(
+    simulator: SimulatorThread, origin: str, status: str
+) -> None:
+    """A page in the browser of this machine reaches its loopback too."""
+    assert f" {status} " in asyncio.run(_handshake(simulator.port, origin))
+
+
+def test_web_pages_are_not_refused_where_everybody_is_let_in() -> None:
+    config = SimulatorConfig(host="0.0.0.0", port=0, tcp_port=0)
+    with SimulatorThread(config) as simulator:
+        assert " 101 " in asyncio.run(_handshake(simulator.port, "https://somewhere.example"))

@@ -1,0 +1,278 @@
+"""Obstacles in the way of tasks, actions and steps: noticed, waited for, driven round."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from sim_wire import Json, JsonClient, pass_time
+
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"
+ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
+CALL, FEEDBACKS = "woosh.ros.CallAction", "woosh.ros.Feedbacks"
+EXECUTING, COMPLETED, FAILED = 3, 7, 9
+ACTION_EXECUTING, ACTION_WARNING = 1, 2
+AVOID, WAIT, TIMEOUT, OVERTIME, NARROW = 1, 2, 3, 4, 10
+IMPEDE = 8
+AVOIDED = "130104000031"
+GOAL = {"pose": {"x": 9.0, "y": 0.0}}
+
+
+@pytest.fixture
+def simulator() -> Iterator[SimulatorThread]:
+    """As slow as a real one at first: what is sent in a row comes before the obstacle is met."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as simulator:
+        yield simulator
+
+
+@pytest.fixture(autouse=True)
+def _placed(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
+    put(simulator, 6.0)
+    client.subscribe(PROC, OPERATION, ABNORMAL, CODE, FEEDBACKS)
+
+
+def put(simulator: SimulatorThread, x: float, radius: float = 0.3, y: float = 0.0) -> None:
+    simulator.call(lambda s: s.chassis.obstacles.put("box", x, y, radius))
+
+
+def remove(simulator: SimulatorThread) -> None:
+    simulator.call(lambda s: s.chassis.obstacles.remove("box"))
+
+
+def hurry(simulator: SimulatorThread) -> None:
+    simulator.call(lambda s: setattr(s, "speed", 50.0))
+
+
+def go(simulator: SimulatorThread, client: JsonClient, mode: int, timeout: int = 0) -> None:
+    """Start the task beyond the obstacle, in a navigation mode."""
+    client.ask("woosh.robot.ExecTask", GOAL)
+    setting = {"type": 2, "mode": mode, "waitTimeout": timeout}
+    client.ask("woosh.robot.ChangeNavMode", {"navMode": setting})
+    hurry(simulator)
+
+
+def warns(proc: Json) -> bool:
+    return bool(proc.get("action", {}).get("state") == ACTION_WARNING)
+
+
+def impeded(client: JsonClient) -> Json:
+    """The report of the task that something stands in its way, which shows everywhere else too."""
+    report = client.push(PROC, warns)
+    assert report["state"] == EXECUTING
+    assert "an obstacle stands in the way" in report["msg"]
+    assert client.push(OPERATION, lambda body: body["nav"] == IMPEDE)["robot"] == 1
+    (code,) = client.push(ABNORMAL)["scs"]
+    assert (code["level"], code["msg"]) == (2, "an obstacle stands in the way")
+    return report
+
+
+def end(client: JsonClient) -> Json:
+    return client.push(PROC, lambda body: body["state"] in (COMPLETED, FAILED))
+
+
+def test_it_drives_round_an_obstacle(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe("woosh.robot.PoseSpeed", "woosh.robot.NavPath")
+    client.ask("woosh.robot.ExecTask", GOAL)  # avoiding is what it does unless told otherwise
+    hurry(simulator)
+    nearest, corners, warnings, states, codes = math.inf, 0, 0, [], []
+    while True:
+        frame = client.receive()
+        kind, body = frame["type"], frame["body"]
+        if kind == "woosh.robot.PoseSpeed":
+            pose = body["pose"]
+            nearest = min(nearest, math.dist((6.0, 0.0), (pose["x"], pose["y"])) - 0.3)
+        elif kind == "woosh.robot.NavPath":
+            corners = max(corners, len(body["path"]["poses"]))
+        elif kind == OPERATION:
+            states.append(body["nav"])
+        elif kind == CODE:
+            codes.append(body["code"])
+        elif kind == PROC and warns(body):
+            warnings += 1
+        elif kind == PROC and body["state"] in (COMPLETED, FAILED):
+            break
+    assert body["state"] == COMPLETED
+    assert 0.4 < nearest < 1.0
+    assert corners > 2
+    assert warnings == 1
+    assert [state for state in states if state] == [IMPEDE]
+    assert codes.count(AVOIDED) == 1
+    assert client.ask(OPERATION)["nav"] == 0
+    assert client.ask(ABNORMAL)["scs"] == []
+    assert simulator.state.pose.distance((9.0, 0.0)) < 0.01
+
+
+@pytest.mark.parametrize("mode", [WAIT, NARROW])
+def test_it_waits_until_the_obstacle_is_gone(
+    simulator: SimulatorThread, client: JsonClient, mode: int
+) -> None:
+    go(simulator, client, mode)
+    impeded(client)
+    pass_time(simulator, 5.0)
+    where = simulator.state.pose
+    assert 0.5 < 6.0 - where.x - 0.3 < 1.0
+    pass_time(simulator, 120.0)
+    assert simulator.state.pose == where
+    assert client.ask(OPERATION)["nav"] == IMPEDE
+    assert client.taken(PROC) == []
+    remove(simulator)
+    going = client.push(PROC)
+    assert (going["state"], going["action"]["state"]) == (EXECUTING, ACTION_EXECUTING)
+    assert client.push(OPERATION)["nav"] == 0
+    assert client.push(ABNORMAL)["scs"] == []
+    assert end(client)["state"] == COMPLETED
+
+
+def test_it_plans_anew_after_a_timeout(simulator: SimulatorThread, client: JsonClient) -> None:
+    go(simulator, client, TIMEOUT, timeout=20)
+    since = impeded(client)["time"]
+    avoided = client.push(CODE, lambda body: body["code"] == AVOIDED)
+    assert 19.0 <= int(avoided["time"]) / 1000 - since <= 22.0
+    assert end(client)["state"] == COMPLETED
+
+
+def test_it_fails_after_a_timeout(simulator: SimulatorThread, client: JsonClient) -> None:
+    go(simulator, client, OVERTIME, timeout=10)
+    since = impeded(client)["time"]
+    failed = end(client)
+    assert failed["state"] == FAILED
+    assert "remove it or choose another goal" in failed["msg"]
+    assert 9 <= failed["time"] - since <= 12
+    assert client.ask(OPERATION)["nav"] == 0
+    # When the way is free again, the task can be recovered from where it failed.
+    remove(simulator)
+    client.ask("woosh.robot.ActionOrder", {"order": 5})
+    assert client.push(PROC)["state"] == EXECUTING
+    assert end(client)["state"] == COMPLETED
+
+
+def test_where_there_is_no_way_round_it_waits_and_fails(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    put(simulator, 9.0, 0.6)  # on the goal itself
+    go(simulator, client, AVOID)
+    impeded(client)
+    failed = end(client)
+    assert failed["state"] == FAILED
+    assert "an obstacle stands in the way" in failed["msg"]
+
+
+def test_a_set_goes_on_after_the_recovery_of_its_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    put(simulator, -2.0, 0.6, y=6.0)  # on A1
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
+    hurry(simulator)
+    assert end(client)["state"] == FAILED
+    pass_time(simulator, 20.0)
+    assert client.taken(PROC) == []
+    remove(simulator)
+    client.ask("woosh.robot.ActionOrder", {"order": 5})
+    ends = [end(client) for _ in range(2)]
+    assert [(each["robotTaskId"], each["state"]) for each in ends] == [
+        ("66601", COMPLETED),
+        ("66602", COMPLETED),
+    ]
+
+
+def test_an_obstacle_that_moves_away_lets_it_pass(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    put(simulator, 9.0, 0.6)
+    go(simulator, client, AVOID)
+    impeded(client)
+    put(simulator, 6.0, 0.6, y=5.0)
+    assert end(client)["state"] == COMPLETED
+
+
+def test_the_mode_can_change_before_the_obstacle(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    go(simulator, client, WAIT)
+    impeded(client)
+    client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "mode": AVOID}})
+    assert client.push(CODE, lambda body: body["code"] == AVOIDED)
+    assert end(client)["state"] == COMPLETED
+
+
+def test_a_strict_path_is_not_left(simulator: SimulatorThread, client: JsonClient) -> None:
+    segment = {"path": {"poses": [{"x": 9.0, "y": 0.0}]}, "optimal": 9}
+    client.ask("woosh.robot.ExecTask", {"planPath": {"planPath": [segment]}})
+    hurry(simulator)
+    impeded(client)
+    assert end(client)["state"] == FAILED
+    assert abs(simulator.state.pose.y) < 0.01
+
+
+def test_a_paused_task_is_not_impeded(simulator: SimulatorThread, client: JsonClient) -> None:
+    go(simulator, client, WAIT)
+    impeded(client)
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    assert client.push(OPERATION)["nav"] == 0
+    assert client.push(ABNORMAL)["scs"] == []
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    impeded(client)
+    client.ask("woosh.robot.ActionOrder", {"order": 4})
+    assert client.push(OPERATION)["nav"] == 0
+
+
+def test_an_action_says_that_it_is_held_up(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 9.0}}})
+    client.ask(CALL, {"navMode": {"mode": 2}})
+    hurry(simulator)
+    (report,) = client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 10)["fbs"]
+    assert "an obstacle stands in the way" in report["msg"]
+    assert client.push(OPERATION)["nav"] == IMPEDE
+    remove(simulator)
+    assert client.push(OPERATION)["nav"] == 0
+    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
+
+
+@pytest.mark.parametrize(
+    ("step", "place"),
+    [
+        ({"mode": 1, "value": 2.0}, (1.7, 0.0)),
+        ({"mode": 1, "value": -2.0}, (-1.7, 0.0)),
+        ({"mode": 3, "value": 2.0}, (0.0, 1.7)),
+        ({"mode": 4, "value": 2.0, "angle": math.pi / 4}, (1.2, 1.2)),
+    ],
+)
+def test_a_step_stops_before_an_obstacle(
+    simulator: SimulatorThread, client: JsonClient, step: Json, place: tuple[float, float]
+) -> None:
+    x, y = place
+    put(simulator, x, y=y)
+    client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
+    hurry(simulator)
+    assert client.push(OPERATION)["nav"] == IMPEDE
+    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
+    assert client.push(OPERATION)["nav"] == 0
+    # It never touched: there is a gap to the outline.
+    assert 0.5 < simulator.state.pose.distance(place) - 0.3 < 1.1
+    remove(simulator)
+    client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
+    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
+
+
+def test_a_step_without_avoidance_drives_until_it_touches(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    put(simulator, 2.0)
+    step = {"mode": 1, "value": 3.0}
+    client.ask(CALL, {"stepControl": {"action": 1, "steps": [step], "avoid": 1}})
+    hurry(simulator)
+    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
+    assert 0.39 < 2.0 - 0.3 - simulator.state.pose.x < 0.45  # its front is 0.4 m ahead
+
+
+def test_an_obstacle_dropped_on_the_robot_lets_it_leave(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    put(simulator, -0.5)
+    client.ask("woosh.robot.ExecTask", GOAL)
+    hurry(simulator)
+    assert end(client)["state"] == COMPLETED

@@ -1,0 +1,259 @@
+"""Maps and scenes that a client uploads with SwitchMap."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from sim_wire import Json, JsonClient
+
+from woosh_robot_agent.pb.util.common_pb2 import FileData
+from woosh_robot_agent.simulator import SimulatorThread, uploads
+from woosh_robot_agent.simulator.refused import Refused
+
+NAV2 = b"""
+image: floor.png
+resolution: 0.1
+origin: [-10.0, -10.0, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+SCENE = b"""
+maps:
+  - name: hall
+    walls: [[0, -9, 9, -9, 9, 9, 0, 9, 0, -9]]
+    marks: [{number: X1, type: rack, pose: [4.0, 0.0, 0.0]}]
+  - {name: yard, version: 7, image: floor.yaml}
+tasks:
+  predefined: [{id: 77, name: fetch, steps: [{mark: X1}]}]
+"""
+
+
+def floor_png(wall_x: float = 8.0) -> bytes:
+    """A floor of 20 by 20 m around the origin, with one wall across it."""
+    greys = np.full((200, 200), 254, np.uint8)
+    greys[:, round((wall_x + 10.0) / 0.1)] = 0
+    buffer = io.BytesIO()
+    Image.fromarray(greys).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def switch(scene: str, map_name: str = "", **files: bytes) -> Json:
+    """The body of a request; in the names of files _ stands for the dot."""
+    return {"sceneName": scene, "mapName": map_name, "fileDatas": datas(files)}
+
+
+def datas(files: dict[str, bytes]) -> list[Json]:
+    return [
+        {"name": name.replace("_", "."), "data": base64.b64encode(data).decode()}
+        for name, data in files.items()
+    ]
+
+
+def switched(client: JsonClient, request: Json) -> Json:
+    client.ask("woosh.robot.SwitchMap", request)
+    return client.ask("woosh.robot.Scene")
+
+
+def ahead(client: JsonClient) -> float:
+    """What the laser measures straight ahead of the robot at (4, -6), looking along x."""
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": 4.0, "y": -6.0, "theta": 0.0}})
+    ranges = client.ask("woosh.robot.ScannerData")["ranges"]
+    return float(ranges[len(ranges) // 2])
+
+
+def maps(client: JsonClient) -> dict[str, Any]:
+    return {each["name"]: each for each in client.ask("woosh.map.SceneDataEasy")["maps"]}
+
+
+def test_an_uploaded_map_is_what_the_laser_sees(client: JsonClient) -> None:
+    scene = switched(client, switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("lab", "floor", "1")
+    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    assert list(maps(client)) == ["floor"]
+    # Only the picture again: the rest is there still.
+    scene = switched(client, switch("lab", floor_png=floor_png(7.0)))
+    assert (scene["mapName"], scene["version"]) == ("floor", "2")
+    assert ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
+    # Without files it is only switched.
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
+    assert ahead(client) == pytest.approx(12.0 - 4.0 - 0.25, abs=0.02)
+    assert switched(client, {"sceneName": "lab"})["version"] == "2"
+    assert ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
+
+
+def test_navigation_plans_on_the_uploaded_map(client: JsonClient) -> None:
+    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    ahead(client)
+    client.subscribe("woosh.robot.TaskProc", "woosh.robot.PoseSpeed")
+    beyond = {"poses": [{"x": 9.2, "y": 0.0}], "targetPose": {"x": 9.2, "y": 0.0}}
+    client.subscribe("woosh.ros.Feedbacks")
+    client.ask("woosh.ros.CallAction", {"moveBase": {"action": 1, **beyond}})
+    end = client.push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5))
+    assert "no free path" in end["fbs"][0]["msg"]
+    near = {"poses": [{"x": 0.0, "y": 3.0}], "targetPose": {"x": 0.0, "y": 3.0}}
+    client.ask("woosh.ros.CallAction", {"moveBase": {"action": 1, **near}})
+    end = client.push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5))
+    assert end["fbs"][0]["state"] == 1
+
+
+def test_a_map_joins_those_of_a_shipped_scene(client: JsonClient) -> None:
+    before = maps(client)["wooshmap"]
+    scene = switched(client, switch("wooshmap", floor_yaml=NAV2, floor_png=floor_png()))
+    assert (scene["mapName"], scene["mapId"], scene["version"]) == ("floor", 1, "1")
+    after = maps(client)
+    assert list(after) == ["wooshmap", "floor"]
+    assert after["wooshmap"]["version"] == str(int(before["version"]) + 1)
+    assert after["wooshmap"]["storages"] == before["storages"]
+    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+
+
+def test_a_new_picture_of_a_map_keeps_its_marks(client: JsonClient) -> None:
+    before = maps(client)["wooshmap"]
+    picture = NAV2.replace(b"floor.png", b"wooshmap.png")
+    request = switch("wooshmap", wooshmap_yaml=picture, wooshmap_png=floor_png())
+    assert switched(client, request)["version"] == str(int(before["version"]) + 1)
+    after = maps(client)["wooshmap"]
+    assert (after["id"], after["storages"]) == (before["id"], before["storages"])
+    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    client.ask("woosh.robot.ExecTask", {"taskId": "5", "type": 1, "markNo": "A2"})
+
+
+def test_an_uploaded_scene_brings_everything(client: JsonClient) -> None:
+    files = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png(), "notes_txt": b"hi"}
+    scene = switched(client, switch("lab", **files))
+    assert (scene["mapName"], scene["mapId"], scene["version"]) == ("hall", 0, "1")
+    assert ahead(client) == pytest.approx(9.0 - 4.0 - 0.25, abs=0.02)
+    assert set(maps(client)) == {"hall", "yard"}
+    assert maps(client)["hall"]["storages"]["racks"][0]["identity"]["no"] == "X1"
+    (task,) = client.ask("woosh.task.RepeatTasks")["repeatTasks"]
+    assert task["taskSet"]["base"]["id"] == 77
+    assert switched(client, {"mapName": "yard"})["version"] == "7"
+    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    # Each upload counts all maps on.
+    scene = switched(client, switch("lab", "yard", notes_txt=b"ho"))
+    assert (scene["mapName"], scene["version"]) == ("yard", "8")
+    assert maps(client)["hall"]["version"] == "2"
+
+
+def test_a_robot_that_cannot_be_there_is_lost(client: JsonClient) -> None:
+    ahead(client)
+    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png(4.2)))
+    assert client.ask("woosh.robot.DeviceState")["software"] & 1 == 0
+    assert "locali" in client.refused("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+
+
+BAD: list[tuple[dict[str, bytes], str]] = [
+    ({"floor_yaml": NAV2}, "floor.png: not among the uploaded files: upload it too"),
+    ({"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"}, "floor.png: not readable as a PNG or PGM"),
+    ({"floor_yaml": b"image: [", "floor_png": floor_png()}, "floor.yaml: not readable as YAML"),
+    ({"floor_yaml": b"image: floor.png"}, "floor.yaml: resolution is missing"),
+    ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: a list is needed"),
+    ({"scene_yaml": SCENE}, "floor.yaml: not among the uploaded files"),
+    ({"floor_yaml": NAV2.replace(b"floor.png", b"/etc/hostname")}, "/etc/hostname: not among"),
+    ({"floor_yaml": NAV2.replace(b"floor.png", b"../floor.png")}, "../floor.png: not among"),
+    ({"floor_yaml": b"x: " + b"[" * 60000}, "floor.yaml: nested more than"),
+    (
+        {"floor_yaml": NAV2, "floor_yml": NAV2, "floor_png": floor_png()},
+        "there are two files of a map floor",
+    ),
+    ({"../floor_png": b""}, "'../floor.png': a plain name without folders is needed"),
+    ({"/floor_png": b""}, "a plain name without folders"),
+    ({"a\\b_png": b""}, "a plain name without folders"),
+    ({"C:b_png": b""}, "a plain name without folders"),
+    ({"": b""}, "a plain name without folders"),
+    ({"..": b""}, "a plain name without folders"),
+    ({"a\n_png": b""}, "a plain name without folders"),
+    ({"a" * 300: b""}, "at most 255 characters"),
+    ({f"{number}_png": b"" for number in range(101)}, "more than a scene can have: 100 files"),
+]
+
+
+@pytest.mark.parametrize(("files", "reason"), BAD)
+@pytest.mark.parametrize("scene", ["new", "wooshmap"])
+def test_bad_uploads_change_nothing(
+    simulator: SimulatorThread, client: JsonClient, scene: str, files: dict[str, bytes], reason: str
+) -> None:
+    def state() -> Any:
+        return simulator.call(
+            lambda s: (
+                {
+                    name: (dict(each.files), list(each.maps))
+                    for name, each in s.chassis.scenes.items()
+                },
+                s.chassis.scene,
+                s.chassis.map,
+            )
+        )
+
+    before = state()
+    request = {"sceneName": scene, "fileDatas": datas(files)}
+    text = client.refused("woosh.robot.SwitchMap", request)
+    assert reason in text
+    assert len(text) < 1000
+    assert state() == before
+
+
+def test_too_much_is_refused() -> None:
+    big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
+    files = uploads.checked({}, big)
+    assert list(uploads.checked(files, big)) == ["big.bin"]
+    with pytest.raises(Refused, match="2 files of 41943040 bytes are more than a scene can have"):
+        uploads.checked(files, [FileData(name="more.bin", data=big[0].data)])
+
+
+def test_a_bad_second_upload_leaves_the_first(client: JsonClient) -> None:
+    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    text = client.refused("woosh.robot.SwitchMap", switch("lab", floor_png=b"junk"))
+    assert text.startswith("scene lab is not changed: floor.png: ")
+    assert client.ask("woosh.robot.Scene")["version"] == "1"
+    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    missing = switch("lab", "attic", floor_png=floor_png(7.0))
+    assert "unknown map attic of scene lab, which has floor" in client.refused(
+        "woosh.robot.SwitchMap", missing
+    )
+    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+
+
+def test_a_name_twice_is_refused(client: JsonClient) -> None:
+    files = [{"name": "a.bin", "data": ""}, {"name": "a.bin", "data": "AA=="}]
+    request = {"sceneName": "new", "fileDatas": files}
+    assert client.refused("woosh.robot.SwitchMap", request) == "file a.bin is there twice"
+
+
+def test_nothing_is_written(
+    client: JsonClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    assert os.listdir(tmp_path) == []
+
+
+def test_damaged_files_never_fail_inside(client: JsonClient) -> None:
+    """Each damaged upload is taken or refused with a reason, never an internal error."""
+    rng = random.Random(9)
+    whole = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png()}
+    for _ in range(150):
+        files = dict(whole)
+        name = rng.choice(list(files))
+        data = bytearray(files[name])
+        for _ in range(rng.randint(1, 4)):
+            place = rng.randrange(len(data))
+            kind = rng.random()
+            if kind < 0.5:
+                data[place] = rng.randrange(256)
+            elif kind < 0.8:
+                del data[place : place + rng.randint(1, 30)]
+            else:
+                data[place:place] = rng.randbytes(rng.randint(1, 10))
+        files[name] = bytes(data)
+        answer = client.request("woosh.robot.SwitchMap", switch("lab", **files))
+        assert answer["ok"] or "internal error" not in answer["msg"], (name, bytes(data))

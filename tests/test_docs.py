@@ -1,0 +1,102 @@
+"""What the docs say of names, numbers and tables is so."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+import pytest
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator import SimulatorConfig, faults, load_scenario
+from woosh_robot_agent.simulator.__main__ import _parser
+from woosh_robot_agent.simulator.chassis import Chassis
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+
+
+def options_table(parser: argparse.ArgumentParser) -> str:
+    """The options of a program in Markdown."""
+    rows = ["| Option | Default | Meaning |", "| --- | --- | --- |"]
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        names = ", ".join(f"`{name}`" for name in action.option_strings)
+        default = "" if action.default in (None, [], False, 0) else f"`{action.default}`"
+        choices = f" ({', '.join(action.choices)})" if action.choices else ""
+        rows.append(f"| {names} | {default} | {action.help}{choices} |")
+    return "\n".join(rows)
+
+
+def test_the_simulators_options() -> None:
+    assert options_table(_parser()) in (DOCS / "simulator.md").read_text()
+
+
+def test_the_simulators_faults() -> None:
+    assert faults.markdown() in (DOCS / "simulator.md").read_text()
+
+
+def test_the_simulators_examples(tmp_path: Path) -> None:
+    text = (DOCS / "simulator.md").read_text()
+    scenarios = re.findall(r"```yaml\n# scenario\n(.*?)```", text, re.S)
+    assert scenarios
+    for scenario in scenarios:
+        file = tmp_path / "scenario.yaml"
+        file.write_text(scenario)
+        assert load_scenario(file).steps
+    commands = re.findall(r'--fault "([^"]+)"', text)
+    assert commands
+    for command in commands:
+        faults.parse_fault(command)
+    injected = re.findall(r'\.inject\(\s*"(\w+)"', text)
+    assert set(injected) <= set(faults.FAULTS)
+
+
+def test_the_scene_of_the_page_on_the_simulator(tmp_path: Path) -> None:
+    (scene,) = re.findall(
+        r"```yaml\n# scene\n(.*?)```", (DOCS / "simulator.md").read_text(), re.DOTALL
+    )
+    (tmp_path / "scene.yaml").write_text(scene)
+    chassis = Chassis(SimulatorConfig(scenes=(tmp_path,)))
+    assert chassis.scene.name == "lab"
+    assert set(chassis.map.marks) == {"A1", "P1"}
+
+
+def test_the_limits_in_the_page_on_security() -> None:
+    text = (DOCS / "security.md").read_text()
+    simulator, link = SimulatorConfig(), LinkConfig()
+    for said in (
+        f"`--max-frame` ({simulator.max_frame >> 20} MiB)",
+        f"`--max-waiting` requests ({simulator.max_waiting};",
+        f"`--max-outbox` frames ({simulator.max_outbox:,})".replace(",", " "),
+        f"`--max-connections` ({simulator.max_connections})",
+        f"It listens on {simulator.host}.",
+        f"`max_frame_size`, {link.max_frame_size >> 20} MiB",
+        f"`max_in_flight`, {link.max_in_flight};",
+        f"up to {link.backoff_max:g} s",
+    ):
+        assert said in text, said
+
+
+@pytest.mark.parametrize(
+    "page", [*sorted(DOCS.glob("*.md")), ROOT / "README.md"], ids=lambda page: str(page.name)
+)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+def update() -> None:
+    """Write the tables of docs/simulator.md anew."""
+    page = DOCS / "simulator.md"
+    text = page.read_text()
+    for name, table in (("options", options_table(_parser())), ("faults", faults.markdown())):
+        before, begin, rest = re.split(rf"(<!-- {name}\b[^\n]*-->\n)", text)
+        text = f"{before}{begin}{table}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
+    page.write_text(text)
+
+
+if __name__ == "__main__":
+    update()

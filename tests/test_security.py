@@ -1,0 +1,314 @@
+"""The policies of SROS2, the script that makes keystores of them, and what code may not do."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree as xml
+
+import pytest
+
+from woosh_robot_agent import security
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
+
+ROOT = Path(__file__).parent.parent
+SCRIPT = ROOT / "scripts" / "make_keystore"
+
+
+def names(policy: str, kind: str) -> set[str]:
+    """The names in a policy for which one deed is allowed."""
+    tag, deed = kind.split(" ")
+    found = xml.fromstring(policy).findall(f".//{tag}[@{deed}='ALLOW']/*")
+    return {str(each.text) for each in found}
+
+
+# The policies
+
+
+@pytest.mark.parametrize("whose", ["agent", "client"])
+def test_the_files_are_what_is_made_of_the_table(
+    whose: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert security.main([whose]) == 0
+    assert capsys.readouterr().out == (ROOT / "config" / f"{whose}.policy.xml").read_text()
+
+
+def test_a_client_may_use_all_and_set_nothing_of_the_agent() -> None:
+    policy = security.client_policy()
+    services = {f"/woosh_robot/{each.name}" for each in (*QUERIES, *COMMANDS)}
+    services |= {"/woosh_robot/cancel", "/woosh_robot/stop"}
+    assert names(policy, "services request") == services
+    assert names(policy, "actions call") == {f"/woosh_robot/{each.name}" for each in ACTIONS}
+    topics = {f"/woosh_robot/{each.name}" for each in TOPICS}
+    assert names(policy, "topics subscribe") > topics
+    assert {"/woosh_robot/odom", "/diagnostics"} <= names(policy, "topics subscribe") - topics
+    assert "/woosh_robot/cmd_vel" in names(policy, "topics publish")
+    assert "/woosh_robot/agent/" not in policy
+
+
+def test_a_client_that_only_looks() -> None:
+    policy = security.client_policy(read_only=True, only=["robot/Pose*", "robot/ExecTask"])
+    assert names(policy, "services request") == {"/woosh_robot/robot/PoseSpeed"}
+    assert names(policy, "topics subscribe") == {"/woosh_robot/robot/PoseSpeed"}
+    assert names(policy, "actions call") == set()
+
+
+@pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/hall/r2", "/hall/r2")])
+def test_another_namespace(namespace: str, prefix: str) -> None:
+    agent = security.agent_policy(namespace)
+    assert f"{prefix}/robot/Mode" in names(agent, "services reply")
+    assert f"{prefix}/agent/set_parameters" in names(agent, "services reply")
+    assert xml.fromstring(agent).find(f".//enclave[@path='{prefix}/agent']") is not None
+    profile = xml.fromstring(agent).find(f".//profile[@ns='{prefix or '/'}']")
+    assert profile is not None
+    assert profile.get("node") == "agent"
+    client = security.client_policy(namespace, "/ui/panel")
+    assert f"{prefix}/robot/Mode" in names(client, "services request")
+    assert xml.fromstring(client).find(f".//enclave[@path='{prefix}/ui/panel']") is not None
+    assert "woosh_robot/" not in agent + client
+
+
+def test_simulated_time() -> None:
+    assert "/clock" not in security.agent_policy() + security.client_policy()
+    inputs = names(security.agent_policy(), "topics subscribe")
+    assert names(security.agent_policy(sim_time=True), "topics subscribe") - inputs == {"/clock"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["agent", "--namespace", "woosh_robot"], "no absolute ROS name"),
+        (["agent", "--namespace", "/a/*"], "no absolute ROS name"),
+        (["client", "--node", "/a/"], "no absolute ROS name"),
+        (["client", "--only", "robot/pose*"], "no endpoint is called"),
+    ],
+)
+def test_bad_arguments(
+    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        security.main(arguments)
+    assert ended.value.code == 2
+    assert complaint in capsys.readouterr().err
+
+
+# The script
+
+FAKE_ROS2 = """#!/usr/bin/env bash
+# Notes what it is asked to do, and leaves behind what the real one does.
+echo "$ROS_DOMAIN_ID $*" >>"$NOTES"
+[ "$3" != --help ] || exit "${WITHOUT_SROS2:-0}"
+case $2 in
+  --help) exit "${WITHOUT_SROS2:-0}" ;;
+  create_keystore)
+    mkdir -p "$3/enclaves" && touch "$3/enclaves/governance.p7s"
+    echo "<id>$ROS_DOMAIN_ID</id>" >"$3/enclaves/governance.xml"
+    ;;
+  create_enclave) mkdir -p "$3/enclaves$4" && touch "$3/enclaves$4/key.pem" ;;
+  create_permission) cp "$5" "$3/enclaves$4/policy" ;;
+esac
+"""
+
+
+_TOOLS = ["bash", "env", "cat", "cp", "dirname", "grep", "mkdir", "mktemp", "rm", "sed", "touch"]
+
+
+class Keystore:
+    """The script's surroundings: a PATH with a ros2 or without one, and a keystore to be."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "key store"
+        self.notes = folder / "notes"
+        self.bin = folder / "bin"
+        self.bin.mkdir()
+        for tool in _TOOLS:
+            self._link(tool, shutil.which(tool))
+        self._link("python3", sys.executable)
+        self.fake = self.bin / "ros2"
+        self.fake.write_text(FAKE_ROS2)
+        self.fake.chmod(0o755)
+
+    def _link(self, tool: str, target: str | None) -> None:
+        assert target is not None
+        (self.bin / tool).symlink_to(target)
+
+    def make(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        variables = {"PATH": str(self.bin), "NOTES": str(self.notes), **environment}
+        return subprocess.run(
+            [SCRIPT, *arguments],
+            env={**variables, "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")},
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    def asked(self) -> list[list[str]]:
+        """What ros2 was asked to do; the policies' places are no matter."""
+        asked = [line.split(" security ") for line in self.notes.read_text().splitlines()]
+        self.notes.unlink()
+        return [
+            [domain, re.sub(r" /\S+/(\w+\.policy\.xml)$", r" \1", words)]
+            for domain, words in asked
+            if words != "--help"
+        ]
+
+
+@pytest.fixture
+def keystore(tmp_path: Path) -> Keystore:
+    return Keystore(tmp_path)
+
+
+def test_a_keystore_is_made_and_renewed(keystore: Keystore) -> None:
+    made = keystore.make(str(keystore.path), ROS_DOMAIN_ID="42")
+    assert made.returncode == 0, made.stderr
+    agent = ["42", f"create_permission {keystore.path} /woosh_robot/agent agent.policy.xml"]
+    client = ["42", f"create_permission {keystore.path} /woosh_robot/client client.policy.xml"]
+    assert keystore.asked() == [
+        ["42", f"create_keystore {keystore.path}"],
+        ["42", f"create_enclave {keystore.path} /woosh_robot/agent"],
+        agent,
+        ["42", f"create_enclave {keystore.path} /woosh_robot/client"],
+        client,
+    ]
+    for whose in ("agent", "client"):
+        policy = keystore.path / "enclaves" / "woosh_robot" / whose / "policy"
+        assert policy.read_text() == (ROOT / "config" / f"{whose}.policy.xml").read_text()
+    assert f"ROS_SECURITY_KEYSTORE={keystore.path}".replace(" ", "\\ ") in made.stdout
+    assert "ROS_DOMAIN_ID=42" in made.stdout
+    assert "--enclave /woosh_robot/agent" in made.stdout
+
+    again = keystore.make(str(keystore.path), ROS_DOMAIN_ID="42")
+    assert again.returncode == 0, again.stderr
+    assert keystore.asked() == [agent, client]
+
+
+def test_only_the_owner_can_read_the_keys(keystore: Keystore) -> None:
+    assert keystore.make(str(keystore.path)).returncode == 0
+    key = keystore.path / "enclaves" / "woosh_robot" / "agent" / "key.pem"
+    assert key.stat().st_mode & 0o077 == 0
+
+
+def test_a_keystore_for_others(keystore: Keystore) -> None:
+    arguments = ("--namespace", "/r2", "--node", "/ui/panel", str(keystore.path))
+    made = keystore.make(*arguments, "--", "--read-only")
+    assert made.returncode == 0, made.stderr
+    assert ["0", f"create_enclave {keystore.path} /r2/ui/panel"] in keystore.asked()
+    policy = keystore.path / "enclaves" / "r2" / "ui" / "panel" / "policy"
+    expected = security.client_policy("/r2", "/ui/panel", read_only=True)
+    assert policy.read_text() == expected
+
+
+def test_a_keystore_is_for_one_domain(keystore: Keystore) -> None:
+    assert keystore.make(str(keystore.path), ROS_DOMAIN_ID="1").returncode == 0
+    keystore.notes.unlink()
+    refused = keystore.make(str(keystore.path), ROS_DOMAIN_ID="2")
+    assert refused.returncode == 1
+    assert "another domain than ROS_DOMAIN_ID=2" in refused.stderr
+    assert keystore.asked() == []
+
+
+def test_without_ros2(keystore: Keystore) -> None:
+    keystore.fake.unlink()
+    refused = keystore.make(str(keystore.path))
+    assert refused.returncode == 1
+    assert "source your ROS 2" in refused.stderr
+
+
+def test_without_the_tools(keystore: Keystore) -> None:
+    refused = keystore.make(str(keystore.path), WITHOUT_SROS2="1")
+    assert refused.returncode == 1
+    assert "apt-get install ros-jazzy-sros2" in refused.stderr
+    assert not keystore.path.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["a", "b"], ["--what"], ["--node"], ["a", "--", "--only", "nothing"]]
+)
+def test_bad_arguments_make_nothing(keystore: Keystore, arguments: Sequence[str]) -> None:
+    refused = keystore.make(*arguments)
+    assert refused.returncode == 2, refused.stderr
+    assert refused.stderr
+    assert not keystore.notes.exists() or keystore.asked() == []
+
+
+# What code may not do: input must never become code, nor a command
+
+DANGEROUS = re.compile(
+    r"eval|exec|compile|__import__|importlib\.import_module"
+    r"|(pickle|marshal|shelve|runpy|ctypes|subprocess|xml|lxml)(\..*)?"
+    r"|os\.(system|popen|exec\w*|spawn\w*|posix_spawn\w*)|.*create_subprocess_\w+"
+    r"|yaml\.((unsafe_|full_)?load(_all)?|(Unsafe|Full)?Loader)"
+)
+PERMITTED = {
+    ("convert.py", "exec"): "converters are made from descriptors and ROS types, at the start",
+    ("convert.py", "importlib.import_module"): "the ROS types of the table and of their fields",
+    ("services.py", "importlib.import_module"): "the ROS types of the table",
+    ("protos.py", "importlib.import_module"): "the package's own protobuf modules",
+    ("link/json_mapping.py", "ctypes"): "c_float rounds a number to 32 bits",
+    ("simulator/yaml_fields.py", "yaml.load"): "with a loader derived from SafeLoader",
+    ("security.py", "xml.etree.ElementTree"): "writes policies; reads none",
+    ("testing/agents.py", "subprocess"): "for tests: the agent as a process, without a shell",
+}
+
+
+def dangers(source: str) -> set[str]:
+    """The dangerous things that a piece of Python imports or calls."""
+    used: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            used.update(name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            used.add(node.module)
+            used.update(f"{node.module}.{name.name}" for name in node.names)
+        elif isinstance(node, ast.Name | ast.Attribute):
+            used.add(ast.unparse(node))
+    found = {name for name in used if DANGEROUS.fullmatch(name)}
+    # `import a` and `a.b` are one
+    return {name for name in found if not any(name.startswith(f"{each}.") for each in found)}
+
+
+def test_input_does_not_become_code() -> None:
+    package = ROOT / "woosh_robot_agent"
+    found = {
+        (path.relative_to(package).as_posix(), danger)
+        for path in sorted(package.rglob("*.py"))
+        if "pb" not in path.relative_to(package).parts
+        for danger in dangers(path.read_text())
+    }
+    assert found == set(PERMITTED)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "eval(text)",
+        "__builtins__['x'](exec)",
+        "import pickle",
+        "from pickle import loads",
+        "import yaml; yaml.load(text)",
+        "from yaml import unsafe_load",
+        "import os; os.system(text)",
+        "import subprocess as quiet",
+        "asyncio.create_subprocess_shell(text)",
+    ],
+)
+def test_dangers_are_found(source: str) -> None:
+    assert dangers(source)
+
+
+def test_what_is_harmless_is_no_danger() -> None:
+    assert not dangers("import yaml, re; yaml.safe_load(text); re.compile(text); a.exec_task()")
+
+
+def test_scripts_evaluate_nothing() -> None:
+    for path in sorted((ROOT / "scripts").iterdir()):
+        if path.is_file():
+            assert not re.search(r"^\s*eval\b|\bcurl\b.*\|\s*(ba)?sh\b", path.read_text(), re.M), (
+                path
+            )

@@ -1,0 +1,34 @@
+"""Fixtures of the tools' tests; those of `tests/conftest.py` need ROS, the tools do not."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture
+def chassis() -> Iterator[SimulatorThread]:
+    """A simulated chassis whose clock is this machine's."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0)) as running:
+        yield running
+
+
+@pytest.fixture
+def set_state(chassis: SimulatorThread) -> Callable[..., None]:
+    """Sets attributes of the chassis's readiness."""
+
+    def change(**values: object) -> None:
+        def do(simulator: object) -> None:
+            for name, value in values.items():
+                setattr(simulator.chassis.readiness, name, value)  # type: ignore[attr-defined]
+
+        chassis.call(do)
+
+    return change

@@ -1,0 +1,359 @@
+"""The monitor with `--ip`: what it shows is what is true of the simulated chassis."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    DeviceState,
+    Mode,
+    OperationState,
+    PoseSpeed,
+    RobotInfo,
+    RobotState,
+    TaskProc,
+)
+from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.monitor import main
+from woosh_robot_agent.tools.screen import draw
+from woosh_robot_agent.tools.view import LinkReport, View
+from woosh_robot_agent.tools.words import word
+
+PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
+TIMEOUT = 30.0
+GOOD = LinkReport(True, "connected")
+
+
+def shown(view: View, link: LinkReport = GOOD) -> str:
+    console = Console(file=io.StringIO(), width=200, color_system=None)
+    console.print(draw("ws://x", link, view))
+    text: str = console.file.getvalue()  # type: ignore[attr-defined]
+    return text
+
+
+def row(text: str, title: str) -> str:
+    """What stands beside a title."""
+    (found,) = re.findall(rf"^│ {re.escape(title)}  +(.*?) *│$", text, re.MULTILINE)
+    return str(found)
+
+
+def seen(*messages: Any) -> View:
+    view = View()
+    for message in messages:
+        view.take(message)
+    return view
+
+
+# The picture
+
+
+def test_nothing_is_known():
+    text = shown(View(), LinkReport(False, "not connected", "switch it on"))
+    assert "not connected  switch it on" in row(text, "link")
+    assert "mode" not in text
+
+
+def test_what_is_not_known_is_not_made_up():
+    text = shown(seen(RobotState(state=robot.kIdle)))
+    for title in ("a task", "pose", "speed", "battery"):
+        assert row(text, title) == "not known yet"
+    assert row(text, "mode") == "state idle"
+
+
+def test_parts_come_one_by_one():
+    view = seen(
+        PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),
+        Battery(power=15, charge_state=Battery.kNot),
+        RobotInfo(battery=Battery(power=80)),
+        Mode(ctrl=robot.kAuto, work=robot.kTaskMode),
+        OperationState(robot=OperationState.kTaskable),
+        RobotState(state=robot.kTask),
+        Battery(power=14, charge_state=Battery.kAuto),
+    )
+    text = shown(view)
+    assert row(text, "mode") == "control auto   work task   state task"
+    assert row(text, "battery") == "14 %   charging (auto)"
+    assert row(text, "pose") == "not known yet"  # RobotInfo replaced what was known
+
+
+def test_where_it_is_and_what_it_does():
+    view = seen(
+        PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),
+        TaskProc(
+            robot_task_id=7,
+            type=task.kPick,
+            state=task.kExecuting,
+            dest="A2",
+            msg="on the way",
+            action=TaskProc.Action(type=action.kNav, state=action.kRosExecuting),
+        ),
+        ros_pack_pb2.Feedbacks(
+            fbs=[
+                ros_pack_pb2.Feedback(
+                    action="woosh.ros.action.StepControl",
+                    state=ros_pack_pb2.kRosExecuting,
+                    msg="step 1",
+                )
+            ]
+        ),
+    )
+    text = shown(view)
+    assert row(text, "pose") == "x 1.500 m   y -2.250 m   theta 1.571 rad (90.0°)"
+    assert row(text, "task") == "7 pick to A2   executing   on the way"
+    assert row(text, "action") == "nav   executing"
+    assert row(text, "StepControl") == "executing   step 1"
+
+
+def test_every_reason_to_refuse_a_task():
+    view = seen(
+        Mode(ctrl=robot.kManual, work=robot.kDeployMode),
+        DeviceState(hardware=DeviceState.kEmgBtn, software=DeviceState.kLocation),
+        OperationState(),
+    )
+    text = shown(view)
+    assert row(text, "a task") == "would be refused"
+    for reason in ("emergency stop is pressed", "manual mode", "deployment mode"):
+        assert f"- the {'robot is in ' if 'mode' in reason else ''}{reason}" in text
+    assert "turn the key switch to automatic" in text
+
+
+def test_status_codes_newest_first_and_once():
+    codes = [StatusCode(code=n, time=n * 1000, msg=f"no. {n}") for n in range(1, 80)]
+    view = seen(*codes[:60], RobotInfo(status_codes=StatusCodes(scs=codes[50:70])), *codes[65:])
+    assert [code.code for code in view.codes] == list(range(30, 80))
+    text = shown(view)
+    assert [int(n) for n in re.findall(r"no\. (\d+)", text)] == list(range(79, 71, -1))
+
+
+def test_what_is_old_is_not_shown_as_new():
+    view = seen(RobotState(state=robot.kIdle))
+    assert "OLD" not in shown(view)
+    assert "OLD: what was known last" in shown(view, LinkReport(False, "lost"))
+
+
+def test_texts_of_the_robot_cannot_steer_the_terminal():
+    view = seen(TaskProc(state=task.kFailed, msg="\x1b]0;owned\x07 [red]x[/red]"))
+    text = shown(view)
+    assert "\x1b" not in text
+    assert "\x07" not in text
+    assert "[red]x[/red]" in text
+
+
+@pytest.mark.parametrize(
+    ("enum", "number", "text"),
+    [
+        (robot.WorkMode, robot.kTaskMode, "task"),
+        (robot.State, robot.kStateUndefined, "unknown"),
+        (robot.State, 77, "77"),
+        (action.State, action.kRosExecuting, "executing"),
+        (action.Type, action.kSecondposEnter, "secondpos enter"),
+        (ros_pack_pb2.State, ros_pack_pb2.kRosExecuteFailed, "execute failed"),
+    ],
+)
+def test_words(enum, number, text):
+    assert word(enum, number) == text
+
+
+# The program
+
+
+def once(port: int, *arguments: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [*PROGRAM, "--ip", "127.0.0.1", "--port", str(port), "--once", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=2 * TIMEOUT,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+    assert done.stderr == ""
+    return done.returncode, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "port"),
+    [
+        ((), "port"),
+        (("--encoding", "protobuf"), "port"),
+        (("--transport", "tcp"), "tcp_port"),
+    ],
+)
+def test_once(chassis: SimulatorThread, arguments: tuple[str, ...], port: str) -> None:
+    status, text = once(getattr(chassis, port), "--timeout", str(TIMEOUT), *arguments)
+    truth = chassis.state
+    assert status == 0
+    assert row(text, "link").startswith("connected since")
+    assert row(text, "a task") == "would be taken"
+    assert row(text, "mode") == "control auto   work task   state idle"
+    assert row(text, "battery") == f"{truth.info.battery.power} %"
+    pose = f"x {truth.pose.x:.3f} m   y {truth.pose.y:.3f} m   theta {truth.pose.theta:.3f} rad"
+    assert row(text, "pose").startswith(pose)
+    assert row(text, "robot").startswith("30001  Robase200")
+    assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
+
+
+def test_once_with_a_robot_that_would_refuse(
+    chassis: SimulatorThread, set_state: Callable[..., None]
+) -> None:
+    set_state(ctrl=robot.kManual)
+    status, text = once(chassis.port, "--timeout", str(TIMEOUT))
+    assert status == 0
+    assert row(text, "a task") == "would be refused"
+    assert "manual mode: turn the key switch" in text
+
+
+def test_once_without_a_robot(chassis: SimulatorThread) -> None:
+    chassis.stop_listening()
+    status, text = once(chassis.port, "--timeout", "0.5")
+    assert status == 1
+    assert "not connected" in row(text, "link")
+    assert "doctor --ip 127.0.0.1" in text
+
+
+class Terminal:
+    """The monitor on a terminal of its own."""
+
+    def __init__(self, port: int) -> None:
+        self._master, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            [*PROGRAM, "--ip", "127.0.0.1", "--port", str(port)],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env={**os.environ, "COLUMNS": "200", "LINES": "40", "TERM": "xterm"},
+        )
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self.text = ""
+
+    def press(self, key: str) -> None:
+        os.write(self._master, key.encode())
+
+    def read(self) -> None:
+        try:
+            self.text += os.read(self._master, 1_000_000).decode(errors="replace")
+        except (BlockingIOError, OSError):  # the latter when the program has ended
+            time.sleep(0.02)
+
+    def wait(self, text: str) -> None:
+        """Wait for a text that comes after all that was waited for before."""
+        deadline = time.monotonic() + TIMEOUT
+        while text not in self.text:
+            assert time.monotonic() < deadline, f"no {text!r} in {self.text[-3000:]}"
+            self.read()
+        self.text = self.text.partition(text)[2]
+
+    def end(self) -> int:
+        """The exit status; the terminal is read, or the program could not write its last."""
+        deadline = time.monotonic() + TIMEOUT
+        while self.process.poll() is None:
+            assert time.monotonic() < deadline, "it does not end"
+            self.read()
+        self.read()
+        return self.process.returncode
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        os.close(self._master)
+
+
+@pytest.fixture
+def terminal(chassis: SimulatorThread) -> Iterator[Terminal]:
+    running = Terminal(chassis.port)
+    yield running
+    running.close()
+
+
+def test_on_a_terminal(terminal: Terminal, chassis: SimulatorThread) -> None:
+    terminal.wait("connected since")
+    terminal.wait("q quits")
+    chassis.set_emergency_stop(True)
+    terminal.wait("the emergency stop is pressed")
+    chassis.stop_listening()
+    terminal.wait("lost since")
+    terminal.wait("OLD: what was known last")
+    chassis.listen()
+    terminal.wait("connected since")
+    for key in "xyz0 \r\x1b[A":  # none of them does anything
+        terminal.press(key)
+    terminal.wait("would be refused")
+    assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
+    terminal.press("q")
+    assert terminal.end() == 0
+
+
+def test_ctrl_c(terminal: Terminal) -> None:
+    terminal.wait("connected since")
+    terminal.process.send_signal(signal.SIGINT)
+    assert terminal.end() == 0
+    assert "Traceback" not in terminal.text
+
+
+@contextmanager
+def piped(port: int) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [*PROGRAM, "--ip", "127.0.0.1", "--port", str(port), "--interval", "0.05"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_without_a_terminal(chassis: SimulatorThread) -> None:
+    """Pictures one after the other, for logs."""
+    with piped(chassis.port) as process:
+        assert process.stdout is not None
+        pictures = 0
+        for line in process.stdout:
+            pictures += "would be taken" in line
+            if pictures == 3:
+                break
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=TIMEOUT)
+        assert (process.returncode, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--ip", "a b"], ["--ip", "x", "--interval", "0"], ["--timeout", "nan"], ["--what"]],
+)
+def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    assert ending.value.code == 2
+    assert "monitor: error:" in capsys.readouterr().err
+
+
+def test_without_ros_it_says_so() -> None:
+    code = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        "from woosh_robot_agent.tools.monitor import main; main(['--once'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "there is no ROS here" in done.stderr
+    assert "--ip" in done.stderr

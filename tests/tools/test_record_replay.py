@@ -1,0 +1,496 @@
+"""What passes through the recorder, and what the replayed chassis makes of it. Real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from waiting import aio, eventually
+from websockets.frames import Frame as WireFrame
+from websockets.frames import Opcode
+
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState, RequestTimeoutError
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, SwitchWorkMode
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
+from woosh_robot_agent.tools.playback import prepare
+from woosh_robot_agent.tools.record import Listener
+from woosh_robot_agent.tools.recorder import Recorder
+from woosh_robot_agent.tools.recording import Event, Frame, Recording, Writer, read
+from woosh_robot_agent.tools.replayer import ReplayedChassis
+
+KINDS = ["json", "protobuf", "tcp"]
+Client = tuple[ChassisClient, list[Any]]
+
+
+def link(port: int, kind: str = "json", **more: Any) -> LinkConfig:
+    if kind == "tcp":
+        more |= {"transport": "tcp"}
+    else:
+        more |= {"encoding": kind}
+    return LinkConfig(ip="127.0.0.1", port=port, backoff_min=0.05, backoff_max=0.1, **more)
+
+
+@asynccontextmanager
+async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator[Client]:
+    """A client, and all that it hears."""
+    client, heard = ChassisClient(config=link(port, kind, **more)), []
+    for cls in (TaskProc, Mode, Battery):
+        client.subscribe(cls, heard.append)
+    async with client:
+        yield client, heard
+
+
+@asynccontextmanager
+async def recording(
+    path: Path, simulator: SimulatedChassis, kind: str = "json"
+) -> AsyncIterator[int]:
+    """A recorder in front of the simulator; gives its port."""
+    port = simulator.tcp_port if kind == "tcp" else simulator.port
+    file = Writer(path, "ws://simulator", 2**26, lambda reason: pytest.fail(reason))
+    recorder = Recorder(link(port, kind), file)
+    try:
+        yield await recorder.start("127.0.0.1", 0)
+    finally:
+        await recorder.stop()
+        file.close()
+
+
+def simulator(**options: Any) -> SimulatedChassis:
+    return SimulatedChassis(SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, **options))
+
+
+async def do_task(client: ChassisClient, heard: list[Any]) -> None:
+    answer = await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))
+    assert answer.ok, answer.msg
+    await eventually(lambda: ended(heard), "the task's end")
+
+
+def ended(heard: list[Any]) -> bool:
+    return any(isinstance(m, TaskProc) and m.state == task.kCompleted for m in heard)
+
+
+def frames(found: Recording, sender: str) -> list[Any]:
+    return [r.data for r in found.records if isinstance(r, Frame) and r.sender == sender]
+
+
+def events(found: Recording) -> list[tuple[str, str]]:
+    return [(r.kind, r.by) for r in found.records if isinstance(r, Event)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "task.jsonl.gz"
+    async with (
+        simulator() as chassis,
+        recording(path, chassis, kind) as port,
+        connected(port, kind) as (client, heard),
+    ):
+        await do_task(client, heard)
+        info = (await client.request(RobotInfo())).body
+    found = read(path)
+    assert events(found) == [("open", "client"), ("close", "client")]
+    assert all(
+        isinstance(data, str if kind == "json" else bytes) for data in frames(found, "chassis")
+    )
+    playback = prepare(found)
+    assert playback.strays == 0
+    async with ReplayedChassis(playback, speed=50) as replayed:
+        port = replayed.tcp_port if kind == "tcp" else replayed.port
+        async with connected(port, kind) as (client, again):
+            await eventually(lambda: replayed.rounds, "the end of the recording")
+            await eventually(lambda: len(again) >= len(heard), "the last push")
+            assert again[: len(heard)] == heard
+            assert (await client.request(RobotInfo())).body == info
+            assert (await client.request(ExecTask(mark_no="B1"))).ok  # by its type
+            refused = await client.request(Speak(text="hello"))
+            assert not refused.ok
+            assert refused.msg == "the recording has no request of type woosh.robot.Speak"
+
+
+@aio
+async def test_bytes_pass_untouched(tmp_path: Path) -> None:
+    """Whatever they are: here nothing that a WebSocket knows."""
+    got = asyncio.Event()
+    there = bytearray()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(bytes(range(256)) * 1000)
+        while data := await reader.read(10_000):
+            there.extend(data)
+        got.set()
+        writer.write(b"bye")  # this direction is still open
+        writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    file = Writer(tmp_path / "a.jsonl", "", 2**26, lambda reason: None)
+    recorder = Recorder(link(server.sockets[0].getsockname()[1]), file)
+    reader, writer = await asyncio.open_connection(
+        "127.0.0.1", await recorder.start("127.0.0.1", 0)
+    )
+    writer.write(b"anything\xff" * 20_000)
+    assert await reader.readexactly(256_000) == bytes(range(256)) * 1000
+    writer.write_eof()
+    await asyncio.wait_for(got.wait(), 10)
+    assert there == b"anything\xff" * 20_000
+    assert await reader.read() == b"bye"
+    writer.close()
+    await recorder.stop()
+    file.close()
+    server.close()
+    kinds = [kind for kind, _ in events(read(file.path))]
+    assert kinds == ["open", "unreadable", "unreadable", "close"]
+
+
+@aio
+async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    async with (
+        simulator() as chassis,
+        recording(path, chassis) as port,
+        connected(port) as (client, _),
+    ):
+        chassis.send_raw("{no json")
+        await eventually(lambda: client.stats.bad_frames["json"], "the bad frame")
+    assert "{no json" in frames(read(path), "chassis")
+    async with (
+        ReplayedChassis(prepare(read(path))) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        await eventually(lambda: client.stats.bad_frames["json"], "the bad frame again")
+
+
+@aio
+async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    async with (
+        simulator() as chassis,
+        recording(path, chassis) as port,
+        connected(port) as (client, heard),
+    ):
+        chassis.push(Mode(work=robot.kDeployMode))
+        await eventually(lambda: len(heard) == 1)
+        await asyncio.sleep(0.5)  # so that a busy machine is ready when this is replayed
+        await chassis.stop_listening()
+        await eventually(lambda: client.state is LinkState.WAITING)
+        file = path.read_text
+        await eventually(lambda: '"refused"' in file(), "an attempt that fails")
+        await chassis.listen()
+        await eventually(lambda: client.stats.connects == 2)
+        await eventually(lambda: chassis.counts["woosh.Subscription"] == 2)
+        chassis.push(Mode(work=robot.kTaskMode))
+        await eventually(lambda: len(heard) == 2)
+    found = read(path)
+    kinds = events(found)
+    assert kinds[:2] == [("open", "client"), ("close", "chassis")]
+    assert kinds[-2:] == [("open", "client"), ("close", "client")]
+    assert set(kinds[2:-2]) == {("refused", "chassis")}
+    async with ReplayedChassis(prepare(found)) as replayed:
+        seen: list[LinkState] = []
+        client, again = ChassisClient(config=link(replayed.port)), []
+        client.on_state(seen.append)
+        client.subscribe(Mode, again.append)
+        async with client:
+            await eventually(lambda: replayed.rounds, "the end")
+            await eventually(lambda: len(again) == 2)
+            assert client.stats.connects == 2
+            # as the end was the client's own doing, it is not replayed
+            assert client.state is LinkState.READY
+        assert [m.work for m in again] == [robot.kDeployMode, robot.kTaskMode]
+        lost = seen.index(LinkState.WAITING)
+        assert seen[lost + 1] is LinkState.CONNECTING
+
+
+@aio
+async def test_a_chassis_that_is_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    async with simulator() as chassis, recording(path, chassis) as port:
+        await chassis.stop_listening()
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        with contextlib.suppress(ConnectionError):
+            assert await reader.read() == b""
+        writer.close()
+    found = read(path)
+    assert events(found) == [("refused", "chassis")]
+
+
+@aio
+async def test_the_end_of_the_recording_is_no_loss(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    async with simulator() as chassis:
+        async with recording(path, chassis) as port:
+            client = ChassisClient(config=link(port))
+            client.subscribe(Mode, lambda _: None)
+            client.start()
+            await client.wait_ready(10)
+        await client.close()
+    assert events(read(path))[-1] == ("close", "recorder")
+    async with (
+        ReplayedChassis(prepare(read(path))) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        await eventually(lambda: replayed.rounds)
+        assert (await client.request(RobotInfo())).ok
+        assert client.stats.connects == 1
+
+
+@aio
+async def test_the_listener_asks_and_never_commands(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    async with simulator() as chassis, recording(path, chassis) as port:
+        own = Listener(link(port))
+        own.start()
+        await eventually(lambda: chassis.counts["woosh.task.CallTasks"], "the last question")
+        chassis.push(Mode(work=robot.kDeployMode))
+        await eventually(lambda: '"work":1' in path.read_text().replace("\\", ""))
+        await own.close()
+        asked = set(chassis.counts)
+    playback = prepare(read(path))
+    assert set(playback.answers.types) == asked - {"woosh.Subscription"}
+    from woosh_robot_agent.endpoints import COMMANDS, QUERIES
+
+    assert {query.request for query in QUERIES} <= asked
+    assert not asked & {command.request for command in COMMANDS}
+
+
+# Replay alone, of recordings that are made up
+
+
+def made_up(*records: Any) -> Recording:
+    """One of (t, connection, sender, data) for frames or (t, connection, kind, by) for events."""
+    found: list[Any] = []
+    for t, connection, what, which in records:
+        if what in ("client", "chassis"):
+            data = which if isinstance(which, str) else json.dumps(which)
+            found.append(Frame(t, connection, what, data))
+        else:
+            found.append(Event(t, connection, what, which))
+    return Recording("ws://x", 0.0, tuple(found))
+
+
+def subscribed(t: float, *topics: str, connection: int = 1) -> Any:
+    body = {"topics": list(topics), "sub": True}
+    return (t, connection, "client", {"type": "woosh.Subscription", "body": body})
+
+
+def exchange(
+    t: float, name: str, sn: int, ask: Any, answer: Any = None, connection: int = 1
+) -> Any:
+    records = [(t, connection, "client", {"type": name, "body": ask, "sn": sn})]
+    if answer is not None:
+        frame = {"type": name, "body": {}, "ok": True, "msg": answer, "sn": sn}
+        records.append((t + 0.01, connection, "chassis", frame))
+    return records
+
+
+def pushed(t: float, name: str, body: Any, connection: int = 1) -> Any:
+    return (t, connection, "chassis", {"type": name, "body": body})
+
+
+INFO = exchange(0.0, "woosh.robot.RobotInfo", 900, {}, "")
+
+
+@asynccontextmanager
+async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChassis]:
+    opened = (0.0, 1, "open", "client")
+    async with ReplayedChassis(prepare(made_up(opened, *INFO, *records)), **options) as chassis:
+        yield chassis
+
+
+@aio
+async def test_answers_come_in_their_order_and_by_their_body() -> None:
+    records = [
+        *exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "first a"),
+        *exchange(2, "woosh.robot.Speak", 2, {"text": "b"}, "b"),
+        *exchange(3, "woosh.robot.Speak", 3, {"text": "a"}, "second a"),
+    ]
+    async with (
+        replaying(*records, speed=100) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        said = [(await client.request(Speak(text=text))).msg for text in ("a", "b", "a", "a", "b")]
+        assert said == ["first a", "b", "second a", "second a", "b"]
+        assert (await client.request(Speak(text="c"))).msg == "first a"
+
+
+@aio
+async def test_what_was_not_answered_is_not_answered() -> None:
+    records = exchange(1, "woosh.robot.Speak", 1, {})
+    async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
+        with pytest.raises(RequestTimeoutError):
+            await client.request(Speak(), 0.3)
+        assert (await client.request(RobotInfo())).ok
+
+
+@aio
+async def test_late_answers_are_late_again() -> None:
+    records = [*exchange(1, "woosh.robot.Speak", 1, {}, "late")]
+    records[1] = (1.5, *records[1][1:])
+    async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
+        before = asyncio.get_running_loop().time()
+        assert (await client.request(Speak())).msg == "late"
+        assert asyncio.get_running_loop().time() - before > 0.45
+
+
+@aio
+async def test_answers_to_nothing_are_left_out() -> None:
+    stray = (1, 1, "chassis", {"type": "woosh.robot.Mode", "body": {}, "ok": True, "sn": 1234})
+    assert prepare(made_up(stray)).strays == 1
+
+
+@aio
+async def test_pushes_only_to_those_who_want_them() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.PoseSpeed", "woosh.robot.Mode"),
+        pushed(0.2, "woosh.robot.PoseSpeed", {"mapId": 1}),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+        pushed(0.4, "woosh.robot.Battery", {"power": 3}),  # which nobody had asked for
+    ]
+    async with replaying(*records) as replayed:
+        poses: list[Any] = []
+        async with connected(replayed.port) as (client, heard):
+            client.subscribe(PoseSpeed, poses.append)()  # no more
+            await eventually(lambda: replayed.rounds)
+            await eventually(lambda: len(heard) == 2)
+        assert [type(m) for m in heard] == [Mode, Battery]
+        assert poses == []
+
+
+@aio
+async def test_time_stands_still_until_somebody_listens() -> None:
+    records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
+    async with (
+        replaying(*records) as replayed,
+        ChassisClient(config=link(replayed.port)) as client,  # no subscription
+    ):
+        await asyncio.sleep(0.4)
+        assert replayed.rounds == 0
+        heard: list[Any] = []
+        client.subscribe(Mode, heard.append)
+        await eventually(lambda: replayed.rounds == 1)
+        await eventually(lambda: len(heard) == 1)
+
+
+@aio
+async def test_a_robot_that_never_came_back() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
+        (0.3, 1, "close", "chassis"),
+    ]
+    async with (
+        replaying(*records, wait_for_commands=True) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
+        await eventually(lambda: replayed.rounds)
+        await eventually(lambda: client.state is LinkState.WAITING)
+        with pytest.raises(OSError):
+            await asyncio.open_connection("127.0.0.1", replayed.port)
+        assert client.stats.connects == 1
+
+
+@aio
+async def test_commands_are_waited_for() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with (
+        replaying(*records, wait_for_commands=True) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await asyncio.sleep(0.4)
+        assert heard == []
+        assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
+        await eventually(lambda: len(heard) == 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_each_client_hears_its_own_encoding(kind: str) -> None:
+    """The recording is one of JSON."""
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
+        *exchange(0.3, "woosh.robot.Speak", 1, {"text": "a"}, "spoken"),
+    ]
+    async with replaying(*records) as replayed:
+        port = replayed.tcp_port if kind == "tcp" else replayed.port
+        async with connected(port, kind) as (client, heard):
+            await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+            assert (await client.request(Speak(text="a"))).msg == "spoken"
+
+
+@aio
+async def test_again_and_again() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with (
+        replaying(*records, loop=True) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await eventually(lambda: len(heard) >= 3)
+        await eventually(lambda: client.stats.connects >= 3)
+
+
+@aio
+async def test_of_clients_at_a_time_the_one_that_heard_most_counts() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        (0.1, 2, "open", "client"),
+        subscribed(0.1, "woosh.robot.Mode", connection=2),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}, connection=2),
+        *exchange(0.2, "woosh.robot.Speak", 1, {}, "hello", connection=2),
+        (0.25, 2, "close", "chassis"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 2}),
+    ]
+    async with (
+        replaying(*records) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await eventually(lambda: replayed.rounds)
+        await eventually(lambda: len(heard) == 2)
+        assert [m.work for m in heard] == [1, 2]
+        assert (await client.request(Speak())).msg == "hello"
+        assert client.stats.connects == 1
+
+
+@aio
+async def test_frames_of_half_a_message(tmp_path: Path) -> None:
+    """A client that nobody tells what a frame is."""
+    path = tmp_path / "a.jsonl"
+    async with simulator() as chassis, recording(path, chassis) as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(
+            b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        assert b"101" in await reader.readuntil(b"\r\n\r\n")
+        frame = WireFrame(Opcode.TEXT, b'{"type":"woosh.robot.Mode","sn":5}').serialize(mask=True)
+        for index in range(len(frame)):
+            writer.write(frame[index : index + 1])
+            await writer.drain()
+            await asyncio.sleep(0)
+        await eventually(lambda: chassis.counts["woosh.robot.Mode"])
+        assert await reader.read(2)
+        writer.transport.abort()
+        await eventually(lambda: '"close"' in path.read_text())
+    found = read(path)
+    assert frames(found, "client") == ['{"type":"woosh.robot.Mode","sn":5}']
+    (answer,) = frames(found, "chassis")
+    assert json.loads(answer)["sn"] == 5
+    assert events(found)[-1] == ("close", "client")

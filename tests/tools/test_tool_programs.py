@@ -1,0 +1,203 @@
+"""The tools as programs: options, exit status, and what they print."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from woosh_robot_agent.endpoints import QUERIES
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools import record, replay
+from woosh_robot_agent.tools.playback import prepare
+from woosh_robot_agent.tools.recording import Event, Writer, read
+
+TIMEOUT = 30.0
+ROOT = Path(__file__).parents[2]
+TOOLS = ("monitor", "doctor", "record", "replay")
+
+
+def start(tool: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def run(tool: str, *arguments: str) -> tuple[int, str, str]:
+    with start(tool, *arguments) as process:
+        out, err = process.communicate(timeout=2 * TIMEOUT)
+    return process.returncode, out, err
+
+
+def address(chassis: SimulatorThread) -> list[str]:
+    return ["--ip", "127.0.0.1", "--port", str(chassis.port)]
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_entry_points(tool: str) -> None:
+    found = re.search(rf'"{tool} = (\S+):(\w+)"', (ROOT / "setup.py").read_text())
+    assert found
+    assert callable(getattr(importlib.import_module(found[1]), found[2]))
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_help(tool: str) -> None:
+    status, out, err = run(tool, "--help")
+    assert (status, err) == (0, "")
+    assert out.startswith(f"usage: {tool} ")
+
+
+def test_they_need_no_ros() -> None:
+    code = "import sys\n" + "".join(f"import woosh_robot_agent.tools.{tool}\n" for tool in TOOLS)
+    code += "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout == "[]\n"
+
+
+def test_record_by_itself(chassis: SimulatorThread, tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl.gz"
+    with start("record", *address(chassis), "--output", str(path)) as process:
+        try:
+            chassis.wait_received(QUERIES[-1].request, timeout=TIMEOUT)
+            process.send_signal(signal.SIGINT)
+            out, _ = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert out.startswith(f"recording ws://127.0.0.1:{chassis.port} into {path}\n")
+    assert re.search(r"\d+ frames of 1 connections in", out)
+    recording = read(path)
+    assert recording.damage == ""
+    assert {query.request for query in QUERIES} <= set(prepare(recording).answers.types)
+
+
+def test_record_for_a_while(chassis: SimulatorThread, tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "0.5")
+    assert status == 0
+    assert read(path).damage == ""
+
+
+def test_record_without_a_chassis(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path), "--duration", "3"]
+    status, _, err = run("record", *arguments)
+    assert status == 0
+    assert "does not answer: " in err
+    records = read(path).records
+    assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
+
+
+def test_record_overwrites_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    path.write_text("mine")
+    status, _, err = run("record", "--ip", "127.0.0.1", "--output", str(path))
+    assert status == 1
+    assert "File exists" in err
+    assert path.read_text() == "mine"
+
+
+def test_record_at_a_port_that_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        there = f"127.0.0.1:{taken.getsockname()[1]}"
+        status, _, err = run(
+            "record", "--ip", "127.0.0.1", "--listen", there, "--output", str(path)
+        )
+    assert status == 1
+    assert "error:" in err
+    assert not path.exists()
+
+
+def test_record_says_when_it_is_over_and_serves_on(
+    chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    """With an agent behind it, the link counts for more than the recording."""
+    path = tmp_path / "a.jsonl"
+    there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.0003"]
+    with start("record", *address(chassis), *there) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            port = re.search(r"agent to 127\.0\.0\.1:(\d+)", process.stdout.readline())
+            assert port
+            for _ in range(2):
+                status, out, _ = run("doctor", "--ip", "127.0.0.1", "--port", port[1])
+                assert status == 0, out
+            process.send_signal(signal.SIGTERM)
+            _, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert process.returncode == 1
+    assert "size limit" in err
+    assert "clients are served on" in err
+    assert path.stat().st_size <= 315
+
+
+def test_listening_beyond_this_machine_is_said(chassis: SimulatorThread, tmp_path: Path) -> None:
+    arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
+    status, _, err = run("record", *address(chassis), *arguments)
+    assert status == 0
+    assert "anybody who reaches 0.0.0.0 can command the robot" in err
+
+
+def test_replay_of_a_damaged_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    file = Writer(path, "ws://x", 10_000, lambda reason: None)
+    file.event(1, "open", "client")
+    file.close()
+    with path.open("ab") as more:
+        more.write(b'{"t": 1, "conn')
+    with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
+        try:
+            assert process.stdout is not None
+            assert any("replayed chassis ready" in line for line in process.stdout)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert "warning: its last line is not complete" in err
+
+
+def test_replay_of_what_is_none(tmp_path: Path, capsys: Any) -> None:
+    assert replay.main([str(tmp_path / "nothing.jsonl")]) == 1
+    assert "No such file" in capsys.readouterr().err
+    path = tmp_path / "a.jsonl"
+    path.write_text("hello\n")
+    assert replay.main([str(path)]) == 1
+    assert "line 1 is not JSON" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments"),
+    [
+        (record, []),
+        (record, ["--ip", "x", "--listen", "nonsense"]),
+        (record, ["--ip", "x", "--listen", "x:70000"]),
+        (record, ["--ip", "x", "--max-size", "0"]),
+        (record, ["--ip", "x", "--duration", "-1"]),
+        (replay, []),
+        (replay, ["f", "--speed", "0"]),
+        (replay, ["f", "--port", "70000"]),
+    ],
+)
+def test_wrong_usage(
+    tool: Any, arguments: list[str], capsys: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ending:
+        tool.main(arguments)
+    assert ending.value.code == 2
+    assert "error:" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

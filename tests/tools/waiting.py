@@ -1,0 +1,38 @@
+"""Asynchronous tests, and waiting in them, with patience for a machine that is busy."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+TIMEOUT = 30.0
+
+
+def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """Run an asynchronous test; no exception may go unnoticed in it."""
+
+    @functools.wraps(test)
+    def run(*args: Any, **kwargs: Any) -> None:
+        troubles: list[Any] = []
+
+        async def main() -> None:
+            loop = asyncio.get_running_loop()
+            loop.set_exception_handler(lambda _, context: troubles.append(context))
+            await asyncio.wait_for(test(*args, **kwargs), 3 * TIMEOUT)
+
+        asyncio.run(main())
+        assert not troubles, troubles
+
+    return run
+
+
+async def eventually(condition: Callable[[], Any], what: str = "") -> Any:
+    """Wait for what no event announces; returns what it gave."""
+    deadline = asyncio.get_running_loop().time() + TIMEOUT
+    while not (value := condition()):
+        if asyncio.get_running_loop().time() > deadline:
+            raise AssertionError(f"timed out waiting for {what or condition}")
+        await asyncio.sleep(0.005)
+    return value

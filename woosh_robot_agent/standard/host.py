@@ -1,0 +1,114 @@
+"""What every part of the standard layer works with."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from woosh_robot_agent.actions.actions import Actions
+from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
+from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.standard.table import BY_NAME, Kind
+
+
+class Part(Protocol):
+    """One part of the standard layer."""
+
+    async def run(self) -> None:
+        """Do what is to be done from time to time, in the link's thread, until cancelled."""
+
+
+@dataclass(frozen=True)
+class Host:
+    """What the parts share.
+
+    Attributes:
+        node: owner of the topics and services.
+        thread: runs the link and the parts.
+        chassis: to be used in the link's thread only.
+        known: what the chassis last said.
+        requests: makes the chassis's messages.
+        actions: the goals of other clients.
+        settings: gives the parameters' values of the moment.
+    """
+
+    node: Any
+    thread: LinkThread
+    chassis: ChassisClient
+    known: LastKnown
+    requests: RequestMaker
+    actions: Actions
+    settings: Callable[[], StandardSettings]
+
+    def frame(self, which: str) -> str:
+        """The name of a frame, `map`, `odom`, `base` or `scan`, with the prefix."""
+        settings = self.settings()
+        return settings.frame_prefix + str(getattr(settings, f"{which}_frame"))
+
+    def now(self) -> Any:
+        """The agent's time as a stamp (builtin_interfaces/Time)."""
+        return self.node.get_clock().now().to_msg()
+
+    def publisher(self, name: str) -> Any:
+        """A publisher of the table; it may publish from the link's thread."""
+        entry = BY_NAME[name]
+        qos = QoSProfile(
+            depth=entry.depth,
+            reliability=ReliabilityPolicy.BEST_EFFORT
+            if entry.kind is Kind.SENSOR
+            else ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL
+            if entry.kind is Kind.LATCHED
+            else DurabilityPolicy.VOLATILE,
+        )
+        return self.node.create_publisher(ros_type(entry.type, "msg"), name, qos)
+
+    def subscribe(
+        self,
+        name: str,
+        callback: Callable[[Any], None],
+        type_name: str = "",
+        *,
+        in_executor: bool = False,
+    ) -> None:
+        """Have `callback` called with each message of an input of the table; it must not block.
+
+        Args:
+            name: the topic.
+            callback: is called in the link's thread.
+            type_name: its ROS type where it is not the table's.
+            in_executor: call it in the executor's thread instead.
+        """
+        entry = BY_NAME[name]
+        self.node.create_subscription(
+            ros_type(type_name or entry.type, "msg"),
+            name,
+            callback if in_executor else partial(self.thread.call, callback),
+            QoSProfile(depth=entry.depth),
+        )
+
+    def service(self, name: str, handle: Callable[[Any, Reply], None]) -> DeferredService:
+        """Offer a service of the table; `handle` runs in the executor's thread."""
+        return DeferredService(self.node, ros_type(BY_NAME[name].type, "srv"), name, handle)
+
+
+async def every(rate: Callable[[], float]) -> AsyncIterator[float]:
+    """Give the loop's time, again and again, `rate` times per second, without drift.
+
+    What was missed in between is left out.
+    """
+    loop = asyncio.get_running_loop()
+    due = loop.time()
+    while True:
+        yield loop.time()
+        due = max(due + 1.0 / rate(), loop.time())
+        await asyncio.sleep(due - loop.time())

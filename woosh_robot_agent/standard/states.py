@@ -1,0 +1,128 @@
+"""battery_state, plan, footprint and connected: the chassis's state in ROS's own messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Point32, PolygonStamped
+from google.protobuf.message import Message
+from nav_msgs.msg import Path
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Bool
+
+from woosh_robot_agent.known import parts_of
+from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
+from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.stamped import stamped
+
+_CHARGE = {
+    Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
+    Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
+    Battery.kAuto: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
+}
+
+
+def battery_state(host: Host, battery: Battery) -> BatteryState:
+    """The battery; what the chassis does not measure is NaN."""
+    nan = math.nan
+    message = BatteryState(
+        voltage=nan,
+        temperature=nan,
+        current=nan,
+        charge=nan,
+        capacity=nan,
+        design_capacity=nan,
+        percentage=min(battery.power, 100) / 100.0,
+        power_supply_status=_CHARGE.get(
+            battery.charge_state, BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+        ),
+        power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
+        present=True,
+    )
+    message.header.stamp = host.now()
+    message.header.frame_id = host.frame("base")
+    return message
+
+
+def plan(host: Host, nav_path: NavPath) -> Path:
+    """The path that is driven, in the map's frame; empty when there is none."""
+    stamp, frame = host.now(), host.frame("map")
+    message = Path(poses=[stamped(Plane.of(pose), frame, stamp) for pose in nav_path.path.poses])
+    message.header.stamp = stamp
+    message.header.frame_id = frame
+    return message
+
+
+def footprint(host: Host, model: Model) -> PolygonStamped:
+    """The outline in use, in the robot's frame."""
+    message = PolygonStamped()
+    message.header.stamp = host.now()
+    message.header.frame_id = host.frame("base")
+    message.polygon.points = [Point32(x=point.x, y=point.y) for point in model.model]
+    return message
+
+
+class _State:
+    """Publishes a message of the chassis in another form: the first value, and each push."""
+
+    def __init__(
+        self, host: Host, name: str, cls: type[Message], convert: Callable[[Host, Any], Any]
+    ) -> None:
+        self._host = host
+        self._cls = cls
+        self._convert = convert
+        self._publisher = host.publisher(name)
+        host.chassis.on_snapshot(self._snapshot)
+        host.chassis.subscribe(cls, self._publish)
+
+    async def run(self) -> None:
+        """See `Part.run`: all comes by pushes."""
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        for part in parts_of(info):
+            if isinstance(part, self._cls):
+                self._publish(part)
+
+    def _publish(self, message: Message) -> None:
+        self._publisher.publish(self._convert(self._host, message))
+
+
+def battery_part(host: Host) -> _State:
+    """Makes the part that publishes battery_state."""
+    return _State(host, "battery_state", Battery, battery_state)
+
+
+def plan_part(host: Host) -> _State:
+    """Makes the part that publishes plan."""
+    return _State(host, "plan", NavPath, plan)
+
+
+def footprint_part(host: Host) -> _State:
+    """Makes the part that publishes footprint."""
+    return _State(host, "footprint", Model, footprint)
+
+
+class Connected:
+    """Publishes whether the link is ready, when that changes and at the start."""
+
+    def __init__(self, host: Host) -> None:
+        self._publisher = host.publisher("connected")
+        self._last: bool | None = None
+        host.chassis.on_state(self._changed)
+
+    async def run(self) -> None:
+        """See `Part.run`: tell those who come before there ever was a link."""
+        if self._last is None:
+            self._publish(False)
+
+    def _changed(self, state: LinkState) -> None:
+        self._publish(state is LinkState.READY)
+
+    def _publish(self, connected: bool) -> None:
+        if connected != self._last:
+            self._last = connected
+            self._publisher.publish(Bool(data=connected))
