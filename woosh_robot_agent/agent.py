@@ -45,8 +45,10 @@ def main(args: list[str] | None = None) -> int:
     from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
     from rclpy.signals import SignalHandlerOptions
 
+    from woosh_robot_agent.memory import give_back_large_blocks
     from woosh_robot_agent.node import Agent
 
+    give_back_large_blocks()
     if signals.stop:
         return 0
     try:

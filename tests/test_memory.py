@@ -1,0 +1,45 @@
+"""Memory of large frames goes back to the system."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+PROGRAM = """
+import ctypes, os, sys
+from pathlib import Path
+from woosh_robot_agent.memory import give_back_large_blocks
+
+libc = ctypes.CDLL(None)
+libc.malloc.restype = ctypes.c_void_p
+libc.free.argtypes = [ctypes.c_void_p]
+libc.memset.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t]
+MIB = 1024 * 1024
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+def block(size):
+    address = libc.malloc(size)
+    libc.memset(address, 1, size)
+    return address
+
+if sys.argv[1] == "on":
+    give_back_large_blocks()
+libc.free(block(30 * MIB))  # from now on glibc by default keeps what is smaller
+before = resident()
+for large in [block(4 * MIB) for _ in range(10)]:
+    libc.free(large)
+print((resident() - before) // MIB)
+"""
+
+
+def left_behind(mode: str) -> int:
+    """MiB that a program still holds after it has freed 40 of them."""
+    run = [sys.executable, "-c", PROGRAM, mode]
+    return int(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
+
+
+def test_large_blocks_go_back_at_once() -> None:
+    assert left_behind("off") > 30, "glibc does so by itself now"
+    assert left_behind("on") < 5
