@@ -14,7 +14,12 @@ from goals import CANCELED, SUCCEEDED, short_task, step
 from harness import Client, wait_until
 from std_srvs.srv import Trigger
 
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
+from woosh_robot_agent.pb.util import task_pb2 as util_task
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.dispatch import dispatch
+from woosh_robot_msgs.msg import TaskProc
 
 TWIST = "woosh.robot.Twist"
 
@@ -97,6 +102,12 @@ def simulator_last(simulator: SimulatorThread) -> Any:
     return simulator._simulator.last(TWIST)  # in the simulator's own thread
 
 
+def start_task(sim: Any) -> None:
+    """As another client of the chassis would."""
+    task = pack.ExecTask(task_id=7, type=util_task.kPick, mark_no="A23")
+    assert dispatch(sim.chassis, task).ok
+
+
 def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
     sender.send(0.2, -0.1, 0.3)
     simulator.wait_received(TWIST)
@@ -128,7 +139,31 @@ def test_a_zero_needs_no_other(simulator, sender, twists):
     assert len(twists()) == 2
 
 
+def test_zeros_of_an_idle_sender_are_not_sent(simulator, sender, client, twists):
+    """twist_mux and joysticks send them all the time."""
+    goal = step(client, 20.0)
+    simulator.wait_received("woosh.ros.CallAction")
+    sender.repeat(50)
+    goal.feedback.wait_count(3)
+    assert not goal.done
+    assert not twists()
+    sender.pause()
+
+
 class TestRate:
+    def test_zeros_between_do_not_raise_it(self, simulator, start_agent, client, arrivals):
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=10.0)
+        agent.wait_connected()
+        sender = Sender(client)
+        begun = time.monotonic()
+        while time.monotonic() - begun < 2.0:
+            sender.send(x=0.1)
+            threading.Event().wait(0.005)
+            sender.send()
+            threading.Event().wait(0.005)
+        lasted = time.monotonic() - begun
+        assert len(arrivals) < 3 * 10 * lasted, "a stop after each velocity, which does not wait"
+
     def test_the_latest_wins(self, simulator, start_agent, client, arrivals):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=5.0)
         agent.wait_connected()
@@ -179,6 +214,25 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
+    def test_a_stamp_of_the_future(self, simulator, start_agent, client, logs):
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_stamped=True)
+        agent.wait_connected()
+        Sender(client, TwistStamped).send_stamped(0.4, age=-3600.0)
+        logs.wait(lambda record: "check the sender's clock" in record.getMessage())
+        assert simulator.counts[TWIST] == 0
+
+    def test_while_somebody_elses_task_runs(self, simulator, agent, sender, client, logs):
+        """Somebody who is not a client of the agent."""
+        plans = client.echo(TaskProc, "robot/TaskProc")
+        simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kExecuting))
+        plans.wait(lambda m: m.robot_task_id == 7)
+        sender.send(x=0.3)
+        logs.wait(lambda record: "task 7 is running" in record.getMessage())
+        simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kCompleted))
+        plans.wait(lambda m: m.state.value == util_task.kCompleted)
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+
     def test_while_a_goal_runs(self, simulator, agent, sender, client, twists, logs):
         goal = step(client, 20.0)
         simulator.wait_received("woosh.ros.CallAction")
@@ -228,8 +282,21 @@ class TestLinkLoss:
         threading.Event().wait(0.8)
         assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
 
+    def test_not_if_somebody_else_drives_it_by_then(self, simulator, agent, sender, twists):
+        sender.send(x=0.3)
+        simulator.wait_received(TWIST)
+        simulator.stop_listening()
+        wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
+        simulator.call(start_task)
+        simulator.listen()
+        agent.wait_connected(2)
+        threading.Event().wait(0.8)
+        assert twists() == [pytest.approx((0.3, 0.0, 0.0))]
+        assert simulator.state.info.task_proc.state == util_task.kExecuting
+
     def test_a_standing_one_gets_nothing(self, simulator, agent, sender, twists):
         sender.send(x=0.3)
+        simulator.wait_received(TWIST)
         sender.send()
         wait_until(lambda: (0.0, 0.0, 0.0) in twists())
         count = len(twists())
@@ -250,7 +317,10 @@ class TestStop:
         threading.Event().wait(0.5)
         assert len(twists()) == count, "nothing after the stop"
         sender.pause()
-        threading.Event().wait(0.7)
+        sender.send(x=0.2)
+        threading.Event().wait(0.2)  # the agent keeps the newest only
+        sender.send()
+        threading.Event().wait(0.2)
         sender.send(x=0.1)
         simulator.wait_received(TWIST, count + 1)
-        assert twists()[count] == pytest.approx((0.1, 0.0, 0.0))
+        assert twists()[count] == pytest.approx((0.1, 0.0, 0.0)), "obeyed after the zero"

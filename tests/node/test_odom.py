@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -127,6 +128,85 @@ def test_sideways(slow_simulator, start, client):
     speeds = [m.twist.twist.linear.y for m in odom.messages]
     assert max(speeds) > 0.3
     wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
+
+
+def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
+    """As many odoms as there are pushes: if they came late, all of them would."""
+    sent: dict[float, float] = {}
+
+    def note(frame: Outgoing) -> list[Outgoing]:
+        if frame.type == POSE_SPEED and not frame.request:
+            sent[round(frame.body.pose.x, 4)] = time.time()  # type: ignore[union-attr]
+        return [frame]
+
+    begin = start_pose(slow_simulator)
+    slow_simulator.call(lambda sim: setattr(sim, "speed", 1.0))
+    start()
+    odom = odoms(client)
+    odom.wait_count(1)
+    slow_simulator.intercept(note)
+    drive(client, (STRAIGHT, 1.0))
+    lags = []
+    for message in odom.messages:
+        at = sent.get(round((begin * plane(message.pose.pose)).x, 4))
+        if at is not None and message.twist.twist.linear.x:
+            lags.append(message.header.stamp.sec + message.header.stamp.nanosec / 1e9 - at)
+    assert len(lags) > 10
+    assert sorted(lags)[len(lags) // 4] < 0.01, lags
+
+
+class TestAtRest:
+    """A robot that stands reports nothing more."""
+
+    def test_a_small_correction(self, slow_simulator, start, client):
+        begin = start_pose(slow_simulator)
+        start()
+        odom = odoms(client)
+        odom.wait_count(1)
+        aside = begin * Plane(0.0, 0.03, 0.0)
+        request = SetRobotPose.Request()
+        request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = (
+            aside.x,
+            aside.y,
+            aside.theta,
+        )
+        assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
+        before = len(odom.messages)
+        odom.wait_count(before + 20)
+        assert all(near(plane(m.pose.pose), Plane(), 0.001, 0.001) for m in odom.messages)
+        assert not any(m.twist.twist.linear.y for m in odom.messages)
+
+    def test_an_emergency_stop_while_it_drives_sideways(self, slow_simulator, start, client):
+        start()
+        odom = odoms(client)
+        goal = StepControl.Goal()
+        goal.arg.action.value = EXECUTE
+        step = StepControlStep(value=3.0, speed=0.5)
+        step.mode.value = LATERAL
+        goal.arg.steps.append(step)
+        running = client.send_goal(StepControl, "ros/StepControl", goal)
+        odom.wait(lambda m: m.twist.twist.linear.y > 0.2)
+        slow_simulator.set_emergency_stop(True)
+        running.result()
+        wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0)
+        odom.wait_count(len(odom.messages) + 10)
+
+
+def test_somebody_else_sets_the_pose_while_it_drives(slow_simulator, start, client):
+    start(publish_tf=True)
+    odom = odoms(client)
+    twist = Twist.Request()
+    twist.arg.linear = 0.2
+    assert client.call(Twist, "robot/Twist", arg=twist.arg).ok
+    odom.wait(lambda m: m.twist.twist.linear.x > 0.15)
+
+    def set_aside(sim: Any) -> None:
+        sim.chassis.localise(sim.chassis.base.pose.moved(0.0, 0.4, 0.0))
+
+    slow_simulator.call(set_aside)
+    odom.wait(lambda m: not m.twist.twist.linear.x and m.pose.pose.position.x > 0.03)
+    assert abs(odom.messages[-1].pose.pose.position.y) < 0.05
+    assert max(abs(m.twist.twist.linear.y) for m in odom.messages) < 1.0
 
 
 def test_a_standing_robot_goes_on_at_the_rate(start, client):

@@ -55,9 +55,9 @@ def test_all_of_the_table_is_there(start_agent, client):
         info = found[entry.name]
         assert info.topic_type.replace("/msg/", "/") == entry.type
         latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        reliable = info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
         assert latched == (entry.kind is Kind.LATCHED)
-        assert reliable == (entry.kind is not Kind.SENSOR)
+        # REP 2003: whoever wants a sensor's data as best effort can have it so
+        assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
 
 
 def test_all_of_it_can_be_off(start_agent, client):

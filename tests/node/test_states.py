@@ -71,6 +71,16 @@ def test_footprint(simulator, agent, client):
     footprints.wait(lambda m: m.polygon != first.polygon)
 
 
+def test_footprint_goes_on_with_the_time(agent, client):
+    """Viewers draw it where the robot was at its stamp."""
+    stamps = [m.header.stamp for m in client.echo(PolygonStamped, "footprint").wait_count(4)]
+    assert stamps[-1].sec + stamps[-1].nanosec / 1e9 > stamps[0].sec + stamps[0].nanosec / 1e9
+
+
+def test_there_is_an_empty_plan_at_the_start(agent, client):
+    assert not client.echo(Path, "plan").wait_count(1)[0].poses
+
+
 class TestConnected:
     def test_it_follows_the_link(self, simulator, agent, client):
         connected = client.echo(Bool, "connected")

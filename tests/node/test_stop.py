@@ -6,12 +6,14 @@ import threading
 import time
 from typing import Any
 
-from goals import ABORTED, step, task
+from goals import ABORTED, short_task, step, step_goal, task
 from harness import RunningAgent, wait_future, wait_until
 from std_srvs.srv import Trigger
 
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist
+from woosh_ros_msgs.action import StepControl
 
 TWIST = "woosh.robot.Twist"
 SPEAK = "woosh.robot.Speak"
@@ -103,7 +105,7 @@ def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, clien
     assert connection is not None
     wait_until(lambda: len(connection._outbox) > 2, "a jam")
     start = client.call_async(ExecPreTask, "robot/ExecPreTask")
-    wait_until(lambda: "woosh.robot.ExecPreTask" in connection._names.values())
+    wait_until(lambda: any(isinstance(m, pack.ExecPreTask) for m in connection._requests.values()))
     stop = client.call_async(Trigger, "stop")
     response = wait_future(start)
     assert not response.ok
@@ -115,6 +117,24 @@ def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, clien
     assert simulator.counts["woosh.robot.ExecPreTask"] == 0
     order = [each.type for each in simulator.received]
     assert order.index(TWIST) < len(order) - 1 - order[::-1].index(SPEAK), "it overtook some"
+
+
+def test_a_goal_that_was_asked_for_before_does_not_move_it(simulator, agent, client):
+    """However the two overtake each other on their way."""
+    for _ in range(10):
+        action = client.action(StepControl, "ros/StepControl")
+        client.service(Trigger, "stop")
+        sent = action.send_goal_async(step_goal(20.0))
+        assert client.call(Trigger, "stop").success
+        handle = wait_future(sent)
+        assert wait_future(handle.get_result_async()).status == ABORTED
+        wait_until(lambda: still(simulator))
+    assert still(simulator)
+
+
+def test_what_comes_a_moment_later_is_obeyed(simulator, agent, client):
+    assert client.call(Trigger, "stop").success
+    wait_until(lambda: short_task(client, 0.3).result()[0] != ABORTED, "the end of the hold")
 
 
 def speak(text: str) -> Any:

@@ -152,3 +152,17 @@ def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(
     agent.close()
     assert speeds(simulator) == [0.1]
     assert simulator.state.info.task_proc.state == EXECUTING
+
+
+def test_the_end_of_the_agent_long_after_a_velocity_sends_nothing(
+    client: Client,
+    simulator: SimulatorThread,
+    agent: RunningAgent,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The chassis has stopped by itself; by now somebody else may drive it."""
+    monkeypatch.setattr(latest, "DRIVING", 0.1)
+    assert wait_future(drive(client, 0.1)).ok
+    wait_until(lambda: not agent.agent._chassis.driving, "the end of the drive")
+    agent.close()
+    assert speeds(simulator) == [0.1]

@@ -33,7 +33,7 @@ from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.transports import TransportClosedError, open_transport
-from woosh_robot_agent.link.wheels import takes_wheels
+from woosh_robot_agent.link.wheels import may_move, takes_wheels
 from woosh_robot_agent.link.within import drop, within
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -99,6 +99,8 @@ class ChassisClient:
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._connection: Connection | None = None
         self._latest = LatestWins[Answer]()
+        self._no_motion = ("", -math.inf)
+        """Why nothing that moves the robot is sent, and the loop's time until when."""
         self._runner: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._ready_waiters: set[asyncio.Future[None]] = set()
@@ -231,13 +233,19 @@ class ChassisClient:
                 raise
         return await self._request(message, timeout, urgent=first, first=first, tap=tap)
 
-    def withdraw(self, classes: Iterable[type[Message]], reason: str) -> None:
-        """Do not send the requests of these types that wait to be sent.
+    def withdraw_motion(self, reason: str, seconds: float) -> None:
+        """Send nothing that moves the robot, of what waits to be sent and of what comes now.
 
-        Whoever made them gets a SupersededError with `reason`.
+        Whoever asked for it gets a SupersededError with `reason`. A request that is sent `first` is
+        not affected.
+
+        Args:
+            reason: why.
+            seconds: for how long what comes now is not sent either.
         """
+        self._no_motion = reason, asyncio.get_running_loop().time() + seconds
         if self._connection is not None:
-            self._connection.withdraw({full_name(cls) for cls in classes}, reason)
+            self._connection.withdraw(may_move, reason)
 
     @property
     def driving(self) -> bool:
@@ -325,6 +333,9 @@ class ChassisClient:
     ) -> Answer:
         if self._connection is None or self.state is not LinkState.READY:
             raise self._not_connected()
+        reason, until = self._no_motion
+        if not first and may_move(message) and asyncio.get_running_loop().time() < until:
+            raise SupersededError(f"not sent: {reason}")
         try:
             answer = await self._connection.request(
                 message,
@@ -338,7 +349,7 @@ class ChassisClient:
             self._down(error.__cause__)
             raise self._not_connected() from None
         if answer.ok and takes_wheels(message):
-            self._latest.driving = False  # a zero would now stop what was asked for since
+            self._latest.stopped()  # a zero would now stop what was asked for since
         return answer
 
     def _not_connected(self) -> NotConnectedError:

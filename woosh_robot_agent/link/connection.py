@@ -7,7 +7,7 @@ import logging
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from google.protobuf.message import Message
@@ -93,8 +93,8 @@ class Connection:
         self._taps: dict[int, Callable[[Answer], None]] = {}
         self._outbox: OrderedDict[int, tuple[str | bytes, float]] = OrderedDict()
         """Frames to send, and the loop time until when, by sn; subscriptions have negative keys."""
-        self._names: dict[int, str] = {}
-        """Types of the requests that wait for their answers, by sn."""
+        self._requests: dict[int, Message] = {}
+        """Those that wait for their answers, by sn."""
         self._outbox_filled = asyncio.Event()
         self._next_sn = 1
         self._subscribes = 0
@@ -154,7 +154,7 @@ class Connection:
         data = self._codec.encode(name, message, sn=sn, timestamp=time.time_ns() // 1_000_000)
         future: asyncio.Future[Answer] = self._loop.create_future()
         self._pending[sn] = future
-        self._names[sn] = name
+        self._requests[sn] = message
         if urgent:
             self._urgent.add(sn)
         if tap is not None:
@@ -172,16 +172,17 @@ class Connection:
             timer.cancel()
             self._outbox.pop(sn, None)  # nobody waits for it any more: not to be sent late
             self._pending.pop(sn, None)
-            self._names.pop(sn, None)
+            self._requests.pop(sn, None)
             self._urgent.discard(sn)
             self._taps.pop(sn, None)
 
-    def withdraw(self, names: Collection[str], reason: str) -> None:
-        """Do not send the requests of these types that have not been sent yet.
+    def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
+        """Do not send those requests for which `which` is true, if they have not been sent yet.
 
         Those who wait for their answers get a SupersededError with `reason`.
         """
-        for sn in [sn for sn in self._outbox if self._names.get(sn) in names]:
+        waiting = [sn for sn in self._outbox if sn in self._requests]
+        for sn in [sn for sn in waiting if which(self._requests[sn])]:
             del self._outbox[sn]
             future = self._pending[sn]
             if not future.done():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import Awaitable, Callable
 from typing import Generic, TypeVar
 
@@ -19,21 +20,32 @@ STALL = 0.5
 goes on with the last one that it got."""
 
 
+DRIVING = 3 * STALL
+"""s after a velocity in which the robot may still drive by it: the chassis goes on with it for a
+while, and then slows down by itself."""
+
+
 class LatestWins(Generic[T]):
     """Sends commands at once while the chassis answers; holds only the newest while it does not.
 
     A stop, which is the command with nothing but zeros, is never held back, and no older command
     overtakes it.
-
-    Attributes:
-        driving: whether the robot may still drive by a command that was sent here.
     """
 
     def __init__(self) -> None:
         self._unanswered: dict[int, float] = {}
         self._held: asyncio.Future[None] | None = None
         self._newest = 0
-        self.driving = False
+        self._drives_until = -math.inf
+
+    @property
+    def driving(self) -> bool:
+        """Whether the robot may still drive by a command that was sent here."""
+        return time.monotonic() < self._drives_until
+
+    def stopped(self) -> None:
+        """The robot does not drive by a command from here any more."""
+        self._drives_until = -math.inf
 
     async def request(self, command: Message, send: Callable[[float], Awaitable[T]]) -> T:
         """Send a command and wait for its answer.
@@ -56,12 +68,12 @@ class LatestWins(Generic[T]):
             if serial != self._newest:
                 raise SupersededError("not sent: a newer velocity command took its place")
         if moves:
-            self.driving = True
+            self._drives_until = time.monotonic() + DRIVING
         self._unanswered[serial] = asyncio.get_running_loop().time()
         try:
             answer = await send(STALL if moves else math.inf)
             if not moves and serial == self._newest:
-                self.driving = False
+                self.stopped()
             return answer
         finally:
             del self._unanswered[serial]

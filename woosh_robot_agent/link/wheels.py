@@ -1,12 +1,21 @@
-"""Which requests hand the wheels over to the chassis itself."""
+"""Which requests have to do with the robot's wheels."""
 
 from __future__ import annotations
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask
-from woosh_robot_agent.pb.ros.action_pb2 import kExecute
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
+    ExecPreTask,
+    ExecTask,
+    Follow,
+    Twist,
+)
+from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util import action_pb2
+
+_RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
 
 
 def takes_wheels(request: Message) -> bool:
@@ -16,4 +25,19 @@ def takes_wheels(request: Message) -> bool:
             request.HasField(name) and getattr(request, name).action == kExecute
             for name in ("step_control", "move_base")
         )
+    return isinstance(request, ExecTask | ExecPreTask)
+
+
+def may_move(request: Message) -> bool:
+    """Whether anything may move, or go on moving, because of `request`."""
+    if isinstance(request, Twist):
+        return bool(request.linear or request.linear_y or request.angular)
+    if isinstance(request, CallAction):
+        which = request.WhichOneof("action")
+        call = getattr(request, which) if which else None
+        return getattr(call, "action", kExecute) not in (kCancel, kPause)
+    if isinstance(request, ActionOrder):
+        return request.order not in _RESTING_ORDERS
+    if isinstance(request, Follow):
+        return request.type
     return isinstance(request, ExecTask | ExecPreTask)

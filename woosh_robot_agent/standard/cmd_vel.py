@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from typing import Any
 
 from geometry_msgs.msg import Twist as TwistMsg
 from geometry_msgs.msg import TwistStamped
@@ -15,8 +14,11 @@ from woosh_robot_agent.link import LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.wheels import Wheels
 
 _LOG = logging.getLogger(__name__)
+_PAUSE_S = 2.0
+"""s without any message after which whoever sends velocities has let go."""
 
 
 class CmdVel:
@@ -39,6 +41,8 @@ class CmdVel:
         self._obeyed = -math.inf
         self._sent = -math.inf
         self._silenced = False
+        self._owes_zero = False
+        self._wheels = Wheels(host.chassis)
         self._wake = asyncio.Event()
         self._requests: set[asyncio.Task[None]] = set()
         stamped = host.settings().cmd_vel_stamped
@@ -73,20 +77,18 @@ class CmdVel:
         self._wake.set()
 
     def _stamped(self, message: TwistStamped) -> None:
-        age = self._age(message.header.stamp)
+        now = self._host.node.get_clock().now()
+        stamp = Time.from_msg(message.header.stamp, clock_type=now.clock_type)
+        age = float((now - stamp).nanoseconds) / 1e9
         limit = self._host.settings().cmd_vel_max_age
-        if limit and age > limit:
+        if limit and abs(age) > limit:
             self._refuse(
                 "age",
-                f"its stamp is {age:.1f} s old, and more than cmd_vel_max_age ({limit:g} s) is "
-                "refused; check the sender's clock",
+                f"its stamp is {age:.1f} s old, and more than cmd_vel_max_age ({limit:g} s) "
+                "either way is refused; check the sender's clock",
             )
             return
         self._asked(message.twist)
-
-    def _age(self, stamp: Any) -> float:
-        now = self._host.node.get_clock().now()
-        return float((now - Time.from_msg(stamp, clock_type=now.clock_type)).nanoseconds) / 1e9
 
     def _asked(self, message: TwistMsg) -> None:
         values = (message.linear.x, message.linear.y, message.angular.z)
@@ -94,26 +96,30 @@ class CmdVel:
             self._refuse("finite", f"{values} are not all finite numbers")
             return
         now = asyncio.get_running_loop().time()
-        settings = self._host.settings()
-        paused = now - self._heard > settings.cmd_vel_timeout
-        self._heard = now
-        if self._silenced and any(values) and not paused:
-            self._refuse("silenced", "the robot was stopped; pause or send a zero first")
-            return
-        self._silenced = False
-        if any(values) and not settings.cmd_vel_override and self._host.actions.running_goals:
-            self._refuse(
-                "goal",
-                "a goal is running: cancel it first, or set the parameter cmd_vel_override",
-            )
-            return
-        if self._host.chassis.state is not LinkState.READY:
+        paused, self._heard = now - self._heard > _PAUSE_S, now
+        moves = any(values)
+        self._silenced = self._silenced and moves and not paused
+        reason = self._objection() if moves else ("", "")
+        if reason[0]:
+            self._refuse(*reason)
+        elif self._host.chassis.state is not LinkState.READY:
             self._refuse("link", "there is no link to the chassis")
-            return
-        self._log.clear()
-        self._obeyed = now
-        self._waiting = self._clamped(*values)
-        self._wake.set()
+        elif moves or self._waiting is not None or self.driving or self._host.chassis.driving:
+            self._log.clear()
+            self._obeyed = now
+            self._waiting = self._clamped(*values)
+            self._wake.set()
+
+    def _objection(self) -> tuple[str, str]:
+        """Why the robot may not be driven now, with a kind for the log; empty if it may."""
+        if self._silenced:
+            return "silenced", f"the robot was stopped; send a zero, or nothing for {_PAUSE_S:g} s"
+        if self._host.settings().cmd_vel_override:
+            return "", ""
+        user = "a goal" if self._host.actions.running_goals else self._wheels.user
+        if user:
+            return "goal", f"{user} is running: cancel it, or set the parameter cmd_vel_override"
+        return "", ""
 
     def _refuse(self, kind: str, reason: str) -> None:
         self._log.warn(kind, f"cmd_vel is not obeyed: {reason}")
@@ -135,8 +141,9 @@ class CmdVel:
         settings = self._host.settings()
         if self._waiting is not None:
             stop = not any(value for _, value in self._waiting.ListFields())
-            # a stop waits for nothing
-            return 0.0 if stop else self._sent + 1.0 / settings.cmd_vel_rate
+            # the first stop waits for nothing
+            first = stop and self.driving
+            return 0.0 if first else self._sent + 1.0 / settings.cmd_vel_rate
         if self.driving and self._host.chassis.state is LinkState.READY:
             return self._obeyed + settings.cmd_vel_timeout
         return math.inf
@@ -169,7 +176,15 @@ class CmdVel:
                 self._log.warn("refused", f"the chassis refused cmd_vel: {answer.msg}")
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is LinkState.READY:  # if it was driving when the link went, it gets its zero now
-            self._wake.set()
-        else:
+        if state is not LinkState.READY:
             self._waiting = None
+            self._owes_zero = self._owes_zero or self.driving
+            self.driving = False
+        elif self._owes_zero:
+            self._owes_zero = False
+            self._host.thread.call(self._zero_after_loss)
+
+    def _zero_after_loss(self) -> None:
+        """The robot was driving when the link went: stop it, unless somebody else drives it now."""
+        if not (self._host.actions.running_goals or self._wheels.user):
+            self._send(Twist())

@@ -63,9 +63,7 @@ class Host:
         entry = BY_NAME[name]
         qos = QoSProfile(
             depth=entry.depth,
-            reliability=ReliabilityPolicy.BEST_EFFORT
-            if entry.kind is Kind.SENSOR
-            else ReliabilityPolicy.RELIABLE,
+            reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL
             if entry.kind is Kind.LATCHED
             else DurabilityPolicy.VOLATILE,

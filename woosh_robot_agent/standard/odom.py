@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -15,14 +16,16 @@ from woosh_robot_agent.standard.host import Host, every
 from woosh_robot_agent.standard.odometry import Odometry
 from woosh_robot_agent.standard.plane import Plane
 
-#: s for which a report of a moving robot is good; it sends them every 0.05 s.
-_STALE_S = 0.5
+#: s after which a robot that reports nothing does not move; it reports every 0.05 s if it does.
+_SILENT_S = 0.25
 
 
 class Odom:
-    """Publishes odom at `odom_rate` while the link is ready: a fresh push at once, else the last.
+    """Publishes odom at up to `odom_rate` while the link is ready.
 
-    With `publish_tf`, `map` -> `odom` -> `base_link` goes out with each odom, with its stamp.
+    A fresh push goes out at once, stamped with the time of its receipt. Between them, a robot that
+    stands is repeated with the time of the moment; one that moves is not, for it is elsewhere by
+    then. With `publish_tf`, `map` -> `odom` -> `base_link` goes out with each odom, with its stamp.
     """
 
     def __init__(self, host: Host) -> None:
@@ -31,8 +34,9 @@ class Odom:
         settings = host.settings()
         self._odom = host.publisher("odom") if settings.enable_odom else None
         self._tf = host.publisher("/tf") if settings.publish_tf else None
-        self._received = 0.0
-        self._sent = 0.0
+        self._received = -math.inf
+        self._passed_on = -math.inf
+        self._sent = -math.inf
         self._known = False
         host.chassis.on_snapshot(self._snapshot)
         host.chassis.on_state(self._link_changed)
@@ -42,8 +46,10 @@ class Odom:
 
     async def run(self) -> None:
         """See `Part.run`: what is published while nothing is pushed."""
-        async for now in every(lambda: self._host.settings().odom_rate):
-            if self._due(now) and not (self._odometry.moving and now - self._received > _STALE_S):
+        async for now in every(self._rate):
+            if now - self._received > _SILENT_S:
+                self._odometry.silent()
+            if not self._odometry.moving and self._due(now, self._sent, 0.9):
                 self._publish(now)
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -64,13 +70,18 @@ class Odom:
             Plane.of(report.pose), report.twist.linear, report.twist.angular, report.map_id, now
         )
         self._received, self._known = now, True
-        if self._due(now):
+        # a bit early counts: pushes that come at just this rate must all go out
+        if self._due(now, self._passed_on, 0.7):
+            self._passed_on = now
             self._publish(now)
 
-    def _due(self, now: float) -> bool:
-        # a bit early counts: pushes that come at just this rate must all go out
+    def _rate(self) -> float:
+        return self._host.settings().odom_rate
+
+    def _due(self, now: float, last: float, share: float) -> bool:
+        """Whether it is ready, and `share` of the period has passed since `last`."""
         ready = self._known and self._host.chassis.state is LinkState.READY
-        return ready and now - self._sent >= 0.7 / self._host.settings().odom_rate
+        return ready and now - last >= share / self._rate()
 
     def _publish(self, now: float) -> None:
         self._sent = now

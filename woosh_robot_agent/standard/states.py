@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from typing import Any
@@ -13,12 +14,14 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
 from woosh_robot_agent.known import parts_of
-from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
-from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.host import Host, every
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import stamped
 
+_LOG = logging.getLogger(__name__)
+_FOOTPRINT_HZ = 2.0
 _CHARGE = {
     Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
     Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
@@ -67,27 +70,66 @@ def footprint(host: Host, model: Model) -> PolygonStamped:
 
 
 class _State:
-    """Publishes a message of the chassis in another form: the first value, and each push."""
+    """Publishes a message of the chassis in another form: the first value, and each push.
+
+    Args:
+        host: see `Host`.
+        name: the topic.
+        cls: the chassis's message.
+        convert: makes the one of the other.
+        rate: Hz at which the last one is published again while somebody subscribes, with a new
+            stamp, so that viewers can draw it where the robot is now; 0 for never.
+    """
 
     def __init__(
-        self, host: Host, name: str, cls: type[Message], convert: Callable[[Host, Any], Any]
+        self,
+        host: Host,
+        name: str,
+        cls: type[Message],
+        convert: Callable[[Host, Any], Any],
+        rate: float = 0.0,
     ) -> None:
         self._host = host
         self._cls = cls
         self._convert = convert
+        self._rate = rate
+        self._last: Message | None = None
         self._publisher = host.publisher(name)
         host.chassis.on_snapshot(self._snapshot)
+        host.chassis.on_state(self._link_changed)
         host.chassis.subscribe(cls, self._publish)
 
     async def run(self) -> None:
-        """See `Part.run`: all comes by pushes."""
+        """See `Part.run`."""
+        if not self._rate:
+            return
+        async for _ in every(lambda: self._rate):
+            ready = self._host.chassis.state is LinkState.READY
+            if ready and self._last is not None and self._publisher.get_subscription_count():
+                self._publish(self._last)
 
     def _snapshot(self, info: RobotInfo) -> None:
         for part in parts_of(info):
             if isinstance(part, self._cls):
                 self._publish(part)
 
+    def _link_changed(self, state: LinkState) -> None:
+        in_info = any(f.message_type is self._cls.DESCRIPTOR for f in RobotInfo.DESCRIPTOR.fields)
+        if state is LinkState.READY and not in_info:
+            self._host.thread.spawn(self._ask)
+
+    async def _ask(self) -> None:
+        """What RobotInfo does not have."""
+        try:
+            answer = await self._host.chassis.request(self._host.requests.empty(self._cls))
+        except LinkError as error:
+            _LOG.debug("no first %s: %s", self._cls.DESCRIPTOR.name, error)
+            return
+        if answer.ok and isinstance(answer.body, self._cls):
+            self._publish(answer.body)
+
     def _publish(self, message: Message) -> None:
+        self._last = message
         self._publisher.publish(self._convert(self._host, message))
 
 
@@ -103,7 +145,7 @@ def plan_part(host: Host) -> _State:
 
 def footprint_part(host: Host) -> _State:
     """Makes the part that publishes footprint."""
-    return _State(host, "footprint", Model, footprint)
+    return _State(host, "footprint", Model, footprint, rate=_FOOTPRINT_HZ)
 
 
 class Connected:

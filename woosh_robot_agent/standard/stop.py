@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from woosh_robot_agent.bridge import Reply
 from woosh_robot_agent.link import Answer, LinkError
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, ExecTask, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
@@ -22,9 +22,10 @@ from woosh_robot_agent.standard.host import Host
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 2.0
-_MOVING: tuple[type[Message], ...] = (Twist, ExecTask, ExecPreTask, CallAction, ActionOrder)
-"""What may not reach the chassis after the stop if it was asked for before."""
 _STOPPED = "the service stop took its place"
+_HOLD_S = 0.5
+"""For so long nothing that moves the robot is sent: a goal that was asked for before the stop may
+come to the link after it."""
 
 
 def cancels() -> Iterator[tuple[str, Message]]:
@@ -67,7 +68,7 @@ class Stop:
         if self._cmd_vel is not None:
             self._cmd_vel.silence()
         chassis, address = self._host.chassis, self._host.requests.address
-        chassis.withdraw(_MOVING, _STOPPED)
+        chassis.withdraw_motion(_STOPPED, _HOLD_S)
         orders = [("velocity zero", Twist()), *cancels()]
         # each goes before all that waits: the last of these is asked first
         answers = await asyncio.gather(

@@ -14,7 +14,6 @@ class Kind(Enum):
 
     STREAM = "topic, reliable"
     LATCHED = "topic, reliable and transient local"
-    SENSOR = "topic, best effort"
     INPUT = "subscribed"
     SERVICE = "service"
 
@@ -42,7 +41,7 @@ class Standard:
     @property
     def is_output(self) -> bool:
         """Whether it is a topic that the agent publishes."""
-        return self.kind in (Kind.STREAM, Kind.LATCHED, Kind.SENSOR)
+        return self.kind in (Kind.STREAM, Kind.LATCHED)
 
 
 STANDARD = (
@@ -66,7 +65,7 @@ STANDARD = (
         "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "publish_tf", "`base_link` -> `laser`"
     ),
     Standard(
-        "scan", "sensor_msgs/LaserScan", Kind.SENSOR, "enable_scan", "asked for while subscribed", 5
+        "scan", "sensor_msgs/LaserScan", Kind.STREAM, "enable_scan", "asked for while subscribed", 5
     ),
     Standard(
         "battery_state",
