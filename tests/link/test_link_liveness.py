@@ -112,6 +112,29 @@ async def test_bad_frames_are_no_sign_of_life() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
+async def test_a_frame_that_never_ends_is_no_sign_of_life(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client(liveness_timeout=0.5) as client:
+        wire = await peer.wire()
+        wire.freeze()  # it does nothing but trickle
+        size = 32 * 1024 * 1024
+        first = 0x81 if kind == "json" else 0x82
+        head = bytes([first, 0x7F]) + size.to_bytes(8, "big")
+        wire.transport.write(Packed.varint(size) if kind == "tcp" else head)
+
+        async def trickle() -> None:
+            while True:
+                wire.transport.write(b"x")
+                await asyncio.sleep(0.01)
+
+        trickling = asyncio.ensure_future(trickle())
+        await eventually(lambda: client.last_error)
+        trickling.cancel()
+        await asyncio.wait([trickling])
+        assert "nothing was heard" in str(client.last_error)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
 async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=1.0) as client:
         wire = await peer.wire()

@@ -41,6 +41,8 @@ _NO_PROXY: dict[str, Any] = (
     {"proxy": None} if "proxy" in inspect.signature(_ws_connect).parameters else {}
 )
 _CHUNK = 256 * 1024
+_PROGRESS = 1024
+"""Bytes of an unfinished frame that are a sign of life: one that trickles in never ends."""
 _LONGEST_MESSAGE = 2**31 - 1
 """Bytes of the largest protobuf message there can be."""
 _TOO_BIG = 1009
@@ -239,12 +241,15 @@ class _Connect(_ws_connect):
 
 
 class _Client(_ClientSocket):
-    """The library's client, which also tells when bytes come in."""
+    """The library's client, which also tells when a part of a frame has come in."""
 
     heard = 0.0
+    _unheard = 0
 
     def data_received(self, data: bytes) -> None:
-        self.heard = self.loop.time()
+        self._unheard += len(data)
+        if self._unheard >= _PROGRESS:
+            self.heard, self._unheard = self.loop.time(), 0
         super().data_received(data)
 
 
