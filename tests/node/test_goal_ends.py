@@ -80,7 +80,8 @@ def knows_nothing(out: Outgoing) -> list[Outgoing]:
 
 
 def wait_asked(simulator: SimulatorThread, kind: str, more: int) -> None:
-    simulator.wait_received(questions(kind), simulator.counts[questions(kind)] + more)
+    asks = questions(kind)
+    simulator.wait_received(asks, simulator.counts[asks] + more, timeout=30.0)
 
 
 # The chassis never reports
@@ -139,7 +140,7 @@ def test_unanswered_questions_beside_other_pushes(
         simulator.push(PoseSpeed())  # it is not silent altogether
         return bool(goal.done)
 
-    wait_until(ended)
+    wait_until(ended, timeout=30.0)
     status, ret = goal.result()
     assert status == ABORTED
     assert "no report on it" in ret.msg
@@ -164,9 +165,9 @@ def test_unanswered_questions_with_a_report_now_and_then(
 
     def enough() -> bool:
         simulator.push(PoseSpeed())
-        return len(asked) >= 9
+        return len(asked) >= 7
 
-    wait_until(enough)
+    wait_until(enough, timeout=30.0)
     assert not goal.done
     remove()
     simulator.push(feedbacks(1, "the end"))
