@@ -87,6 +87,8 @@ def test_simulated_time() -> None:
         (["agent", "--namespace", "/a/*"], "no absolute ROS name"),
         (["client", "--node", "/a/"], "no absolute ROS name"),
         (["client", "--only", "robot/pose*"], "no endpoint is called"),
+        (["client", "--read-only", "--only", "robot/Speak"], "nothing that is only read"),
+        (["client", "--read-only", "--only", "Pose", "--only", "cmd_vel"], "is called 'Pose'"),
     ],
 )
 def test_bad_arguments(

@@ -82,21 +82,22 @@ def client_policy(
         sim_time: whether it runs with `use_sim_time`, and so listens to /clock.
 
     Raises:
-        ValueError: a name is no absolute ROS name, or a pattern fits no endpoint.
+        ValueError: a name is no absolute ROS name, or a pattern fits no endpoint; or with
+            `read_only` the patterns together fit none that is only read.
     """
     here = _prefix(namespace)
     names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS, *STANDARD)}
     for pattern in only:
-        if not any(fnmatchcase(name, pattern) for name in names):
+        if not _fitting(names, [pattern]):
             raise ValueError(f"no endpoint is called {pattern!r}; the README has their names")
+    if read_only and only and not _fitting((*_OUTPUTS, *_ASKING), only):
+        raise ValueError(
+            f"nothing that is only read is called {' or '.join(map(repr, only))}: these are "
+            "commands, which --read-only leaves out; leave one of the two away"
+        )
 
     def full(endpoints: Iterable[str]) -> list[str]:
-        wanted = only or ("*",)
-        return [
-            _path(here, name)
-            for name in endpoints
-            if any(fnmatchcase(name, pattern) for pattern in wanted)
-        ]
+        return [_path(here, name) for name in _fitting(endpoints, only or ("*",))]
 
     profile = _Profile(_checked(node), sim_time=sim_time)
     profile.allow("topics", "subscribe", full(_OUTPUTS))
@@ -134,6 +135,10 @@ class _Profile:
         SubElement(parent, "profiles").append(self._element)
         indent(root)
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, encoding="unicode")}\n'
+
+
+def _fitting(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
+    return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
 def _path(here: str, name: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.actions.doubt import Doubt
 from woosh_robot_agent.actions.events import (
     Answered,
     Asked,
@@ -130,6 +131,7 @@ class GoalRun(ABC):
         self._deadline_reason = ""
         self._silent = False
         """Whether the deadline is there because the chassis answers nothing."""
+        self._doubt = Doubt(self.link_timeout)
         self._next_poll = 0.0
         self._cancel_due = False
         self._work: dict[str, asyncio.Task[None]] = {}
@@ -204,9 +206,9 @@ class GoalRun(ABC):
         """Send the goal, and follow it until it ends."""
         loop = asyncio.get_running_loop()
         self._spawn("start", self._start(self.make_request()))
-        self._next_poll = loop.time() + self.poll_period
+        self._next_poll = self._now() + self.poll_period
         while True:
-            due = self._next_poll if self._deadline is None else self._deadline
+            due = self._doubt.cancel_due if self._deadline is None else self._deadline
             timer = loop.call_at(min(due, self._next_poll), self.post, Tick())
             try:
                 event = await self._events.get()
@@ -233,15 +235,8 @@ class GoalRun(ABC):
             case LinkChanged():
                 self._limit("the link was lost")
                 self._ask()
-            case Asked(error=None, end=end):
-                if end is not None and self.took.done():  # else it may still be on its way
-                    return end
-                if self._silent:
-                    self._silent, self._deadline = False, None
-                self._cancel_soon()  # a wish that did not get through still stands
-            case Asked(error=error, silent=True) if self._deadline is None:
-                self._limit(f"the chassis does not answer ({error})")
-                self._silent = True
+            case Asked():
+                return self._learn(event)
             case Tick():
                 return self._look_at_the_time()
         return None
@@ -262,9 +257,36 @@ class GoalRun(ABC):
             self._ask()
         return None
 
+    def _learn(self, asked: Asked) -> End | None:
+        """What comes of a question, besides the reports that it brought."""
+        if asked.silent:
+            if self._deadline is None:
+                self._limit(f"the chassis does not answer ({asked.error})")
+                self._silent = True
+            return None
+        if asked.error is None:
+            if asked.end is not None and self.took.done():  # else it may still be on its way
+                return asked.end
+            if self._silent:
+                self._silent, self._deadline = False, None
+        if self._deadline is not None:  # that will tell
+            return None
+        reason = None
+        if isinstance(asked.error, RequestTimeoutError):
+            reason = self._doubt.in_vain(self._now(), str(asked.error))
+        elif asked.error is None and self.was_heard:  # long steps report seldom
+            self._doubt.answered()
+        elif asked.error is None:
+            reason = self._doubt.in_vain(self._now(), "its answers tell nothing of it")
+        return None if reason is None else self.aborted(reason)
+
     def _look_at_the_time(self) -> End | None:
-        now = asyncio.get_running_loop().time()
-        if self._deadline is not None and now >= self._deadline:
+        now = self._now()
+        if self._deadline is None:
+            reason = self._doubt.uncancelled(now)
+            if reason is not None:
+                return self.aborted(reason)
+        elif now >= self._deadline:
             return self.aborted(
                 f"{self._deadline_reason}, and nothing was heard of the goal for "
                 f"{self.link_timeout:g} s; the robot may go on with it"
@@ -302,8 +324,11 @@ class GoalRun(ABC):
         """The chassis reports on the goal: whatever limited the wait for that is over."""
         self.was_heard = True
         self._deadline = None
-        self._next_poll = asyncio.get_running_loop().time() + self.poll_period
+        self._doubt.heard(self._now())
+        self._next_poll = self._now() + self.poll_period
         self._taken()  # if the answer was lost, but not the goal
+        if self.chassis.state is LinkState.READY:
+            self._cancel_soon()  # a wish that did not get through still stands
 
     def _taken(self) -> None:
         if not self.took.done():
@@ -322,7 +347,11 @@ class GoalRun(ABC):
     def _limit(self, reason: str) -> None:
         self._silent = False
         self._deadline_reason = reason
-        self._deadline = asyncio.get_running_loop().time() + self.link_timeout
+        self._deadline = self._now() + self.link_timeout
+
+    @staticmethod
+    def _now() -> float:
+        return asyncio.get_running_loop().time()
 
     # Requests, each beside the life so that nothing waits for their answers
 
@@ -341,7 +370,7 @@ class GoalRun(ABC):
     def _ask(self) -> None:
         in_doubt = self._deadline is not None or self._cancel_due
         haste = _HASTE if in_doubt else 1.0
-        self._next_poll = asyncio.get_running_loop().time() + self.poll_period * haste
+        self._next_poll = self._now() + self.poll_period * haste
         # before the answer to the start, what the chassis tells may be of an earlier goal
         ready = self._answered and self.chassis.state is LinkState.READY
         if ready and not self._busy("ask"):
@@ -372,7 +401,13 @@ class GoalRun(ABC):
                 answer = await self.chassis.request(self.make_cancel())
             except LinkError as error:
                 self._cancel_due = True
-                _LOG.warning("the cancel did not get through, the goal goes on: %s", error)
+                _LOG.warning(
+                    "the cancel did not get through, the goal goes on; it is sent again once the "
+                    "chassis reports on the goal: %s",
+                    error,
+                )
                 return
-            if not answer.ok:
+            if answer.ok:
+                self._doubt.cancel_taken(self._now())
+            else:
                 _LOG.warning("the chassis refused to cancel, the goal goes on: %s", answer.msg)

@@ -1,0 +1,241 @@
+"""Goals of which the chassis tells nothing any more, though the link is well: they end as well."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import pytest
+from goals import (
+    ABORTED,
+    ACTION_ORDER,
+    CALL_ACTION,
+    CANCELED,
+    EXECUTING,
+    FEEDBACKS,
+    SUCCEEDED,
+    TASK_PROC,
+    feedbacks,
+    slow_down,
+    step,
+    task,
+)
+from harness import Client, GoalClient, RunningAgent, wait_until
+
+from woosh_robot_agent.actions import doubt
+from woosh_robot_agent.actions.run import GoalRun
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.hooks import Outgoing
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+KINDS = pytest.mark.parametrize("kind", ["task", "action"])
+
+
+@pytest.fixture
+def link_timeout() -> float:
+    """s; what waits in vain ends soon, but not for the pauses of a slow machine."""
+    return 2.0
+
+
+@pytest.fixture
+def agent(
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+    link_timeout: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> RunningAgent:
+    """As everywhere, but in haste."""
+    monkeypatch.setattr(GoalRun, "poll_period", 0.1)
+    monkeypatch.setattr(doubt, "CANCEL_PATIENCE", 2.0)
+    started = start_agent(
+        ip="127.0.0.1", port=simulator.port, goal_link_timeout=link_timeout, poll_timeout=1000
+    )
+    started.wait_connected()
+    slow_down(simulator)
+    return started
+
+
+def begun(client: Client, kind: str) -> GoalClient:
+    """A goal which the chassis has reported on."""
+    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
+    goal.feedback.wait(lambda fb: fb.state.value == (EXECUTING if kind == "task" else 2))
+    return goal
+
+
+def questions(kind: str) -> str:
+    return TASK_PROC if kind == "task" else FEEDBACKS
+
+
+def no_pushes(out: Outgoing) -> list[Outgoing]:
+    return [] if out.type in (TASK_PROC, FEEDBACKS) and not out.sn else [out]
+
+
+def knows_nothing(out: Outgoing) -> list[Outgoing]:
+    """Neither a push nor an answer tells of an action."""
+    answered = out.request == FEEDBACKS
+    return no_pushes(dataclasses.replace(out, body=Feedbacks()) if answered else out)
+
+
+def wait_asked(simulator: SimulatorThread, kind: str, more: int) -> None:
+    asks = questions(kind)
+    simulator.wait_received(asks, simulator.counts[asks] + more, timeout=30.0)
+
+
+# The chassis never reports
+
+
+def test_taken_but_never_reported_on(client: Client, simulator: SimulatorThread) -> None:
+    simulator.intercept(knows_nothing)
+    status, ret = step(client, 100.0).result()
+    assert (status, ret.state.value) == (ABORTED, -1)
+    assert "took the goal" in ret.msg
+    assert "no report on it" in ret.msg
+    assert "the robot may be doing it" in ret.msg
+    assert "service `stop`" in ret.msg
+    assert simulator.counts[FEEDBACKS] >= 3
+
+
+@KINDS
+def test_taken_by_a_chassis_that_refuses_to_be_asked(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    simulator.intercept(no_pushes)
+    simulator.refuse(questions(kind), "unknown type")
+    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
+    status, ret = goal.result()
+    assert (status, "no report on it" in ret.msg) == (ABORTED, True)
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_reported_on_once_goes_on(
+    client: Client, simulator: SimulatorThread, refused: bool
+) -> None:
+    """A long step reports seldom, and a chassis may not answer the question with it."""
+    goal = begun(client, "action")
+    remove = simulator.intercept(knows_nothing)
+    if refused:
+        simulator.refuse(FEEDBACKS, "unknown type")
+    wait_asked(simulator, "action", 30)  # 3 s
+    assert not goal.done
+    remove()
+    simulator.push(feedbacks(1, "the end"))
+    assert goal.result()[0] == SUCCEEDED
+
+
+# The chassis answers no question
+
+
+@KINDS
+def test_unanswered_questions_beside_other_pushes(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    goal = begun(client, kind)
+    simulator.intercept(no_pushes)
+    simulator.mute(questions(kind))
+
+    def ended() -> bool:
+        simulator.push(PoseSpeed())  # it is not silent altogether
+        return bool(goal.done)
+
+    wait_until(ended, timeout=30.0)
+    status, ret = goal.result()
+    assert status == ABORTED
+    assert "no report on it" in ret.msg
+    assert "did not answer" in ret.msg
+    assert "service `stop`" in ret.msg
+
+
+def test_unanswered_questions_with_a_report_now_and_then(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = begun(client, "action")
+    asked: list[Outgoing] = []
+
+    def seldom(out: Outgoing) -> list[Outgoing]:
+        if out.request != FEEDBACKS:
+            return no_pushes(out)
+        asked.append(out)
+        told = dataclasses.replace(out, sn=0, request="", body=feedbacks(2, f"step {len(asked)}"))
+        return [told] if len(asked) % 2 == 0 else []
+
+    remove = simulator.intercept(seldom)
+
+    def enough() -> bool:
+        simulator.push(PoseSpeed())
+        return len(asked) >= 7
+
+    wait_until(enough, timeout=30.0)
+    assert not goal.done
+    remove()
+    simulator.push(feedbacks(1, "the end"))
+    assert goal.result()[0] == SUCCEEDED
+
+
+# The chassis takes a cancel
+
+
+@KINDS
+def test_cancel_that_was_taken_and_brings_no_end(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    goal = begun(client, kind)
+    simulator.intercept(no_pushes)
+    simulator.refuse(questions(kind), "unknown type")
+    goal.cancel()
+    status, ret = goal.result()
+    assert status == ABORTED
+    assert "accepted the cancel" in ret.msg
+    assert "for 4 s" in ret.msg
+    assert "service `stop`" in ret.msg
+
+
+def test_cancel_that_was_taken_while_reports_go_on(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = begun(client, "action")
+
+    def still_at_it(out: Outgoing) -> list[Outgoing]:
+        if out.request == FEEDBACKS:
+            return [dataclasses.replace(out, body=feedbacks(2, "still at it"))]
+        return no_pushes(out)
+
+    remove = simulator.intercept(still_at_it)
+    goal.cancel()
+    wait_asked(simulator, "action", 50)  # 5 s
+    assert not goal.done
+    remove()
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[CALL_ACTION] == 2
+
+
+# A cancel gets no answer
+
+
+@pytest.mark.parametrize("link_timeout", [10.0])
+@pytest.mark.parametrize("lost", ["answer", "link"])
+@KINDS
+def test_cancel_is_repeated_only_after_a_report(
+    client: Client, simulator: SimulatorThread, kind: str, lost: str
+) -> None:
+    goal = begun(client, kind)
+    cancels = ACTION_ORDER if kind == "task" else CALL_ACTION
+    sent = simulator.counts[cancels] + 1
+    remove = simulator.intercept(no_pushes if kind == "task" else knows_nothing)
+    if kind == "task":
+        simulator.refuse(TASK_PROC, "unknown type")
+    simulator.refuse(cancels, "")  # so that it is not done
+    simulator.mute(cancels)
+    goal.cancel()
+    simulator.wait_received(cancels, sent)
+    if lost == "link":
+        simulator.drop()
+    wait_asked(simulator, kind, 6)
+    assert simulator.counts[cancels] == sent
+    simulator.accept(cancels)
+    remove()
+    simulator.accept(TASK_PROC)
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[cancels] == sent + 1
