@@ -25,9 +25,13 @@ CONFIG = Path(get_package_share_directory("woosh_robot_agent"), "config")
 def generate_launch_description():
     return LaunchDescription(
         [
-            DeclareLaunchArgument("ip", description="Address of the chassis"),
             DeclareLaunchArgument(
-                "port", default_value="0", description="Its port; 0 is the usual one"
+                "ip", default_value="", description="Address of the chassis; empty: the file's"
+            ),
+            DeclareLaunchArgument(
+                "port",
+                default_value="",
+                description="Its port; empty: the file's, or the usual one",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the robot"
@@ -35,11 +39,11 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "frame_prefix",
                 default_value="",
-                description="Put before every frame, with its slash, e.g. r1/",
+                description="Put before every frame, with its slash, e.g. r1/; empty: the file's",
             ),
             DeclareLaunchArgument(
                 "params_file",
-                default_value=str(CONFIG / "agent.yaml"),
+                default_value="",
                 description="File with the agent's other parameters",
             ),
             DeclareLaunchArgument(
@@ -58,21 +62,17 @@ def _nodes(context):
         for name in ("ip", "port", "namespace", "frame_prefix", "params_file", "urdf")
     }
     with_model = _is_installed("robot_state_publisher")
+    # the model says where the laser is
+    values = {"publish_tf": True, "publish_laser_tf": not with_model}
+    # what is not given leaves the file alone
+    values |= {name: given[name] for name in ("ip", "frame_prefix") if given[name]}
+    if given["port"]:
+        values["port"] = int(given["port"])
     agent = Node(
         package="woosh_robot_agent",
         executable="agent",
         namespace=given["namespace"],
-        parameters=[
-            given["params_file"],
-            {
-                "ip": given["ip"],
-                "port": int(given["port"]),
-                "publish_tf": True,
-                # the model says it
-                "publish_laser_tf": not with_model,
-                "frame_prefix": given["frame_prefix"],
-            },
-        ],
+        parameters=[each for each in (given["params_file"], values) if each],
         output="screen",
         emulate_tty=True,
     )

@@ -17,6 +17,8 @@ from launch.substitutions import LaunchConfiguration
 
 SHARE = Path(get_package_share_directory("woosh_robot_agent"))
 KEYS = {"name", "ip", "port", "namespace", "frame_prefix", "params_file"}
+# An included file sees what the ones before it were given: so each robot is given all of them.
+NOTHING = {"port": "", "params_file": ""}
 
 
 def generate_launch_description():
@@ -53,7 +55,7 @@ def fleet(path):
             raise ValueError(f"{path}: a robot has name and ip, perhaps {sorted(KEYS)}: {robot}")
         given = {key: value for key, value in robot.items() if key != "name"}
         name = robot["name"]
-        found.append({"namespace": name, "frame_prefix": f"{name}/", **given})
+        found.append({"namespace": name, "frame_prefix": f"{name}/", **NOTHING, **given})
     names = [each["namespace"] for each in found]
     if len(set(names)) < len(names):
         raise ValueError(f"{path}: two robots share a namespace: {names}")

@@ -17,7 +17,6 @@ from launch.substitutions import LaunchConfiguration
 PACKAGE = "woosh_robot_agent"
 SIMULATOR = Path(get_package_prefix(PACKAGE), "lib", PACKAGE, "simulator")
 LAUNCH = Path(get_package_share_directory(PACKAGE), "launch")
-CONFIG = Path(get_package_share_directory(PACKAGE), "config")
 
 
 def generate_launch_description():
@@ -38,7 +37,7 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument(
                 "params_file",
-                default_value=str(CONFIG / "agent.yaml"),
+                default_value="",
                 description="File with the agent's other parameters",
             ),
             # no ROS node: it would not know the arguments that ROS gives to nodes

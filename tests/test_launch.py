@@ -43,23 +43,27 @@ def share(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 class Launch:
     """A launch file that was read, with what it starts for some arguments."""
 
-    def __init__(self, name: str, **given: str) -> None:
+    def __init__(self, name: str, seen: dict[str, Any] | None = None, **given: str) -> None:
         with launch_stub.installed():
             path = ROOT / "launch" / f"{name}.launch.py"
             self.description = runpy.run_path(str(path))["generate_launch_description"]()
-            self.context: dict[str, Any] = {}
+            # an included file shares what those before it were given and declared
+            self.context: dict[str, Any] = {} if seen is None else seen
+            self.context |= given
             self.started: list[Any] = []
+            self.declared: set[str] = set()
             for part in self.description.arguments[0]:
                 self._take(part, given)
-        assert not set(given) - set(self.context), "an argument that the file does not declare"
+        assert set(given) <= self.declared, "an argument that the file does not declare"
 
     def _take(self, part: Any, given: dict[str, str]) -> None:
         kind = type(part).__name__
         if kind == "DeclareLaunchArgument":
             name = part.arguments[0]
             assert part.description
-            value = given[name] if name in given else part.default_value  # noqa: SIM401 - may have none
-            self.context[name] = launch_stub.resolve(value, self.context)
+            self.declared.add(name)
+            if name not in self.context:
+                self.context[name] = launch_stub.resolve(part.default_value, self.context)
         elif kind == "OpaqueFunction":
             self.started += part.function(self.context)
         else:
@@ -88,19 +92,29 @@ class Launch:
                 )
         return found
 
-    def included(self) -> list[Launch]:
-        """The launch files that it includes, with the arguments that it gives them."""
+    def agents(self) -> list[dict[str, Any]]:
+        """The agents that included files start; each is read as soon as it is included."""
         found = []
         for part in self.started:
             if type(part).__name__ == "IncludeLaunchDescription":
-                path = Path(part.arguments[0].arguments[0])
-                assert path.exists()
-                given = {
-                    key: launch_stub.resolve(value, self.context)
-                    for key, value in part.launch_arguments
-                }
-                found.append(Launch(path.name.removesuffix(".launch.py"), **given))
+                found += self._include(part).nodes()[:1]
         return found
+
+    def included(self) -> list[Launch]:
+        """The launch files that it includes, with the arguments that it gives them, one by one."""
+        return [
+            self._include(part)
+            for part in self.started
+            if type(part).__name__ == "IncludeLaunchDescription"
+        ]
+
+    def _include(self, part: Any) -> Launch:
+        path = Path(part.arguments[0].arguments[0])
+        assert path.exists()
+        given = {
+            key: launch_stub.resolve(value, self.context) for key, value in part.launch_arguments
+        }
+        return Launch(path.name.removesuffix(".launch.py"), self.context, **given)
 
 
 def check_agent(node: dict[str, Any]) -> dict[str, Any]:
@@ -149,8 +163,26 @@ class TestLaunch:
         assert (values["ip"], values["port"]) == ("127.0.0.1", 5490)
 
     def test_fleet(self):
-        agents = [check_agent(each.nodes()[0]) for each in Launch("fleet").included()]
+        agents = [check_agent(each) for each in Launch("fleet").agents()]
         assert [(v["port"], v["frame_prefix"]) for v in agents] == [(5480, "r1/"), (5490, "r2/")]
+
+    def test_robots_of_a_fleet_do_not_inherit_from_each_other(self, tmp_path: Path):
+        file = tmp_path / "fleet.yaml"
+        own = tmp_path / "own.yaml"
+        own.write_text("/**: {ros__parameters: {poll_timeout: 1234}}")
+        robots = f"[{{name: r1, ip: a, port: 5490, params_file: {own}}}, {{name: r2, ip: b}}]"
+        file.write_text(f"robots: {robots}")
+        first, second = (check_agent(each) for each in Launch("fleet", robots=str(file)).agents())
+        assert (first["port"], first["poll_timeout"]) == (5490, 1234)
+        assert (second["port"], second["poll_timeout"]) == (0, 10000)
+
+    def test_what_is_not_given_leaves_the_file_alone(self, tmp_path: Path):
+        file = tmp_path / "own.yaml"
+        file.write_text("/**: {ros__parameters: {ip: a, port: 7, frame_prefix: r3/}}")
+        for name in ("agent", "bringup"):
+            (node,) = Launch(name, params_file=str(file)).nodes()
+            values = check_agent(node)
+            assert (values["ip"], values["port"], values["frame_prefix"]) == ("a", 7, "r3/")
 
     @pytest.mark.parametrize(
         "text",

@@ -255,10 +255,11 @@ class RosSource:
 
     def _forget(self) -> None:
         """The agent has gone."""
-        if self._agent is not None:
-            self._agent.drop()
-            self._node.destroy_client(self._agent.client)
-            self._info.drop()
+        if self._agent is None:
+            return  # what is known of the link may have come before the agent was found
+        self._agent.drop()
+        self._node.destroy_client(self._agent.client)
+        self._info.drop()
         self._agent = self._connected = None
         self._agent_name = ""
 
