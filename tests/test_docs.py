@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,18 @@ def test_the_simulators_examples(tmp_path: Path) -> None:
     assert commands
     for command in commands:
         faults.parse_fault(command)
+    lines = [
+        line
+        for block in re.findall(r"```bash\n(.*?)```", text, re.S)
+        for line in block.replace("\\\n", "").splitlines()
+    ]
+    assert any("--fault" in line for line in lines)
+    for line in lines:
+        words = shlex.split(line, comments=True)
+        if words[:4] == ["ros2", "run", "woosh_robot_agent", "simulator"]:
+            _parser().parse_args(words[4:])
+        else:
+            assert words[0] == "python3" or words[0].startswith("scripts/"), line
     injected = re.findall(r'\.inject\(\s*"(\w+)"', text)
     assert set(injected) <= set(faults.FAULTS)
 

@@ -242,6 +242,30 @@ def test_navigation_mode_action(client: JsonClient) -> None:
     assert max(speeds) == pytest.approx(0.25)
 
 
+def test_requests_about_the_way_mean_the_one_that_drives(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+
+    def goal() -> Json | None:
+        segments = client.ask("woosh.robot.PlanPath")["planPath"]
+        return segments[0]["target"] if segments else None
+
+    paused = goal()
+    target = {"x": 3.0, "y": -5.0, "theta": 0.0}
+    client.ask(CALL, {"moveBase": {"action": 1, "targetPose": target}})
+    assert goal() == target
+    client.push(FEEDBACKS)
+    via = [{"x": 3.0, "y": -4.0, "theta": 0.0}]
+    client.ask("woosh.robot.ChangeNavPath", {"paths": {"planPath": [{"path": {"poses": via}}]}})
+    path = client.ask("woosh.robot.NavPath")["path"]["poses"]
+    assert path[-1] == target
+    assert (3.0, -4.0) in [(pose["x"], pose["y"]) for pose in path]
+    client.ask(CALL, {"moveBase": {"action": 0}})
+    assert goal() == paused
+    client.ask(CALL, step(2, 3.0))
+    assert goal() is None
+
+
 def test_a_velocity_of_zero_stops_an_action_too(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 
 import pytest
 from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, server
 
 MODE = "woosh.robot.Mode"
 MIB = 1024 * 1024
@@ -122,3 +123,32 @@ def test_web_pages_are_not_refused_where_everybody_is_let_in() -> None:
     config = SimulatorConfig(host="0.0.0.0", port=0, tcp_port=0)
     with SimulatorThread(config) as simulator:
         assert " 101 " in asyncio.run(_handshake(simulator.port, "https://somewhere.example"))
+
+
+def test_a_socket_that_says_nothing_makes_room_for_others(
+    monkeypatch: pytest.MonkeyPatch, simulator: SimulatorThread
+) -> None:
+    monkeypatch.setattr(server, "_SILENCE_S", 2.0)
+    speaking, silent = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
+    assert speaking.request(MODE).ok
+    with pytest.raises((AssertionError, ConnectionError)):
+        silent.receive()
+    assert speaking.request(MODE).ok
+    speaking.close()
+    silent.close()
+
+
+def test_clients_that_are_too_many_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, max_connections=1)
+    with caplog.at_level(logging.WARNING), SimulatorThread(config) as simulator:
+        first = TcpClient(simulator.tcp_port)
+        assert first.request(MODE).ok
+        for _ in range(3):
+            other = TcpClient(simulator.tcp_port)
+            with pytest.raises((AssertionError, ConnectionError)):
+                other.receive()
+            other.close()
+        first.close()
+    refused = [each.message for each in caplog.records if "refused" in each.message]
+    assert len(refused) == 1
+    assert refused[0].endswith("1 clients already; so are further ones until one has left")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from typing import Any
 
 import pytest
@@ -22,6 +24,11 @@ BODIES: dict[str, Any] = {
     },
     "woosh.robot.RobotWiFi": {"order": 1},
 }
+
+
+def _wifi(order: int, ssid: str) -> Any:
+    content = base64.b64encode(json.dumps({"ssid": ssid}).encode()).decode()
+    return {"order": order, "content": content}
 
 
 def test_every_service_is_answered_with_its_type(client: JsonClient, endpoints: Any) -> None:
@@ -92,6 +99,10 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
             "not within 0 to 1 m",
         ),
         ("woosh.ros.CallAction", {"chargeControl": {"action": 1, "executeMode": 1}}, "charger"),
+        ("woosh.robot.setting.Identity", {"name": "n" * 101}, "longer than 100 characters"),
+        ("woosh.robot.setting.Server", {"ip": "i" * 254}, "longer than 253 characters"),
+        ("woosh.robot.RobotWiFi", _wifi(2, "\u00e4" * 17), "longer than 32 bytes"),
+        ("woosh.robot.RobotWiFi", _wifi(3, "s" * 33), "longer than 32 bytes"),
     ],
 )
 def test_refusals_say_why(client: JsonClient, name: str, body: Any, reason: str) -> None:
@@ -120,8 +131,14 @@ def test_refusals_say_why(client: JsonClient, name: str, body: Any, reason: str)
         ),
         (
             ("woosh.robot.SwitchWorkMode", {"mode": 1}),
-            ("woosh.robot.SwitchWorkMode", {"mode": 3}),
+            ("woosh.robot.SwitchWorkMode", {"mode": 2}),
             "robot is in deployment mode: switch to task mode first",
+            2,
+        ),
+        (
+            ("woosh.robot.SwitchWorkMode", {"mode": 3}),
+            ("woosh.robot.SwitchWorkMode", {"mode": 2}),
+            "robot is in schedule mode: a dispatch system drives it; switch to task mode first",
             2,
         ),
     ],
@@ -174,3 +191,11 @@ def test_requests_are_read_tolerantly(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", body)
     proc = client.ask("woosh.robot.TaskProc")
     assert (proc["robotTaskId"], proc["type"], proc["dest"]) == ("77", 1, "A2")
+
+
+def test_known_networks_are_limited(client: JsonClient) -> None:
+    for number in range(99):  # and the one that it is connected to
+        client.ask("woosh.robot.RobotWiFi", _wifi(2, f"network {number}"))
+    client.ask("woosh.robot.RobotWiFi", _wifi(2, "network 0"))
+    text = client.refused("woosh.robot.RobotWiFi", _wifi(2, "one more"))
+    assert text == "100 networks are known already: forget one first"

@@ -258,3 +258,14 @@ def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> N
         assert (driven > 1.0) is omnidirectional
         assert client.ask("woosh.robot.PoseSpeed")["mileage"] == int(mileage + driven)
         client.close()
+
+
+def test_an_empty_battery_is_charged_from_outside_only(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    simulator.call(lambda simulator: setattr(simulator.chassis.battery, "level", 0.0))
+    pass_time(simulator, 0.1)
+    assert client.refused(*TASK) == "battery is empty: charge first"
+    simulator.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    pass_time(simulator, 0.1)
+    client.ask(*TASK)

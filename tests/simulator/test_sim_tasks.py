@@ -361,6 +361,28 @@ def test_remote_control_waits_for_the_task(client: JsonClient) -> None:
     client.ask("woosh.robot.Twist", {"linear": 0.2})
 
 
+def test_the_map_stays_while_something_could_go_on(client: JsonClient) -> None:
+    switch = ("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    assert client.refused(*switch) == "task 8 is paused: cancel it first"
+    client.ask("woosh.robot.ActionOrder", {"order": 4})
+    call, target = "woosh.ros.CallAction", {"x": 3, "y": -5}
+    client.ask(call, {"moveBase": {"action": 1, "targetPose": target}})
+    client.ask(call, {"moveBase": {"action": 2}})
+    assert client.refused(*switch) == "a navigation is paused: cancel it first"
+    client.ask(call, {"moveBase": {"action": 0}})
+    client.ask(*switch)
+
+
+def test_a_failed_task_is_not_recovered_on_another_map(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"type": 1, "pose": {"x": 500.0}})
+    client.push(PROC, lambda body: body["state"] == FAILED)
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    text = client.refused("woosh.robot.ActionOrder", {"order": 5})
+    assert text == "no task is running: start one by ExecTask first"
+
+
 def test_a_velocity_of_zero_stops_a_task_too(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:

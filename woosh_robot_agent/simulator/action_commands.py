@@ -18,6 +18,7 @@ from woosh_robot_agent.simulator.navigation import Navigate
 from woosh_robot_agent.simulator.refused import Refused
 from woosh_robot_agent.simulator.steps import Shift, Steps, Turn
 
+_MOST_STEPS = 1000
 _STEP_SPEED_MPS = 0.5
 _STEP_SPEED_RADPS = 0.5
 _LEAST_SPEED = 0.01  # m/s or rad/s
@@ -83,6 +84,11 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
     if not command.steps:
         raise Refused("StepControl has no steps: give at least one")
+    if len(command.steps) > _MOST_STEPS:
+        raise Refused(
+            f"StepControl has {len(command.steps)} steps, more than {_MOST_STEPS}: send them in "
+            "several requests"
+        )
     steps = [_step(chassis, step) for step in command.steps]
     return Steps(steps, avoid=command.avoid == 0)
 

@@ -149,8 +149,10 @@ class Chassis:
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation of the task or the action that drives, also while it is paused."""
+        """The navigation of what drives, or of a paused task or action if nothing drives."""
         job = self.tasks.job
+        if self.tasks.paused and self.actions.user(Device.WHEELS):
+            return self.actions.navigation
         return job if isinstance(job, Navigate) else self.actions.navigation
 
     @property
@@ -288,13 +290,12 @@ class Chassis:
             self.navigation.replan()
 
     def enter(self, scene: Scene, area: Map) -> None:
-        """Work in another scene or map, at the same coordinates."""
+        """Work in another scene or map, at the same coordinates, while there is no task."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
         if not self._fits(self.base.pose):
             self.readiness.located = False
-        if self.navigation:
-            self.navigation.replan()
+        self.tasks.forget_failed()
 
     def at_charger(self) -> bool:
         """Whether it stands at a charger."""

@@ -42,12 +42,14 @@ class Client:
 
     Attributes:
         topics: What it subscribed to, each with the codec of the subscription.
+        spoke: It has sent something since it connected.
         waiting: How many of its requests wait, to be done or for their answers to be let go.
     """
 
     def __init__(self, transport: Transport, max_outbox: int) -> None:
         self.transport = transport
         self.topics: dict[str, Codec] = {}
+        self.spoke = False
         self.waiting = 0
         self._max_outbox = max_outbox
         self._outbox: deque[Encoded] = deque()

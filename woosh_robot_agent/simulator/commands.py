@@ -88,10 +88,15 @@ def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Resul
 
 
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
-    if chassis.tasks.active and not chassis.tasks.paused:
-        raise Refused("a task is running: pause or cancel it first")
+    # What is paused would go on to where it wanted to on the old map.
+    if chassis.tasks.paused:
+        raise Refused(f"task {chassis.tasks.proc.robot_task_id} is paused: cancel it first")
+    if chassis.tasks.active:
+        raise Refused("a task is running: wait for it or cancel it first")
     if chassis.driver:
         raise Refused(f"{chassis.driver} is driving: wait for it or cancel it first")
+    if chassis.navigation:
+        raise Refused("a navigation is paused: cancel it first")
     name = request.scene_name or chassis.scene.name
     scene = _with_files(chassis, name, request) if request.file_datas else chassis.scenes.get(name)
     if scene is None:

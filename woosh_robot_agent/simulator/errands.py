@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.maps import Mark, MarkKind
 from woosh_robot_agent.simulator.orders import jobs_at_mark
@@ -20,7 +19,7 @@ class Errands:
     """Starts an automatic task when the chassis has been idle for long enough.
 
     It gives way to whatever a client wants: an errand is only ever begun by a robot that is ready
-    and in task mode, and that nobody commanded, occupied or moved for the whole time.
+    and that nobody commanded, occupied or moved for the whole time.
 
     Args:
         charge_after: Idle s before a robot with a low battery drives to a charger.
@@ -60,8 +59,7 @@ def _is_idle(chassis: Chassis) -> bool:
         or chassis.battery.charges
         or chassis.occupied
     )
-    in_task_mode = chassis.readiness.work == util_robot_pb2.kTaskMode
-    return chassis.taskable and in_task_mode and not busy
+    return chassis.taskable and not busy
 
 
 def _end_forbidden(chassis: Chassis) -> None:

@@ -22,7 +22,7 @@ from woosh_robot_agent.simulator.codes import AVOIDED, DRIVING_STRAIGHT, NEW_NAV
 from woosh_robot_agent.simulator.footprints import FOOTPRINTS, outer_radius
 from woosh_robot_agent.simulator.geometry import Point, Pose, Wall, wrap
 from woosh_robot_agent.simulator.jobs import Device, Progress, failed
-from woosh_robot_agent.simulator.planner import planner
+from woosh_robot_agent.simulator.planner import Effort, TooMuchEffortError, planner
 from woosh_robot_agent.simulator.refused import Refused
 
 if TYPE_CHECKING:
@@ -98,9 +98,10 @@ class Navigate:
         """
         before = self._stops, self._strict
         self._stops, self._strict = deque([*via, self.goal]), strict
-        if not self._plan(chassis):
+        objection = self._plan(chassis)
+        if objection:
             self._stops, self._strict = before
-            raise Refused(f"no free path by these poses to {self.goal}: choose others")
+            raise Refused(objection)
 
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Obey another arrival type, behaviour at obstacles and speed limit from now on."""
@@ -119,8 +120,10 @@ class Navigate:
 
     def tick(self, chassis: Chassis, dt: float) -> Progress:
         """See `Job.tick`."""
-        if self._corners is None and not self._plan(chassis):
-            return failed(f"no free path to {self._stops[0]}: choose a goal on free floor")
+        if self._corners is None:
+            objection = self._plan(chassis)
+            if objection:
+                return failed(objection)
         if not self._announced:
             self._announced = True
             chassis.codes.report(NEW_NAVIGATION, _Level.kNormal, self.kind)
@@ -151,17 +154,32 @@ class Navigate:
         self._stops.append(self.goal)
         return Progress(done=True, text=f"arrived at {base.pose}")
 
-    def _plan(self, chassis: Chassis, obstacles: tuple[Wall, ...] = ()) -> bool:
-        """Find the corners of the way, round `obstacles` too; False if there is none."""
+    def _plan(self, chassis: Chassis, obstacles: tuple[Wall, ...] = ()) -> str:
+        """Find the corners of the way, round `obstacles` too.
+
+        Returns:
+            Why there is none and what to do about it, empty if there is.
+        """
         radius = outer_radius(FOOTPRINTS[chassis.footprint]) + MARGIN_M
         routes = planner(chassis.map, radius)
         here = chassis.base.pose.point
         legs: deque[deque[Point]] = deque()
         path = [chassis.base.pose]
+        effort = Effort()
         for stop in self._stops:
-            leg = [stop.point] if self._strict else routes.plan(here, stop.point, obstacles)
+            try:
+                leg = (
+                    [stop.point]
+                    if self._strict
+                    else routes.plan(here, stop.point, obstacles, effort)
+                )
+            except TooMuchEffortError:
+                return (
+                    f"the way to {stop} is too long or too winding to plan at once: choose a "
+                    "nearer goal, or poses on the way that see one another"
+                )
             if leg is None:
-                return False
+                return f"no free path to {stop}: choose a goal on free floor"
             for corner in leg:
                 path.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
                 here = corner
@@ -170,7 +188,7 @@ class Navigate:
         self.path = tuple(path)
         self._corners = legs
         self._turning = True
-        return True
+        return ""
 
     def _way_is_free(self, chassis: Chassis) -> bool:
         """Whether the base can go on to the next corner as far as it sees."""
@@ -201,7 +219,7 @@ class Navigate:
         if self._strict or obstacles == self._tried:
             return False
         self._tried = obstacles
-        if not self._plan(chassis, obstacles):
+        if self._plan(chassis, obstacles):
             return False
         chassis.codes.report(AVOIDED, _Level.kTips, self.kind)
         return True

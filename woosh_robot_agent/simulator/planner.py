@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache, partial
 
 from woosh_robot_agent.simulator.geometry import Point, Wall
 from woosh_robot_agent.simulator.maps import Map
@@ -15,8 +15,39 @@ _CELL_M = 0.2
 _REACH_M = 0.6
 #: What has to stay free even around a start that is closer to something than the radius, in m.
 _LEAST_M = 1e-3
+#: A second or so on an ordinary machine, enough to search all of 100 x 100 m.
+MOST_EFFORT = 300_000
+#: What a look along a line costs, and how many walls or points of it cost one unit more.
+_LOOK_EFFORT, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
+#: What the side of an obstacle costs.
+_OBSTACLE_EFFORT = 20
 #: By how much a diagonal step is longer than a straight one, as a share of that.
 _DIAGONAL = math.sqrt(2.0) - 1.0
+
+
+class TooMuchEffortError(Exception):
+    """A way was not found with the effort that its planning may take."""
+
+
+class Effort:
+    """What the planning of one way may still cost: everything else waits for it.
+
+    Args:
+        units: Each is what a search takes for one place, some microseconds.
+    """
+
+    def __init__(self, units: int = MOST_EFFORT) -> None:
+        self._left = units
+
+    def spend(self, units: int) -> None:
+        """Use some of it up.
+
+        Raises:
+            TooMuchEffortError: There is less than that.
+        """
+        self._left -= units
+        if self._left < 0:
+            raise TooMuchEffortError
 
 
 class Lattice:
@@ -72,7 +103,12 @@ class Lattice:
                 yield place, centre
 
     def search(
-        self, first: dict[int, float], last: set[int], goal: Point, blocked: bytearray
+        self,
+        first: dict[int, float],
+        last: set[int],
+        goal: Point,
+        blocked: bytearray,
+        effort: Effort,
     ) -> list[int] | None:
         """The shortest way from a place to another by A*, or None if there is none.
 
@@ -81,6 +117,10 @@ class Lattice:
             last: Where it can end.
             goal: Where it is to go from there.
             blocked: The places that it cannot pass, as from `blocked`.
+            effort: What it may cost.
+
+        Raises:
+            TooMuchEffortError: There may be a way, but further off.
         """
         width, steps = self._width, self._steps
         goal_column = (goal[0] - self._low[0]) / _CELL_M + 0.5
@@ -102,6 +142,7 @@ class Lattice:
             _, cost, place = heapq.heappop(frontier)
             if cost > costs[place]:
                 continue
+            effort.spend(1)
             if place in last:
                 path = [place]
                 while path[-1] in came_from:
@@ -143,54 +184,70 @@ class Planner:
         self._lattice = Lattice(area)
         self._blocked = self._lattice.blocked(area, radius)
 
-    def plan(self, start: Point, goal: Point, obstacles: Sequence[Wall] = ()) -> list[Point] | None:
+    def plan(
+        self,
+        start: Point,
+        goal: Point,
+        obstacles: Sequence[Wall] = (),
+        effort: Effort | None = None,
+    ) -> list[Point] | None:
         """The corners of a free path, or None if there is none.
 
         Args:
             start: Where it starts, in m; it is not one of the corners.
             goal: Where it ends, in m; it is the last corner.
             obstacles: Walls to keep away from besides what the map has.
+            effort: What it may cost; several legs of a way share one.
+
+        Raises:
+            TooMuchEffortError: It would cost more.
         """
+        effort = effort or Effort()
         walls = (*self._map.walls, *obstacles)
-        if not (self._map.contains(*goal) and self._free(goal, goal, self._radius, walls)):
+
+        def free(here: Point, there: Point, radius: float) -> bool:
+            points = 0
+            if self._map.grid:
+                points = int(math.dist(here, there) / self._map.grid.resolution)
+            effort.spend(_LOOK_EFFORT + len(walls) // _WALLS_PER_UNIT + points // _POINTS_PER_UNIT)
+            return self._free(here, there, radius, walls)
+
+        if not (self._map.contains(*goal) and free(goal, goal, self._radius)):
             return None
         # A robot that was driven closer to something than it would plan may leave from there.
         leaving = self._leaving(start, walls)
         if leaving < _LEAST_M:
             return None
-        if self._free(start, goal, leaving, walls):
+        if free(start, goal, leaving):
             return [goal]
         blocked = self._blocked
         if obstacles:
             blocked = blocked.copy()
+            effort.spend(_OBSTACLE_EFFORT * len(obstacles))
             self._lattice.block(blocked, obstacles, self._radius)
         first = {
             place: math.dist(start, there)
             for place, there in self._lattice.around(start)
-            if not blocked[place] and self._free(start, there, leaving, walls)
+            if not blocked[place] and free(start, there, leaving)
         }
         last = {
             place
             for place, there in self._lattice.around(goal)
-            if not blocked[place] and self._free(goal, there, self._radius, walls)
+            if not blocked[place] and free(goal, there, self._radius)
         }
-        places = self._lattice.search(first, last, goal, blocked)
+        places = self._lattice.search(first, last, goal, blocked, effort)
         if places is None:
             return None
-        return self._straightened([start, *map(self._lattice.centre, places), goal], leaving, walls)
+        corners = [start, *map(self._lattice.centre, places), goal]
 
-    def _straightened(
-        self, corners: list[Point], leaving: float, walls: Sequence[Wall]
-    ) -> list[Point]:
+        def in_sight(here: int, there: int) -> bool:
+            return free(corners[here], corners[there], self._radius if here else leaving)
+
         path: list[Point] = []
         here = 0
         while here < len(corners) - 1:
-            radius = self._radius if here else leaving
-            there = len(corners) - 1
-            while there > here + 1 and not self._free(corners[here], corners[there], radius, walls):
-                there -= 1
-            path.append(corners[there])
-            here = there
+            here = _furthest(here + 1, len(corners) - 1, partial(in_sight, here))
+            path.append(corners[here])
         return path
 
     def _leaving(self, start: Point, walls: Sequence[Wall]) -> float:
@@ -215,6 +272,29 @@ class Planner:
             ):
                 return False
         return self._map.grid is None or self._map.grid.line_room(start, end) >= radius
+
+
+def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
+    """The last number up to `last` that fits if all before it do, by ever wider steps, then halves.
+
+    Where they don't, it is another one that fits; `good` is taken to fit.
+    """
+    step = 1
+    bad = last + 1
+    while good < last:
+        there = min(good + step, last)
+        if not fits(there):
+            bad = there
+            break
+        good = there
+        step *= 2
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if fits(middle):
+            good = middle
+        else:
+            bad = middle
+    return good
 
 
 @lru_cache(maxsize=16)

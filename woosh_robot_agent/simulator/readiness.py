@@ -51,6 +51,10 @@ class Readiness:
                 self.work == util_robot_pb2.kDeployMode,
                 "robot is in deployment mode: switch to task mode first",
             ),
+            (
+                self.work == util_robot_pb2.kScheduleMode,
+                "robot is in schedule mode: a dispatch system drives it; switch to task mode first",
+            ),
             (not self.initialised, "robot is not initialised: InitRobot first"),
             (
                 self.initialised and not self.located,

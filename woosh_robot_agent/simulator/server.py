@@ -12,7 +12,7 @@ from types import TracebackType
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.transports import Transport, TransportClosedError
+from woosh_robot_agent.link.transports import Transport, TransportClosedError, WebSocketTransport
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.client import Client
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -26,6 +26,8 @@ from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 _log = logging.getLogger(__name__)
 
 _CLOSE_TIMEOUT_S = 0.3
+#: Real seconds after which a socket without a single frame makes room for others.
+_SILENCE_S = 10.0
 #: Real seconds that the simulation may lag behind before it gives up catching up.
 _MOST_LAG_S = 1.0
 
@@ -55,6 +57,7 @@ class SimulatedChassis:
         self._injector = Injector(self, seed, steps)
         self._held = False
         self._hung = False
+        self._crowded = False
         self._reading = asyncio.Event()
         self._writing = asyncio.Event()
         self._ports = Ports(self.config, self._serve, self._reading.wait)
@@ -313,9 +316,16 @@ class SimulatedChassis:
 
     async def _serve(self, transport: Transport) -> None:
         if self.connections >= self.config.max_connections:
-            _log.warning("%s refused: %d clients already", transport.peer, self.connections)
+            if not self._crowded:
+                _log.warning(
+                    "%s refused: %d clients already; so are further ones until one has left",
+                    transport.peer,
+                    self.connections,
+                )
+            self._crowded = True
             transport.abort()
             return
+        self._crowded = False
         if not self.hooks.admits():
             _log.info("%s connected and is dropped by a fault", transport.peer)
             transport.abort()
@@ -323,6 +333,8 @@ class SimulatedChassis:
         client = Client(transport, self.config.max_outbox)
         self._exchange.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
+        client.spoke = isinstance(transport, WebSocketTransport)  # by its handshake
+        self._expect_words(client)
         _log.info("%s connected", transport.peer)
         if self._held:
             transport.pause()
@@ -337,10 +349,26 @@ class SimulatedChassis:
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT_S)
 
+    def _expect_words(self, client: Client) -> None:
+        """Drop a client that stays silent, which counts only while it is listened to."""
+
+        def check() -> None:
+            if client.spoke or client not in self._exchange.clients:
+                return
+            if self._held:
+                self._expect_words(client)
+                return
+            _log.warning("%s dropped: it sent no frame for %g s", client.transport.peer, _SILENCE_S)
+            client.drop()
+
+        asyncio.get_running_loop().call_later(_SILENCE_S, check)
+
     async def _read(self, client: Client) -> None:
         try:
             data = await client.transport.recv()
+            client.spoke = True
         except FrameError as error:
+            client.spoke = True
             self._exchange.skip(client, error)
         else:
             await self._reading.wait()

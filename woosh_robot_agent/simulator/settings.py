@@ -7,8 +7,18 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.handler import Handlers, Result, copied
 from woosh_robot_agent.simulator.refused import Refused
 
+_LONGEST_NAME = 100
+#: As long as the name of a host can be.
+_LONGEST_HOST = 253
+
+
+def _check_length(field: str, text: str, most: int) -> None:
+    if len(text) > most:
+        raise Refused(f"{field} is longer than {most} characters: give a shorter one")
+
 
 def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
+    _check_length("name", request.name, _LONGEST_NAME)
     chassis.setting.identity.name = request.name
     return copied(chassis.setting.identity)
 
@@ -16,6 +26,7 @@ def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
 def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     if request.port > 65535:
         raise Refused(f"port {request.port} is not within 0 to 65535")
+    _check_length("ip", request.ip, _LONGEST_HOST)
     chassis.setting.server.ip = request.ip
     chassis.setting.server.port = request.port
     return copied(chassis.setting.server)

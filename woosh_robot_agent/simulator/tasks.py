@@ -151,12 +151,18 @@ class Tasks:
         Raises:
             Refused: There is nothing to recover, or it may not move now.
         """
-        if self.proc.state != util_task_pb2.kFailed:
+        if self.proc.state != util_task_pb2.kFailed or not self._jobs:
             self.resume()
             return
         self._require_free()
         self._jobs[0].hold(self._chassis)
         self._change(self._running_state(), util_action_pb2.kRosExecuting)
+
+    def forget_failed(self) -> None:
+        """Make sure that a failed task, and those of its set that follow, are not recovered."""
+        if not self.active:
+            self._jobs.clear()
+            self._following.clear()
 
     def tick(self, dt: float) -> None:
         """Work on the task for `dt` seconds."""

@@ -10,6 +10,10 @@ from woosh_robot_agent.simulator.refused import Refused
 
 _IN_THE_AIR = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
 
+#: Bytes, as the standard says.
+_LONGEST_SSID = 32
+_MOST_KNOWN = 100
+
 _Mode = robot_pb2.Network.WiFi
 
 
@@ -55,9 +59,11 @@ class WiFi:
         """Learn the network that a JSON object names in its `ssid`.
 
         Raises:
-            Refused: There is no such object, or the network is out of reach.
+            Refused: There is no such object, the network is out of reach, or too many are known.
         """
         ssid = _ssid(content)
+        if ssid not in self._known and len(self._known) >= _MOST_KNOWN:
+            raise Refused(f"{_MOST_KNOWN} networks are known already: forget one first")
         self._known.add(ssid)
         if connect:
             self._connect(ssid)
@@ -105,4 +111,6 @@ def _ssid(content: bytes) -> str:
     ssid = parsed.get("ssid") if isinstance(parsed, dict) else None
     if not isinstance(ssid, str) or not ssid:
         raise Refused("content is not a JSON object with an ssid")
+    if len(ssid.encode(errors="replace")) > _LONGEST_SSID:
+        raise Refused(f"the ssid is longer than {_LONGEST_SSID} bytes, which no network's is")
     return ssid
