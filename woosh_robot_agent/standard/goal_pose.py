@@ -16,7 +16,7 @@ from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.services import ros_type
 from woosh_robot_agent.standard.host import Host
 from woosh_robot_agent.standard.plane import Plane
-from woosh_robot_agent.standard.stamped import plane_of
+from woosh_robot_agent.standard.stamped import plane_in
 
 _LOG = logging.getLogger(__name__)
 (_MOVE_BASE,) = (action for action in ACTIONS if action.arg == full_name(MoveBase))
@@ -45,11 +45,8 @@ class GoalPose:
         """See `Part.run`: there is nothing to do without being asked."""
 
     def _asked(self, message: Any) -> None:
-        frame, wanted = message.header.frame_id, self._host.frame("map")
         try:
-            if frame not in ("", wanted):
-                raise ValueError(f"it is in the frame {frame}; set the fixed frame to {wanted}")
-            pose = plane_of(message.pose)
+            pose = plane_in(self._host.frame("map"), message.header.frame_id, message.pose)
         except ValueError as error:
             _LOG.error("goal_pose is not obeyed: %s", error)
             return

@@ -9,7 +9,7 @@ from typing import Any
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
 from woosh_robot_agent.standard.host import Host
-from woosh_robot_agent.standard.stamped import plane_of
+from woosh_robot_agent.standard.stamped import plane_in
 
 _LOG = logging.getLogger(__name__)
 
@@ -25,12 +25,8 @@ class InitialPose:
         """See `Part.run`: there is nothing to do without being asked."""
 
     def _asked(self, message: Any) -> None:
-        frame = message.header.frame_id
-        wanted = self._host.frame("map")
         try:
-            if frame not in ("", wanted):
-                raise ValueError(f"it is in the frame {frame}; set the fixed frame to {wanted}")
-            pose = plane_of(message.pose.pose)
+            pose = plane_in(self._host.frame("map"), message.header.frame_id, message.pose.pose)
         except ValueError as error:
             _LOG.error("initialpose is not obeyed: %s", error)
             return

@@ -26,6 +26,17 @@ def stamped(plane: Plane, frame: str, stamp: Any) -> PoseStamped:
     return message
 
 
+def plane_in(wanted: str, frame: str, pose: Any) -> Plane:
+    """A pose that somebody gives in `frame`, in the plane of the frame `wanted`.
+
+    Raises:
+        ValueError: It is in another frame, or it makes no sense; the text says what to do.
+    """
+    if frame not in ("", wanted):
+        raise ValueError(f"it is in the frame {frame}; set the fixed frame to {wanted}")
+    return plane_of(pose)
+
+
 def plane_of(pose: Any) -> Plane:
     """A pose in space as one in the plane.
 
