@@ -250,6 +250,8 @@ class TestRefused:
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
         goal = short_task(client, 0.5)
+        goal.feedback.wait_count(1)
+        sender.send()  # the stick is let go
         assert goal.result()[0] == SUCCEEDED
         assert (0.0, 0.0, 0.0) not in twists()
 

@@ -104,11 +104,17 @@ class CmdVel:
             self._refuse(*reason)
         elif self._host.chassis.state is not LinkState.READY:
             self._refuse("link", "there is no link to the chassis")
-        elif moves or self._waiting is not None or self.driving or self._host.chassis.driving:
+        elif moves or self._has_to_stop():
             self._log.clear()
             self._obeyed = now
             self._waiting = self._clamped(*values)
             self._wake.set()
+
+    def _has_to_stop(self) -> bool:
+        """Whether a zero has something to stop that was asked for here."""
+        if self._host.chassis.driving or self._waiting is not None:
+            return True
+        return self.driving and not (self._host.actions.running_goals or self._wheels.user)
 
     def _objection(self) -> tuple[str, str]:
         """Why the robot may not be driven now, with a kind for the log; empty if it may."""
