@@ -3,46 +3,59 @@
     ros2 launch woosh_robot_agent agent.launch.py ip:=172.20.8.74
 
 Arguments: ip and port of the chassis, namespace, and params_file (config/agent.yaml shows all
-parameters). What is given here counts for more than the file.
+parameters). What is given here counts for more than the file; what is not is the file's.
 """
 
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+
+CONFIG = Path(get_package_share_directory("woosh_robot_agent"), "config")
 
 
 def generate_launch_description():
-    config = PathJoinSubstitution([FindPackageShare("woosh_robot_agent"), "config"])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("ip", description="Address of the chassis"),
             DeclareLaunchArgument(
-                "port", default_value="0", description="Its port; 0 is the usual one"
+                "ip", default_value="", description="Address of the chassis; empty: params_file's"
+            ),
+            DeclareLaunchArgument(
+                "port",
+                default_value="",
+                description="Its port, 0 the usual one; empty: params_file's",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the agent"
             ),
             DeclareLaunchArgument(
                 "params_file",
-                default_value=PathJoinSubstitution([config, "agent.yaml"]),
+                default_value=str(CONFIG / "agent.yaml"),
                 description="File with the other parameters",
             ),
-            Node(
-                package="woosh_robot_agent",
-                executable="agent",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[
-                    LaunchConfiguration("params_file"),
-                    {
-                        "ip": ParameterValue(LaunchConfiguration("ip"), value_type=str),
-                        "port": ParameterValue(LaunchConfiguration("port"), value_type=int),
-                    },
-                ],
-                output="screen",
-                emulate_tty=True,
-            ),
+            OpaqueFunction(function=_agent),
         ]
     )
+
+
+def _agent(context):
+    def given(name):
+        return LaunchConfiguration(name).perform(context)
+
+    kinds = {"ip": str, "port": int}
+    return [
+        Node(
+            package="woosh_robot_agent",
+            executable="agent",
+            namespace=given("namespace"),
+            parameters=[
+                given("params_file"),
+                {name: kind(given(name)) for name, kind in kinds.items() if given(name)},
+            ],
+            output="screen",
+            emulate_tty=True,
+        )
+    ]
