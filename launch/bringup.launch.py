@@ -105,7 +105,7 @@ def _nodes(context):
 
 
 def _in_file(path, node, parameter):
-    """What a parameter file says of a node, or ""; as for rclpy, the last section that fits counts."""
+    """What a file says of a node, or ""; as in rclpy the last section that fits counts."""
     found = ""
     for name, values in _sections(yaml.safe_load(path.read_text()) or {}):
         pattern = "".join(WILDCARDS.get(part, f"/{re.escape(part)}") for part in name)
