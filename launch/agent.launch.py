@@ -3,51 +3,58 @@
     ros2 launch woosh_robot_agent agent.launch.py ip:=172.20.8.74
 
 Arguments: ip and port of the chassis, namespace, and params_file (config/agent.yaml shows all
-parameters). What is given here counts for more than the file, what is not leaves the file alone.
+parameters). What is given here counts for more than the file; what is not is the file's.
 """
 
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+CONFIG = Path(get_package_share_directory("woosh_robot_agent"), "config")
 
 
 def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "ip", default_value="", description="Address of the chassis; empty: the file's"
+                "ip", default_value="", description="Address of the chassis; empty: params_file's"
             ),
             DeclareLaunchArgument(
                 "port",
                 default_value="",
-                description="Its port; empty: the file's, or the usual one",
+                description="Its port, 0 the usual one; empty: params_file's",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the agent"
             ),
             DeclareLaunchArgument(
-                "params_file", default_value="", description="File with the other parameters"
+                "params_file",
+                default_value=str(CONFIG / "agent.yaml"),
+                description="File with the other parameters",
             ),
-            OpaqueFunction(function=_nodes),
+            OpaqueFunction(function=_agent),
         ]
     )
 
 
-def _nodes(context):
-    given = {
-        name: LaunchConfiguration(name).perform(context)
-        for name in ("ip", "port", "namespace", "params_file")
-    }
-    values = {"ip": given["ip"]} if given["ip"] else {}
-    if given["port"]:
-        values["port"] = int(given["port"])
+def _agent(context):
+    def given(name):
+        return LaunchConfiguration(name).perform(context)
+
+    kinds = {"ip": str, "port": int}
     return [
         Node(
             package="woosh_robot_agent",
             executable="agent",
-            namespace=given["namespace"],
-            parameters=[each for each in (given["params_file"], values) if each],
+            namespace=given("namespace"),
+            parameters=[
+                given("params_file"),
+                {name: kind(given(name)) for name, kind in kinds.items() if given(name)},
+            ],
             output="screen",
             emulate_tty=True,
         )

@@ -3,7 +3,7 @@
     ros2 launch woosh_robot_agent fleet.launch.py robots:=my_robots.yaml
 
 config/fleet.yaml shows the file: a list of robots with name and ip, and if need be port, namespace
-(the name by default), frame_prefix (the name and a slash by default) and params_file.
+(the name by default), frame_prefix (the name and a slash by default), params_file and urdf.
 """
 
 from pathlib import Path
@@ -16,9 +16,13 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
 SHARE = Path(get_package_share_directory("woosh_robot_agent"))
-KEYS = {"name", "ip", "port", "namespace", "frame_prefix", "params_file"}
-# An included file sees what the ones before it were given: so each robot is given all of them.
-NOTHING = {"port": "", "params_file": ""}
+DEFAULTS = {
+    "port": "",
+    "params_file": str(SHARE / "config" / "agent.yaml"),
+    "urdf": str(SHARE / "config" / "woosh_base.urdf"),
+}
+"""Given for each robot: what bringup.launch.py is not given it takes from the robot before."""
+KEYS = {"name", "ip", "namespace", "frame_prefix", *DEFAULTS}
 
 
 def generate_launch_description():
@@ -45,7 +49,7 @@ def _robots(context):
 
 
 def fleet(path):
-    """The arguments of bringup.launch.py for each robot; ValueError says what is wrong."""
+    """All arguments of bringup.launch.py for each robot; ValueError says what is wrong."""
     robots = yaml.safe_load(path.read_text())
     if not isinstance(robots, dict) or not isinstance(robots.get("robots"), list):
         raise ValueError(f"{path} has no list of robots: see config/fleet.yaml")
@@ -55,7 +59,7 @@ def fleet(path):
             raise ValueError(f"{path}: a robot has name and ip, perhaps {sorted(KEYS)}: {robot}")
         given = {key: value for key, value in robot.items() if key != "name"}
         name = robot["name"]
-        found.append({"namespace": name, "frame_prefix": f"{name}/", **NOTHING, **given})
+        found.append({**DEFAULTS, "namespace": name, "frame_prefix": f"{name}/", **given})
     names = [each["namespace"] for each in found]
     if len(set(names)) < len(names):
         raise ValueError(f"{path}: two robots share a namespace: {names}")

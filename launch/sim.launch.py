@@ -2,8 +2,9 @@
 
     ros2 launch woosh_robot_agent sim.launch.py
 
-Arguments: namespace, frame_prefix and params_file as in bringup.launch.py; port of the simulated
-chassis; speed, how much faster than real time it runs.
+Arguments: namespace, frame_prefix, params_file and urdf as in bringup.launch.py; port of the
+simulated chassis, which counts for more than params_file's; speed, how much faster than real time
+it runs.
 """
 
 from pathlib import Path
@@ -17,10 +18,11 @@ from launch.substitutions import LaunchConfiguration
 PACKAGE = "woosh_robot_agent"
 SIMULATOR = Path(get_package_prefix(PACKAGE), "lib", PACKAGE, "simulator")
 LAUNCH = Path(get_package_share_directory(PACKAGE), "launch")
+CONFIG = Path(get_package_share_directory(PACKAGE), "config")
 
 
 def generate_launch_description():
-    passed_on = ("namespace", "frame_prefix", "params_file", "port")
+    passed_on = ("namespace", "frame_prefix", "params_file", "urdf", "port")
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -33,12 +35,19 @@ def generate_launch_description():
                 "namespace", default_value="woosh_robot", description="Namespace of the robot"
             ),
             DeclareLaunchArgument(
-                "frame_prefix", default_value="", description="Put before every frame"
+                "frame_prefix",
+                default_value="",
+                description="Put before every frame, e.g. r1/; empty: params_file's",
             ),
             DeclareLaunchArgument(
                 "params_file",
-                default_value="",
+                default_value=str(CONFIG / "agent.yaml"),
                 description="File with the agent's other parameters",
+            ),
+            DeclareLaunchArgument(
+                "urdf",
+                default_value=str(CONFIG / "woosh_base.urdf"),
+                description="Model of the robot",
             ),
             # no ROS node: it would not know the arguments that ROS gives to nodes
             ExecuteProcess(

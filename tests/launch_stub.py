@@ -36,14 +36,6 @@ def resolve(value: Any, context: dict[str, Any]) -> Any:
     kind = type(value).__name__
     if kind == "LaunchConfiguration":
         return context[value.arguments[0]]
-    if kind == "PathJoinSubstitution":
-        return "/".join(resolve(each, context) for each in value.arguments[0])
-    if kind == "FindPackageShare":
-        from ament_index_python.packages import get_package_share_directory
-
-        return get_package_share_directory(value.arguments[0])
-    if kind == "ParameterValue":
-        return value.named["value_type"](resolve(value.arguments[0], context))
     return value
 
 
@@ -56,11 +48,9 @@ _MODULES = {
         "OpaqueFunction",
     ],
     "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
-    "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
+    "launch.substitutions": ["LaunchConfiguration"],
     "launch_ros": [],
     "launch_ros.actions": ["Node"],
-    "launch_ros.parameter_descriptions": ["ParameterValue"],
-    "launch_ros.substitutions": ["FindPackageShare"],
 }
 
 

@@ -41,80 +41,76 @@ def share(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 class Launch:
-    """A launch file that was read, with what it starts for some arguments."""
+    """A launch file that was carried out, with what it starts for some arguments.
 
-    def __init__(self, name: str, seen: dict[str, Any] | None = None, **given: str) -> None:
+    Args:
+        name: of the file.
+        context: the launch configurations. As in ROS 2 there is one set of them: what an included
+            file is given, or declares, stays for all that comes after it.
+        given: its arguments.
+
+    Attributes:
+        given: its arguments.
+        declared: the names of those that it declares.
+        nodes: every node, with its parameters resolved.
+        included: the launch files that it includes.
+        others: what else it starts.
+    """
+
+    def __init__(self, name: str, context: dict[str, Any] | None = None, **given: str) -> None:
+        self.given = given
+        self.declared: set[str] = set()
+        self.nodes: list[dict[str, Any]] = []
+        self.included: list[Launch] = []
+        self.others: list[Any] = []
+        self.context = {} if context is None else context
+        self.context.update(given)
         with launch_stub.installed():
             path = ROOT / "launch" / f"{name}.launch.py"
-            self.description = runpy.run_path(str(path))["generate_launch_description"]()
-            # an included file shares what those before it were given and declared
-            self.context: dict[str, Any] = {} if seen is None else seen
-            self.context |= given
-            self.started: list[Any] = []
-            self.declared: set[str] = set()
-            for part in self.description.arguments[0]:
-                self._take(part, given)
+            description = runpy.run_path(str(path))["generate_launch_description"]()
+        for part in description.arguments[0]:
+            self._take(part)
         assert set(given) <= self.declared, "an argument that the file does not declare"
 
-    def _take(self, part: Any, given: dict[str, str]) -> None:
+    def _take(self, part: Any) -> None:
         kind = type(part).__name__
         if kind == "DeclareLaunchArgument":
             name = part.arguments[0]
             assert part.description
             self.declared.add(name)
             if name not in self.context:
-                self.context[name] = launch_stub.resolve(part.default_value, self.context)
+                self.context[name] = self._resolve(part.default_value)
         elif kind == "OpaqueFunction":
-            self.started += part.function(self.context)
+            for each in part.function(self.context):
+                self._take(each)
+        elif kind == "IncludeLaunchDescription":
+            path = Path(part.arguments[0].arguments[0])
+            assert path.exists()
+            given = {key: self._resolve(value) for key, value in part.launch_arguments}
+            name = path.name.removesuffix(".launch.py")
+            self.included.append(Launch(name, self.context, **given))
+        elif kind == "Node":
+            self.nodes.append(self._node(part))
         else:
-            self.started.append(part)
+            self.others.append(part)
 
-    def nodes(self) -> list[dict[str, Any]]:
-        """Every node with its parameters resolved."""
-        found = []
-        for part in self.started:
-            if type(part).__name__ == "Node":
-                values: dict[str, Any] = {}
-                files = []
-                for each in part.parameters:
-                    each = launch_stub.resolve(each, self.context)
-                    if isinstance(each, dict):
-                        values |= {k: launch_stub.resolve(v, self.context) for k, v in each.items()}
-                    else:
-                        files.append(each)
-                found.append(
-                    {
-                        "executable": (part.package, part.executable),
-                        "namespace": launch_stub.resolve(part.namespace, self.context),
-                        "values": values,
-                        "files": files,
-                    }
-                )
-        return found
+    def _resolve(self, value: Any) -> Any:
+        return launch_stub.resolve(value, self.context)
 
-    def agents(self) -> list[dict[str, Any]]:
-        """The agents that included files start; each is read as soon as it is included."""
-        found = []
-        for part in self.started:
-            if type(part).__name__ == "IncludeLaunchDescription":
-                found += self._include(part).nodes()[:1]
-        return found
-
-    def included(self) -> list[Launch]:
-        """The launch files that it includes, with the arguments that it gives them, one by one."""
-        return [
-            self._include(part)
-            for part in self.started
-            if type(part).__name__ == "IncludeLaunchDescription"
-        ]
-
-    def _include(self, part: Any) -> Launch:
-        path = Path(part.arguments[0].arguments[0])
-        assert path.exists()
-        given = {
-            key: launch_stub.resolve(value, self.context) for key, value in part.launch_arguments
+    def _node(self, part: Any) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        files = []
+        for each in map(self._resolve, part.parameters):
+            if isinstance(each, dict):
+                values |= {key: self._resolve(value) for key, value in each.items()}
+            else:
+                files.append(each)
+        return {
+            "executable": (part.package, part.executable),
+            "namespace": self._resolve(part.namespace),
+            "values": values,
+            "files": files,
         }
-        return Launch(path.name.removesuffix(".launch.py"), self.context, **given)
 
 
 def check_agent(node: dict[str, Any]) -> dict[str, Any]:
@@ -128,61 +124,135 @@ def check_agent(node: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
+@pytest.fixture
+def publisher_of_models(share: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """robot_state_publisher is installed."""
+    import ament_index_python.packages as packages
+
+    monkeypatch.setattr(packages, "get_package_prefix", lambda _name: "/opt/ros/jazzy")
+
+
+def params_file(folder: Path, **values: Any) -> str:
+    """A file with parameters of any node."""
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
+    return str(path)
+
+
 @pytest.mark.usefixtures("share")
 class TestLaunch:
     def test_agent(self):
-        (node,) = Launch("agent", ip="172.20.8.74", namespace="robot7").nodes()
+        (node,) = Launch("agent", ip="172.20.8.74", namespace="robot7").nodes
         values = check_agent(node)
         assert (values["ip"], node["namespace"]) == ("172.20.8.74", "robot7")
 
+    @pytest.mark.parametrize("name", ["agent", "bringup"])
+    def test_what_is_not_given_is_the_files(self, name: str, tmp_path: Path):
+        mine = {"ip": "172.20.8.74", "port": 5999, "frame_prefix": "r9/"}
+        (node,) = Launch(name, params_file=params_file(tmp_path, **mine)).nodes
+        values = check_agent(node)
+        assert {key: values[key] for key in mine} == mine
+
+    @pytest.mark.parametrize("name", ["agent", "bringup"])
+    def test_what_is_given_counts_for_more_than_the_file(self, name: str, tmp_path: Path):
+        file = params_file(tmp_path, ip="172.20.8.74", port=5999)
+        (node,) = Launch(name, params_file=file, ip="172.20.8.75", port="0").nodes
+        values = check_agent(node)
+        assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
+
     def test_bringup_without_a_publisher_of_models(self):
-        (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes()
+        (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         values = check_agent(node)
         assert values["publish_tf"] is True
         assert values["publish_laser_tf"] is True
         assert values["frame_prefix"] == "r1/"
 
-    def test_bringup_with_one(self, monkeypatch: pytest.MonkeyPatch):
-        import ament_index_python.packages as packages
-
-        monkeypatch.setattr(packages, "get_package_prefix", lambda _name: "/opt/ros/jazzy")
-        agent, model = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes()
+    @pytest.mark.usefixtures("publisher_of_models")
+    def test_bringup_with_one(self):
+        agent, model = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         assert check_agent(agent)["publish_laser_tf"] is False
         assert model["executable"] == ("robot_state_publisher",) * 2
         assert model["values"]["frame_prefix"] == "r1/"
         assert "<robot" in model["values"]["robot_description"]
 
+    @pytest.mark.usefixtures("publisher_of_models")
+    @pytest.mark.parametrize(
+        ("text", "prefix"),
+        [
+            ("/**: {ros__parameters: {frame_prefix: r9/}}", "r9/"),
+            ("/r9/agent: {ros__parameters: {frame_prefix: r9/}}", "r9/"),
+            ("r9/agent: {ros__parameters: {frame_prefix: r9/}}", "r9/"),
+            ("/r9: {agent: {ros__parameters: {frame_prefix: r9/}}}", "r9/"),
+            (
+                "{/r9/agent: {ros__parameters: {frame_prefix: r9/}},"
+                " /**: {ros__parameters: {frame_prefix: all/}}}",
+                "all/",
+            ),
+            (
+                "{/**: {ros__parameters: {frame_prefix: all/}},"
+                " /r9/agent: {ros__parameters: {frame_prefix: r9/}}}",
+                "r9/",
+            ),
+            ("/**/agent: {ros__parameters: {frame_prefix: r9/}}", "r9/"),
+            ("/*/agent: {ros__parameters: {frame_prefix: r9/}}", "r9/"),
+            ("/*/*/agent: {ros__parameters: {frame_prefix: r9/}}", ""),
+            ("agent: {ros__parameters: {frame_prefix: r9/}}", ""),
+            ("/r8/agent: {ros__parameters: {frame_prefix: r8/}}", ""),
+            ("/**: {ros__parameters: {port: 1}}", ""),
+            ("", ""),
+        ],
+    )
+    def test_the_model_has_the_agents_prefix(self, text: str, prefix: str, tmp_path: Path):
+        """Else the robot's frames would not hang together."""
+        file = tmp_path / "mine.yaml"
+        file.write_text(text)
+        _, model = Launch("bringup", namespace="r9", params_file=str(file)).nodes
+        assert model["values"]["frame_prefix"] == prefix
+
     def test_sim(self):
         launch = Launch("sim", port="5490", speed="2")
-        (simulator,) = [p for p in launch.started if type(p).__name__ == "ExecuteProcess"]
+        (simulator,) = launch.others
         path, *arguments = [launch_stub.resolve(each, launch.context) for each in simulator.cmd]
         assert Path(path).name in EXECUTABLES
         assert arguments == ["--port", "5490", "--tcp-port", "0", "--speed", "2"]
-        (bringup,) = launch.included()
-        values = check_agent(bringup.nodes()[0])
+        (bringup,) = launch.included
+        values = check_agent(bringup.nodes[0])
         assert (values["ip"], values["port"]) == ("127.0.0.1", 5490)
 
     def test_fleet(self):
-        agents = [check_agent(each) for each in Launch("fleet").agents()]
+        agents = [check_agent(each.nodes[0]) for each in Launch("fleet").included]
         assert [(v["port"], v["frame_prefix"]) for v in agents] == [(5480, "r1/"), (5490, "r2/")]
 
-    def test_robots_of_a_fleet_do_not_inherit_from_each_other(self, tmp_path: Path):
+    @pytest.mark.usefixtures("publisher_of_models")
+    def test_robots_of_a_fleet_have_nothing_of_each_other(self, tmp_path: Path):
         file = tmp_path / "fleet.yaml"
-        own = tmp_path / "own.yaml"
-        own.write_text("/**: {ros__parameters: {poll_timeout: 1234}}")
-        robots = f"[{{name: r1, ip: a, port: 5490, params_file: {own}}}, {{name: r2, ip: b}}]"
-        file.write_text(f"robots: {robots}")
-        first, second = (check_agent(each) for each in Launch("fleet", robots=str(file)).agents())
-        assert (first["port"], first["poll_timeout"]) == (5490, 1234)
-        assert (second["port"], second["poll_timeout"]) == (0, 10000)
+        urdf = tmp_path / "mine.urdf"
+        urdf.write_text("<robot name='mine'/>")
+        first = {
+            "ip": "172.20.8.74",
+            "port": 5999,
+            "params_file": params_file(tmp_path, robot_id=7),
+            "urdf": str(urdf),
+            "namespace": "hall/r1",
+            "frame_prefix": "one/",
+        }
+        file.write_text(
+            yaml.safe_dump({"robots": [{"name": "r1", **first}, {"name": "r2", "ip": "b"}]})
+        )
+        ones, others = (each.nodes for each in Launch("fleet", robots=str(file)).included)
+        found = check_agent(ones[0])
+        assert (found["port"], found["robot_id"], found["frame_prefix"]) == (5999, 7, "one/")
+        assert ones[1]["values"]["robot_description"] == urdf.read_text()
+        found = check_agent(others[0])
+        assert (found["ip"], found["port"], found["robot_id"]) == ("b", 0, 0)
+        assert (others[0]["namespace"], found["frame_prefix"]) == ("r2", "r2/")
+        assert "woosh_base" in others[1]["values"]["robot_description"]
 
-    def test_what_is_not_given_leaves_the_file_alone(self, tmp_path: Path):
-        file = tmp_path / "own.yaml"
-        file.write_text("/**: {ros__parameters: {ip: a, port: 7, frame_prefix: r3/}}")
-        for name in ("agent", "bringup"):
-            (node,) = Launch(name, params_file=str(file)).nodes()
-            values = check_agent(node)
-            assert (values["ip"], values["port"], values["frame_prefix"]) == ("a", 7, "r3/")
+    @pytest.mark.parametrize("name", ["fleet", "sim"])
+    def test_included_files_take_nothing_from_those_around(self, name: str):
+        """An argument that is not passed on is whatever some other launch file calls so."""
+        for each in Launch(name).included:
+            assert set(each.given) == each.declared
 
     @pytest.mark.parametrize(
         "text",

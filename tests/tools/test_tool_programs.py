@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import signal
 import socket
@@ -55,6 +56,36 @@ def test_help(tool: str) -> None:
     status, out, err = run(tool, "--help")
     assert (status, err) == (0, "")
     assert out.startswith(f"usage: {tool} ")
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments"),
+    [
+        ("doctor", []),
+        ("doctor", ["--json"]),
+        ("doctor", ["--help"]),
+        ("monitor", []),
+        ("monitor", ["--once"]),
+    ],
+)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_nobody_reads(
+    chassis: SimulatorThread, tool: str, arguments: list[str], unbuffered: str
+) -> None:
+    """As `head` does, which takes some lines and leaves."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *address(chassis), *arguments],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=2 * TIMEOUT,
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+    )
+    os.close(writer)
+    assert done.stderr == ""
+    assert done.returncode == 1 or "--help" in arguments  # argparse does not care
 
 
 def test_they_need_no_ros() -> None:

@@ -11,13 +11,16 @@ from collections.abc import Sequence
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.tools.checks import CHECKS, NOT_REACHED, Result, Status, examine
 from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.reader import ends_with_its_reader
 
 _WIDTH = max(map(len, CHECKS))
 _EPILOG = """\
-Exit status: 0 nothing failed (warnings are allowed), 1 a check failed, 2 wrong usage.
+Exit status: 0 nothing failed (warnings are allowed), 1 a check failed, or nobody
+read this to its end, 2 wrong usage.
 It asks the robot for RobotInfo once and never commands it."""
 
 
+@ends_with_its_reader
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check one robot and print a line for each check.
 
@@ -25,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: those of the command line if None.
 
     Returns:
-        The exit status: 0 if nothing failed, 1 if something did.
+        The exit status: 0 if nothing failed, 1 if something did or the output was not read.
     """
     parser = argparse.ArgumentParser(
         prog="doctor",

@@ -16,6 +16,7 @@ from woosh_robot_agent.link.within import within
 from woosh_robot_agent.tools.keys import keys
 from woosh_robot_agent.tools.link_source import LinkSource
 from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.reader import ends_with_its_reader
 from woosh_robot_agent.tools.screen import draw
 from woosh_robot_agent.tools.view import Source
 
@@ -28,6 +29,7 @@ q quits; no key commands the robot. With --once: exit status 0 if what is shown 
 says now, else 1."""
 
 
+@ends_with_its_reader
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show one robot until `q`, SIGINT or SIGTERM.
 
@@ -35,7 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: those of the command line if None.
 
     Returns:
-        The exit status: 0; with `--once` 1 if the robot could not be seen.
+        The exit status: 0; 1 if the output was not read, or, with `--once`, if the robot could not
+        be seen.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)

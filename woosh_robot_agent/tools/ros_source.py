@@ -236,7 +236,8 @@ class RosSource:
             if info.node_name != _UNKNOWN_NODE
         }
         if self._agent_name not in found:
-            self._forget()
+            if self._agent is not None:  # else what `connected` says is of the agent to be met
+                self._forget()
             if not found:
                 return
             self._meet(min(found))
@@ -255,8 +256,7 @@ class RosSource:
 
     def _forget(self) -> None:
         """The agent has gone."""
-        if self._agent is None:
-            return  # what is known of the link may have come before the agent was found
+        assert self._agent is not None
         self._agent.drop()
         self._node.destroy_client(self._agent.client)
         self._info.drop()
