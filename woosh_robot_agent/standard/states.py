@@ -120,8 +120,9 @@ class _State:
 
     async def _ask(self) -> None:
         """What RobotInfo does not have."""
-        try:
-            answer = await self._host.chassis.request(self._host.requests.empty(self._cls))
+        question = self._host.requests.empty(self._cls)
+        try:  # it takes no client's room among the requests
+            answer = await self._host.chassis.request(question, first=True)
         except LinkError as error:
             _LOG.debug("no first %s: %s", self._cls.DESCRIPTOR.name, error)
             return
