@@ -19,6 +19,11 @@ _INFO_FIELDS = {
 }
 
 
+def is_part_of_info(cls: type[Message]) -> bool:
+    """Whether RobotInfo has a message of this class."""
+    return cls.DESCRIPTOR.full_name in _INFO_FIELDS
+
+
 def parts_of(info: RobotInfo) -> list[Message]:
     """What a RobotInfo says, as the messages that are pushed one by one; only what it holds."""
     parts: list[Message] = [

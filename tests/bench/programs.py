@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-_TESTS = Path(__file__).resolve().parents[1]
-_PAGE = os.sysconf("SC_PAGE_SIZE")
+from bench.process import module, rss
 
 
 class Program:
     """A Python module in a process of its own."""
 
     def __init__(self, *command: str, domain: int) -> None:
-        path = os.pathsep.join([str(_TESTS), os.environ.get("PYTHONPATH", "")])
         self.started = time.monotonic()
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", *command],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONPATH": path},
+        self.process = module(
+            *command,
+            domain=domain,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            text=True,
         )
 
     def tell(self, line: str) -> None:
@@ -58,7 +53,7 @@ class Program:
     @property
     def rss(self) -> int:
         """Resident memory in bytes."""
-        return int(Path("/proc", str(self.process.pid), "statm").read_text().split()[1]) * _PAGE
+        return rss(self.process.pid)
 
     def end(self) -> None:
         """End it, politely at first."""

@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 
 from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.standard.plane import Plane
-from woosh_robot_msgs.srv import SetRobotPose, Twist
+from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
 from woosh_ros_msgs.action import StepControl
 from woosh_ros_msgs.msg import StepControlStep
 
@@ -274,6 +274,24 @@ class TestTransforms:
             ]
         # the square of jumps left odom where the wheels brought it
         assert near(plane(odom.messages[-1].pose.pose), Plane(0.5, 0.0, 1.0))
+
+    def test_odom_goes_on_across_another_place_and_another_map(self, slow_simulator, start, client):
+        start(publish_tf=True)
+        odom = odoms(client)
+        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
+        drive(client, (STRAIGHT, 0.5))
+        request = InitRobot.Request()
+        request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = 1.0, 1.5, 1.0
+        assert client.call(InitRobot, "robot/InitRobot", arg=request.arg).ok
+        transforms.wait(lambda m: near(chain(m), Plane(1.0, 1.5, 1.0)))
+        switch = SwitchMap.Request()
+        switch.arg.scene_name = "scenex"
+        assert client.call(SwitchMap, "robot/SwitchMap", arg=switch.arg).ok
+        drive(client, (ROTATE, 0.5))
+        end = start_pose(slow_simulator)
+        transforms.wait(lambda m: near(chain(m), end))
+        self._is_continuous(odom.messages)
+        odom.wait(lambda m: near(plane(m.pose.pose), Plane(0.5, 0.0, 0.5)))
 
     def test_a_jump_while_driving(self, slow_simulator, start, client):
         start(publish_tf=True)

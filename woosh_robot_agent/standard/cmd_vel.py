@@ -13,7 +13,7 @@ from rclpy.time import Time
 from woosh_robot_agent.link import LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.wheels import Wheels
 
 _LOG = logging.getLogger(__name__)
@@ -21,7 +21,7 @@ _PAUSE_S = 2.0
 """s without any message after which whoever sends velocities has let go."""
 
 
-class CmdVel:
+class CmdVel(Part):
     """The driver of the robot on behalf of cmd_vel.
 
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,

@@ -15,7 +15,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotIn
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_located, is_taskable, objections
-from woosh_robot_agent.standard.host import Host, every
+from woosh_robot_agent.standard.host import Host, Part, every
 
 _RATE_HZ = 1.0
 _INFO = full_name(RobotInfo)
@@ -162,7 +162,7 @@ def codes_status(info: RobotInfo) -> Status:
     return status
 
 
-class Diagnostics:
+class Diagnostics(Part):
     """Publishes the statuses at 1 Hz. They cost the chassis nothing: nothing is asked for them."""
 
     def __init__(self, host: Host) -> None:

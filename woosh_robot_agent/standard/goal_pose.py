@@ -14,7 +14,7 @@ from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.services import ros_type
-from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import plane_in
 
@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 (_MOVE_BASE,) = (action for action in ACTIONS if action.arg == full_name(MoveBase))
 
 
-class GoalPose:
+class GoalPose(Part):
     """A client of the agent's own MoveBase action: the newest goal_pose counts.
 
     Being an ordinary goal it shows in the action's status, and what the chassis says of it reaches
@@ -40,9 +40,6 @@ class GoalPose:
         """Cancels that wait until the newest goal is known to the action's server."""
         host.subscribe("goal_pose", self._asked, in_executor=True)
         self._service = host.service("cancel", self._cancel_asked)
-
-    async def run(self) -> None:
-        """See `Part.run`: there is nothing to do without being asked."""
 
     def _asked(self, message: Any) -> None:
         try:

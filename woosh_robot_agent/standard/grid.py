@@ -15,7 +15,7 @@ from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
-from woosh_robot_agent.standard.host import Host, every
+from woosh_robot_agent.standard.host import Host, Part, every
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import pose_of
 
@@ -37,7 +37,7 @@ class MapError(ValueError):
     """A map's picture cannot be used; the text says why."""
 
 
-class Grid:
+class Grid(Part):
     """Publishes map, once somebody subscribes, and again when scene, map or version change.
 
     A map can have many MiB, so it is not asked for before. What did not work is tried again.

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -20,11 +20,14 @@ from woosh_robot_agent.standard.settings import StandardSettings
 from woosh_robot_agent.standard.table import BY_NAME, Kind
 
 
-class Part(Protocol):
+class Part:
     """One part of the standard layer."""
 
     async def run(self) -> None:
-        """Do what is to be done from time to time, in the link's thread, until cancelled."""
+        """Do what is to be done from time to time, in the link's thread, until cancelled.
+
+        Nothing, in a part that only does what it is asked to.
+        """
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,18 @@ from typing import Any
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
-from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.stamped import plane_in
 
 _LOG = logging.getLogger(__name__)
 
 
-class InitialPose:
+class InitialPose(Part):
     """Does SetRobotPose for each initialpose. Its sender gets no answer, so the log tells."""
 
     def __init__(self, host: Host) -> None:
         self._host = host
         host.subscribe("initialpose", self._asked)
-
-    async def run(self) -> None:
-        """See `Part.run`: there is nothing to do without being asked."""
 
     def _asked(self, message: Any) -> None:
         try:

@@ -12,7 +12,7 @@ from nav_msgs.msg import Odometry as OdometryMsg
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.standard.host import Host, every
+from woosh_robot_agent.standard.host import Host, Part, every
 from woosh_robot_agent.standard.odometry import Odometry
 from woosh_robot_agent.standard.plane import Plane
 
@@ -20,7 +20,7 @@ from woosh_robot_agent.standard.plane import Plane
 _SILENT_S = 0.25
 
 
-class Odom:
+class Odom(Part):
     """Publishes odom at up to `odom_rate` while the link is ready.
 
     A fresh push goes out at once, stamped with the time of its receipt. Between them, a robot that

@@ -13,14 +13,14 @@ from sensor_msgs.msg import LaserScan
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
-from woosh_robot_agent.standard.host import Host, every
+from woosh_robot_agent.standard.host import Host, Part, every
 from woosh_robot_agent.standard.odom import transforms
 from woosh_robot_agent.standard.plane import Plane
 
 _LOG = logging.getLogger(__name__)
 
 
-class Scan:
+class Scan(Part):
     """Publishes scan at `scan_rate` while it has subscribers and the link is ready.
 
     The chassis gives scans only when asked. Its laser's place, where the firmware tells it, goes

@@ -13,10 +13,10 @@ from nav_msgs.msg import Path
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
-from woosh_robot_agent.known import parts_of
+from woosh_robot_agent.known import is_part_of_info, parts_of
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
-from woosh_robot_agent.standard.host import Host, every
+from woosh_robot_agent.standard.host import Host, Part, every
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import stamped
 
@@ -69,7 +69,7 @@ def footprint(host: Host, model: Model) -> PolygonStamped:
     return message
 
 
-class _State:
+class _State(Part):
     """Publishes a message of the chassis in another form: the first value, and each push.
 
     Args:
@@ -96,7 +96,8 @@ class _State:
         self._last: Message | None = None
         self._publisher = host.publisher(name)
         host.chassis.on_snapshot(self._snapshot)
-        host.chassis.on_state(self._link_changed)
+        if not is_part_of_info(cls):
+            host.chassis.on_state(self._ask_when_ready)
         host.chassis.subscribe(cls, self._publish)
 
     async def run(self) -> None:
@@ -113,9 +114,8 @@ class _State:
             if isinstance(part, self._cls):
                 self._publish(part)
 
-    def _link_changed(self, state: LinkState) -> None:
-        in_info = any(f.message_type is self._cls.DESCRIPTOR for f in RobotInfo.DESCRIPTOR.fields)
-        if state is LinkState.READY and not in_info:
+    def _ask_when_ready(self, state: LinkState) -> None:
+        if state is LinkState.READY:
             self._host.thread.spawn(self._ask)
 
     async def _ask(self) -> None:
@@ -149,7 +149,7 @@ def footprint_part(host: Host) -> _State:
     return _State(host, "footprint", Model, footprint, rate=_FOOTPRINT_HZ)
 
 
-class Connected:
+class Connected(Part):
     """Publishes whether the link is ready, when that changes and at the start."""
 
     def __init__(self, host: Host) -> None:

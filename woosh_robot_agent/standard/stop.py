@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 from woosh_robot_agent.standard.cmd_vel import CmdVel
-from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.host import Host, Part
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 2.0
@@ -42,7 +42,7 @@ def cancels() -> Iterator[tuple[str, Message]]:
             yield field.message_type.name, call
 
 
-class Stop:
+class Stop(Part):
     """The service stop.
 
     It succeeds when the chassis confirmed the zero velocity and answered each cancel; that it
@@ -57,9 +57,6 @@ class Stop:
         self._host = host
         self._cmd_vel = cmd_vel
         self._service = host.service("stop", self._asked)
-
-    async def run(self) -> None:
-        """See `Part.run`: there is nothing to do without being asked."""
 
     def _asked(self, _request: Any, reply: Reply) -> None:
         self._host.thread.spawn(partial(self._stop, reply), reply.fail)
