@@ -26,6 +26,7 @@ _WIDE = {
     FieldDescriptor.TYPE_FIXED64,
     FieldDescriptor.TYPE_SFIXED64,
 }
+_FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 _BAD_VALUE = (ValueError, TypeError, OverflowError)
 LONGEST_NUMBER = 400
 """Characters of a number as text; an exact double has up to 325 digits. Reading a text of millions
@@ -92,11 +93,11 @@ def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str,
     blank: dict[str, Any] = {}
     if defaults:
         for field in cls.DESCRIPTOR.fields:
-            if _is_repeated(field):
+            if is_repeated(field):
                 blank[field.json_name] = None
             elif field.message_type is None and field.containing_oneof is None:
                 blank[field.json_name] = _scalar_encoder(field)(field.default_value)
-    lists = [field.json_name for field in cls.DESCRIPTOR.fields if _is_repeated(field)]
+    lists = [field.json_name for field in cls.DESCRIPTOR.fields if is_repeated(field)]
 
     def encode(message: Message) -> dict[str, Any]:
         out = dict(blank)
@@ -124,7 +125,7 @@ def _value_encoder(field: Field, defaults: bool) -> Callable[[Any], Any]:
             cls: MessageClass = type(value)
             return _encoder(cls, defaults)(value)
 
-    if _is_repeated(field):
+    if is_repeated(field):
         return lambda values: [encode(value) for value in values]
     return encode
 
@@ -171,8 +172,8 @@ def _name_of_non_finite(value: float) -> str:
 def _decoder(cls: MessageClass) -> Setter:
     setters: dict[str, tuple[str, Setter]] = {}
     for field in cls.DESCRIPTOR.fields:
-        setter = _list_setter(field) if _is_repeated(field) else _setter(field)
-        for name in (_camel_case(field.name), field.name, field.json_name):
+        setter = _list_setter(field) if is_repeated(field) else _setter(field)
+        for name in json_names(field):
             setters[name] = (field.name, setter)
 
     def decode(message: Any, data: Any) -> None:
@@ -204,7 +205,7 @@ def _setter(field: Field) -> Setter:
             fill(inner, value)
 
         return set_message
-    read = _scalar_reader(field)
+    read = scalar_reader(field)
 
     def set_scalar(message: Any, value: Any) -> None:
         converted = read(value)
@@ -216,6 +217,7 @@ def _setter(field: Field) -> Setter:
 
 def _list_setter(field: Field) -> Setter:
     name = field.name
+    floats = field.cpp_type in _FLOATS
     if field.message_type is not None:
         fill = _message_filler(field)
 
@@ -224,14 +226,8 @@ def _list_setter(field: Field) -> Setter:
             if value is not None:
                 fill(item, value)
     else:
-        read = _scalar_reader(field)
-        # stands for null, and for enum names newer than this schema: the list keeps its length
-        blank: Any = {
-            FieldDescriptor.TYPE_FLOAT: math.nan,
-            FieldDescriptor.TYPE_DOUBLE: math.nan,
-            FieldDescriptor.TYPE_STRING: "",
-            FieldDescriptor.TYPE_BYTES: b"",
-        }.get(field.type, 0)
+        read = scalar_reader(field)
+        blank = blank_of(field)
 
         def add(items: Any, value: Any) -> None:
             converted = None if value is None else read(value)
@@ -242,6 +238,12 @@ def _list_setter(field: Field) -> Setter:
             raise FieldError("", f"expected a list, got {_shown(values)}")
         items = getattr(message, name)
         del items[:]
+        if floats:
+            try:
+                items.extend(values)  # ten times as fast, and scans are long
+                return
+            except _BAD_VALUE:  # not only numbers
+                del items[:]
         for index, value in enumerate(values):
             try:
                 add(items, value)
@@ -273,12 +275,17 @@ def _message_filler(field: Field) -> Setter:
     return fill
 
 
-def _scalar_reader(field: Field) -> Callable[[Any], Any]:
+def scalar_reader(field: Field) -> Callable[[Any], Any]:
+    """What reads a value that is no message, whatever way of writing it has.
+
+    It raises ValueError, TypeError or OverflowError, and gives None for the name of an enum value
+    that is newer than this schema.
+    """
     if field.enum_type is not None:
         numbers = {value.name: value.number for value in field.enum_type.values}
         return lambda value: _read_enum(value, numbers)
     kind = field.cpp_type
-    if kind in (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE):
+    if kind in _FLOATS:
         return _read_float
     if kind == FieldDescriptor.CPPTYPE_BOOL:
         return _read_bool
@@ -335,7 +342,23 @@ def _read_bytes(value: Any) -> bytes:
     return base64.b64decode(standard + "=" * (-len(standard) % 4), validate=True)
 
 
-def _is_repeated(field: Field) -> bool:
+def blank_of(field: Field) -> Any:
+    """What stands in a list for null, and for enum names newer than this schema."""
+    return {
+        FieldDescriptor.TYPE_FLOAT: math.nan,
+        FieldDescriptor.TYPE_DOUBLE: math.nan,
+        FieldDescriptor.TYPE_STRING: "",
+        FieldDescriptor.TYPE_BYTES: b"",
+    }.get(field.type, 0)
+
+
+def json_names(field: Field) -> list[str]:
+    """The names that a field may have in JSON, the one that today's chassis use first."""
+    return list(dict.fromkeys((field.json_name, _camel_case(field.name), field.name)))
+
+
+def is_repeated(field: Field) -> bool:
+    """Whether a field is a list."""
     repeated = getattr(field, "is_repeated", None)  # `label` goes away in protobuf 7
     if isinstance(repeated, bool):
         return repeated

@@ -1,0 +1,165 @@
+"""JSON becomes ROS messages at once, and just those that it becomes by way of protobuf."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import os
+import random
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from random_messages import random_proto
+from rclpy.serialization import deserialize_message, serialize_message
+from table import PAIRS
+
+from woosh_map_msgs.msg import SceneDataEasy
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert.converter import Converter
+from woosh_robot_agent.link.json_mapping import FieldError, from_json, to_json
+from woosh_robot_agent.protos import message_type
+
+ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "30"))
+ODD = [
+    *(None, True, False, 0, 1, -1, 1.0, 0.5, -0.0, 2**31, 2**63, 2**64, 10**40, 10**400, 1e39),
+    *(math.nan, math.inf, "NaN", "-Infinity", "12", "-3", "1e3", "1.5", "true", "false", ""),
+    *("kNormal", "kIdle", "kNoSuchName", "\ud800", "机器人", "AAEC", "-_8", "not base64!", [], {}),
+    *([None], [1, None, 2.5], [{}, None], [True], ["x"], [[]], {"x": 1}, {"value": 3}),
+]
+
+
+def pair(name: str) -> Converter:
+    return converter(*PAIRS[name])
+
+
+def outcome(read: Any) -> tuple[str, object]:
+    """What comes of it: a message as ROS sends it, or the field that does not fit and why."""
+    try:
+        message = read()
+        # numbers as ROS sends them; repr() tells -0.0 from 0.0, and NaN is what it is
+        return "message", repr(deserialize_message(serialize_message(message), type(message)))
+    except FieldError as error:
+        return "refused", (error.path, error.reason)
+
+
+def both_ways(convert: Converter, data: object) -> tuple[Any, Any]:
+    """What comes of JSON at once, and by way of protobuf."""
+
+    def by_protobuf() -> Any:
+        message = convert.proto_class()
+        from_json(data, message)
+        return convert.to_ros(message)
+
+    return outcome(lambda: convert.from_json(data)), outcome(by_protobuf)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("defaults", [False, True], ids=["short", "as a chassis writes it"])
+def test_any_message(name: str, defaults: bool):
+    convert = pair(name)
+    for seed in range(ROUNDS):
+        message = random_proto(random.Random(seed), convert.proto_class, convert.ros_class)
+        data = json.loads(json.dumps(to_json(message, defaults=defaults)))
+        at_once, by_protobuf = both_ways(convert, data)
+        assert at_once[0] == "message"
+        assert at_once == by_protobuf, data
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_any_message_with_something_odd_in_it(name: str):
+    convert = pair(name)
+    for seed in range(3 * ROUNDS):
+        rng = random.Random(seed)
+        message = random_proto(rng, convert.proto_class, convert.ros_class)
+        data = {"": to_json(message, defaults=rng.random() < 0.5)}
+        for _ in range(rng.randint(1, 3)):
+            holder, key = rng.choice(places(data))
+            if key in holder if isinstance(holder, dict) else key < len(holder):
+                holder[key] = copy.deepcopy(rng.choice(ODD))
+        at_once, by_protobuf = both_ways(convert, data[""])
+        assert at_once == by_protobuf, data
+
+
+def places(data: Any) -> list[tuple[Any, Any]]:
+    """Every place in nested JSON, as what holds it and its key or index."""
+    if isinstance(data, dict):
+        keys: list[Any] = list(data)
+    elif isinstance(data, list):
+        keys = list(range(len(data)))
+    else:
+        return []
+    return [(data, key) for key in keys] + [p for key in keys for p in places(data[key])]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"map_id": 3, "pose": {"x": 1}},
+        {"mapId": None, "map_id": 3},
+        {"mapId": "3", "mileage": 4.0, "twist": None},
+        {"later": {"than": ["this"]}, "pose": {"x": "NaN", "y": math.inf}},
+        {"robotId": 7},
+        {"robot_id": 0},
+        {},
+    ],
+)
+def test_what_chassis_of_other_ages_send(data: Any):
+    at_once, by_protobuf = both_ways(pair("woosh.robot.PoseSpeed"), data)
+    assert at_once == by_protobuf
+    assert at_once[0] == "message"
+
+
+def test_a_scan_in_which_nothing_came_back():
+    data = {"ranges": [1, None, 2.5, "NaN", "Infinity"]}
+    ranges = pair("woosh.robot.ScannerData").from_json(data).ranges
+    assert str(list(ranges)) == "[1.0, nan, 2.5, nan, inf]"
+
+
+@pytest.mark.parametrize("data", [None, [], "x", 3, {"pose": {"x": []}}, {"pose": [1]}])
+def test_what_does_not_fit_is_refused_as_by_the_link(data: Any):
+    at_once, by_protobuf = both_ways(pair("woosh.robot.PoseSpeed"), data)
+    assert at_once[0] == "refused"
+    assert at_once == by_protobuf
+
+
+def test_messages_share_nothing():
+    """A node may change what it got."""
+    convert = pair("woosh.robot.RobotInfo")
+    first = convert.from_json({})
+    first.pose_speed.pose.x = 1.0
+    first.abnormal_codes.scs.append("something")
+    second = convert.from_json({})
+    assert (second.pose_speed.pose.x, second.abnormal_codes.scs) == (0.0, [])
+
+
+def test_a_class_of_another_layout_is_made_by_its_constructor():
+    """Slots are not promised by ROS: a release that has others must work, if not as fast."""
+    original = PAIRS["woosh.robot.PoseSpeed"][0]
+
+    class Later(original):  # type: ignore[misc, valid-type]
+        __slots__ = ("_later",)
+
+    data = {"pose": {"x": 1.5}, "mapId": 3}
+    made = Converter(Later, message_type("woosh.robot.PoseSpeed")).from_json(data)
+    assert (made.pose.x, made.map_id) == (1.5, 3)
+    assert made.has_field == Later.POSE_FIELD_SET
+
+
+@pytest.mark.timeout(300)
+def test_with_field_checks_of_ros():
+    """ROS checks each assignment to a field when it is told so at the start of the process."""
+    env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "3"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "any_message"]
+    done = subprocess.run(
+        [*command, __file__], env=env, capture_output=True, text=True, timeout=280
+    )
+    assert done.returncode == 0, done.stdout
+    assert f"{3 * len(PAIRS)} passed" in done.stdout
+
+
+def test_a_class_that_does_not_mirror_the_message_is_refused():
+    with pytest.raises(TypeError, match="lacks the oneof"):
+        Converter(SceneDataEasy, message_type("woosh.robot.PoseSpeed"))

@@ -1,0 +1,87 @@
+"""Numbers and texts of JSON for ROS fields: the usual ones fast, the others tolerantly."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from ctypes import c_float
+from typing import Any
+
+from google.protobuf.descriptor import FieldDescriptor
+
+from woosh_robot_agent.link.json_mapping import blank_of, scalar_reader
+
+_MOST_FLOAT32 = 3.4e38
+"""Beyond it a double may have no float32, which ROS's conversion to C does not look at."""
+_INTEGERS = {
+    FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
+    FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),
+    FieldDescriptor.CPPTYPE_INT64: (-(2**63), 2**63 - 1),
+    FieldDescriptor.CPPTYPE_UINT64: (0, 2**64 - 1),
+    FieldDescriptor.CPPTYPE_ENUM: (-(2**31), 2**31 - 1),
+}
+
+
+def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
+    """How to read a field's value.
+
+    Returns:
+        The source of a condition by which `v` is a usual value, to be taken as it is, and a
+        function that reads all others; it raises ValueError, TypeError or OverflowError.
+    """
+    kind, read = field.cpp_type, scalar_reader(field)
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        return "False", lambda value: array("B", read(value))
+    if kind == FieldDescriptor.CPPTYPE_FLOAT:
+        usual = f"type(v) is float and -{_MOST_FLOAT32} <= v <= {_MOST_FLOAT32}"
+        return usual, lambda value: c_float(read(value)).value
+    if kind == FieldDescriptor.CPPTYPE_DOUBLE:
+        return "type(v) is float", read
+    if kind == FieldDescriptor.CPPTYPE_BOOL:
+        return "type(v) is bool", read
+    if kind == FieldDescriptor.CPPTYPE_STRING:
+        return "type(v) is str and v.isascii()", read
+    least, most = _INTEGERS[kind]
+
+    def read_integer(value: Any) -> int:
+        number = read(value)
+        if number is None:  # the name of an enum value that is newer than this schema
+            return 0
+        if not least <= number <= most:
+            raise ValueError("out of range")
+        return int(number)
+
+    return f"type(v) is int and {least} <= v <= {most}", read_integer
+
+
+def list_of(field: Any) -> Callable[[Any], list[Any]]:
+    """What reads a list of such values; null keeps its place there."""
+    _, read = scalar(field)
+    blank = blank_of(field)
+
+    def read_list(values: Any) -> list[Any]:
+        if type(values) is not list:
+            raise TypeError("not a list")
+        return [blank if value is None else read(value) for value in values]
+
+    return read_list
+
+
+def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
+    """What reads a list of numbers, or bytes, as an array with the typecode `code`."""
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        return scalar(field)[1]
+    read_list = list_of(field)
+
+    def read_array(values: Any) -> Any:
+        try:
+            if type(values) is list:
+                return array(code, values)  # the usual case: numbers, nothing else
+        except (TypeError, OverflowError):
+            pass
+        return array(code, read_list(values))
+
+    def read_integers(values: Any) -> Any:
+        return array(code, read_list(values))
+
+    return read_array if code in "fd" else read_integers

@@ -1,0 +1,135 @@
+"""ROS to protobuf: one function per pair of types, made of source and run once.
+
+What the robot must not get, numbers that are not finite and bad text, is refused by its path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from google.protobuf.descriptor import FieldDescriptor
+
+from woosh_robot_agent.convert.mapping import (
+    class_of,
+    item_type,
+    message_class,
+    oneofs,
+    pairs,
+    presence_bits,
+)
+from woosh_robot_agent.convert.source import Source
+
+_FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
+
+
+class BadFieldError(ValueError):
+    """A value in a ROS message that the robot must not get.
+
+    Attributes:
+        path: where it stands in the message, e.g. `poses[1].x`.
+        reason: what is wrong with it.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path} {reason}")
+        self.path = path
+        self.reason = reason
+
+    def below(self, prefix: str) -> BadFieldError:
+        """The same fault, seen from the message that holds this one in its field `prefix`."""
+        return BadFieldError(f"{prefix}.{self.path}", self.reason)
+
+
+@cache
+def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
+    """A function `fill(p, r)` that writes into a protobuf message what a ROS message says."""
+    source = Source("fill(p, r)")
+    source.bind_as("BadField", BadFieldError)
+    source.bind_as("check_text", _check_text)
+    source.bind_as("isfinite", math.isfinite)
+    bits = presence_bits(ros_class, proto_class)
+    if bits is not None:
+        source.add("has = r.has_field")
+    for name, ros_type, field in pairs(ros_class, proto_class):
+        if bits is not None and name in bits:
+            source.add(f"if has & {bits[name]}:")
+            _set_proto(source, "r", name, ros_type, field, "    ")
+        else:
+            _set_proto(source, "r", name, ros_type, field)
+    for group in oneofs(proto_class):
+        inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
+        types = inner_class.get_fields_and_field_types()
+        source.add(f"o = r.{group.name}; which = o.which or o.{group.name}_choice")
+        for number, field in enumerate(group.fields, 1):
+            source.add(f"{'el' if number > 1 else ''}if which == {number}:")
+            inner = f"{group.name}.{field.name}"
+            _set_proto(source, "o", field.name, types[field.name], field, "    ", path=inner)
+        source.add("elif which:")
+        source.add(f"    raise BadField('{group.name}.which', f'is {{which}}, which is no member')")
+    return source.compile()
+
+
+def _set_proto(
+    source: Source,
+    origin: str,
+    name: str,
+    ros_type: str,
+    field: Any,
+    indent: str = "",
+    path: str = "",
+) -> None:
+    path = path or name
+
+    def add(line: str) -> None:
+        source.add(indent + line)
+
+    items = item_type(ros_type)
+    if field.message_type is not None:
+        fill = source.bind(filler(class_of(items or ros_type), message_class(field)))
+        if items is None:
+            add(f"inner = p.{name}; inner.SetInParent()")
+            add(f"try: {fill}(inner, {origin}.{name})")
+            add(f"except BadField as error: raise error.below('{path}') from None")
+        else:
+            add(f"for i, item in enumerate({origin}.{name}):")
+            add(f"    try: {fill}(p.{name}.add(), item)")
+            add(f"    except BadField as error: raise error.below(f'{path}[{{i}}]') from None")
+    elif field.enum_type is not None:
+        if items is not None:
+            add(f"p.{name}.extend([item.value for item in {origin}.{name}])")
+        elif "/" in ros_type:
+            add(f"p.{name} = {origin}.{name}.value")
+        else:
+            add(f"p.{name} = ({origin}.{name} ^ 0x80000000) - 0x80000000")
+    elif field.type == FieldDescriptor.TYPE_BYTES:
+        add(f"p.{name} = bytes({origin}.{name})")
+    elif items is not None:
+        if field.cpp_type in _FLOATS:
+            add(f"for i, item in enumerate({origin}.{name}):")
+            add(f"    if not isfinite(item): raise BadField(f'{path}[{{i}}]', f'is {{item}}')")
+        elif items == "string":
+            add(f"for i, item in enumerate({origin}.{name}): check_text(item, f'{path}[{{i}}]')")
+        add(f"p.{name}.extend({origin}.{name})")
+    elif field.cpp_type in _FLOATS:
+        add(f"value = {origin}.{name}")
+        add(f"if not isfinite(value): raise BadField('{path}', f'is {{value}}')")
+        add(f"p.{name} = value")
+    elif field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
+        add(f"value = {origin}.{name}; check_text(value, '{path}'); p.{name} = value")
+    else:
+        add(f"p.{name} = {origin}.{name}")
+
+
+def _check_text(text: str, path: str) -> None:
+    """Refuse what was not valid UTF-8: rclpy hands it over with U+FFFD in the bad places."""
+    if text.isascii():
+        return
+    if "\ufffd" in text:
+        raise BadFieldError(path, "is not valid UTF-8 text")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise BadFieldError(path, "is not valid UTF-8 text") from None

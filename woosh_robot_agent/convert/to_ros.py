@@ -1,0 +1,229 @@
+"""Protobuf or JSON to ROS: one function per pair of types, made of source and run once.
+
+A ROS message's constructor makes each message inside it, and then the caller another one in its
+place; that takes longer than all the rest. So the fields of a new message are set without it, in
+the slots behind its properties. Where ROS checks fields (`ROS_PYTHON_CHECK_FIELDS=1`), or where a
+class has other slots than expected, the constructor and the properties are used.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from array import array
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+from woosh_robot_agent.convert.json_values import array_reader, list_of, scalar
+from woosh_robot_agent.convert.mapping import (
+    ARRAY_CODES,
+    class_of,
+    item_type,
+    message_class,
+    oneofs,
+    pairs,
+    presence_bits,
+)
+from woosh_robot_agent.convert.source import Source
+from woosh_robot_agent.link.json_mapping import is_repeated, json_names
+
+Make = Callable[[Any], Any]
+
+
+class Origin(ABC):
+    """What ROS messages are made of: how to take values out of the function's argument `d`."""
+
+    def begin(self, source: Source) -> None:  # noqa: B027 - nothing is needed by default
+        """Write what comes first."""
+
+    @abstractmethod
+    def fetch(self, source: Source, field: Any) -> bool:
+        """Write what puts a field's value into `v`; returns whether that can be None: absent."""
+
+    @abstractmethod
+    def scalar(self, source: Source, field: Any) -> str:
+        """The expression of the number, text or enum value in `v`."""
+
+    @abstractmethod
+    def scalars(self, source: Source, field: Any) -> str:
+        """The expression of the list of such in `v`."""
+
+    @abstractmethod
+    def numbers(self, source: Source, field: Any, code: str) -> str:
+        """The expression of an array with the typecode `code` of the list or the bytes in `v`."""
+
+    @abstractmethod
+    def messages(self, source: Source) -> str:
+        """The expression of the iterable of messages in `v`."""
+
+
+class _Proto(Origin):
+    """A protobuf message."""
+
+    def fetch(self, source: Source, field: Any) -> bool:
+        has_presence = field.containing_oneof is not None or field.message_type is not None
+        optional = has_presence and not is_repeated(field)
+        presence = f" if d.HasField('{field.name}') else None" if optional else ""
+        source.add(f"v = d.{field.name}{presence}")
+        return optional
+
+    def scalar(self, source: Source, field: Any) -> str:
+        return "v"
+
+    def scalars(self, source: Source, field: Any) -> str:
+        return "v[:]"
+
+    def numbers(self, source: Source, field: Any, code: str) -> str:
+        return f"{source.bind(array)}('{code}', v[:])"
+
+    def messages(self, source: Source) -> str:
+        return "v"
+
+
+class _Json(Origin):
+    """A JSON object."""
+
+    def begin(self, source: Source) -> None:
+        source.add("get = d.get")
+
+    def fetch(self, source: Source, field: Any) -> bool:
+        first, *others = json_names(field)
+        source.add(f"v = get({first!r})")
+        for name in others:
+            source.add(f"if v is None: v = get({name!r})")
+        return True
+
+    def scalar(self, source: Source, field: Any) -> str:
+        usual, read = scalar(field)
+        return f"v if {usual} else {source.bind(read)}(v)"
+
+    def scalars(self, source: Source, field: Any) -> str:
+        return f"{source.bind(list_of(field))}(v)"
+
+    def numbers(self, source: Source, field: Any, code: str) -> str:
+        return f"{source.bind(array_reader(field, code))}(v)"
+
+    def messages(self, source: Source) -> str:
+        return f"{source.bind(_objects)}(v)"
+
+
+PROTO = _Proto()
+JSON = _Json()
+
+
+@cache
+def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
+    """A function that makes a ROS message of what `origin` stands for.
+
+    Raises:
+        TypeError: the two classes do not mirror each other.
+    """
+    source = Source("make(d)")
+    origin.begin(source)
+    made = _New(source, "r", ros_class)
+    bits = presence_bits(ros_class, proto_class)
+    if bits is not None:
+        source.add("has = 0")
+    for name, ros_type, field in pairs(ros_class, proto_class):
+        optional = origin.fetch(source, field)
+        if bits is not None and name in bits:
+            source.add(f"if v is not None: has |= {bits[name]}")
+        _set(made, name, ros_type, field, origin, optional=optional)
+    if bits is not None:
+        made.set("has_field", "has")
+    for group in oneofs(proto_class):
+        inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
+        types = inner_class.get_fields_and_field_types()
+        inner = _New(source, "o", inner_class)
+        source.add("which = 0")
+        for number, field in enumerate(group.fields, 1):
+            origin.fetch(source, field)
+            source.add("if v is not None:")
+            source.add(f"    if which: raise ValueError('several members of {group.name}')")
+            source.add(f"    which = {number}")
+            _set(inner, field.name, types[field.name], field, origin, optional=True)
+        inner.set("which", "which")
+        inner.set(f"{group.name}_choice", "which")
+        made.set(group.name, "o")
+    source.add("return r")
+    return source.compile()
+
+
+class _New:
+    """Source that makes a message and sets its fields.
+
+    Args:
+        source: where it goes.
+        variable: name of the message in it.
+        ros_class: class of the message.
+    """
+
+    def __init__(self, source: Source, variable: str, ros_class: Any) -> None:
+        self.source = source
+        self._variable = variable
+        self._slot = "_" if _has_known_slots(ros_class) else ""
+        bound = source.bind(ros_class)
+        if self._slot:
+            source.add(f"{variable} = {source.bind(object.__new__)}({bound})")
+            source.add(f"{variable}._check_fields = False")
+        else:
+            source.add(f"{variable} = {bound}()")
+
+    def set(self, name: str, expression: str) -> None:
+        """Set a field."""
+        self.source.add(f"{self._variable}.{self._slot}{name} = {expression}")
+
+
+@cache
+def _has_known_slots(ros_class: Any) -> bool:
+    fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
+    unchecked = getattr(ros_class(), "_check_fields", None) is False
+    return unchecked and set(ros_class.__slots__) == fields | {"_check_fields"}
+
+
+def _set(
+    made: _New, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
+) -> None:
+    """Set the field `name` from `v`, to its blank value where that is None."""
+    source, items = made.source, item_type(ros_type)
+    if items is not None:
+        blank, value = _list(source, items, field, origin)
+    elif field.message_type is not None:
+        ros_class, proto_class = class_of(ros_type), message_class(field)
+        blank = f"{source.bind(partial(maker(ros_class, proto_class, JSON), {}))}()"
+        value = f"{source.bind(maker(ros_class, proto_class, origin))}(v)"
+    else:
+        blank, value = _BLANKS.get(ros_type, "0"), origin.scalar(source, field)
+        if field.enum_type is not None and "/" in ros_type:
+            source.add(f"v = {f'{blank} if v is None else ' if optional else ''}{value}")
+            enum = _New(source, "e", class_of(ros_type))
+            enum.set("value", "v")
+            made.set(name, "e")
+            return
+        if field.enum_type is not None:  # an unsigned field: negative enum values wrap
+            value = f"({value}) & 0xFFFFFFFF"
+    made.set(name, f"{blank} if v is None else {value}" if optional else value)
+
+
+_BLANKS = {"boolean": "False", "string": "''", "float": "0.0", "double": "0.0"}
+
+
+def _list(source: Source, items: str, field: Any, origin: Origin) -> tuple[str, str]:
+    """Expressions of an empty list and of the one in `v`."""
+    if field.message_type is not None:
+        make = source.bind(maker(class_of(items), message_class(field), origin))
+        return "[]", f"[{make}(item) for item in {origin.messages(source)}]"
+    if field.enum_type is not None:
+        enum = source.bind(class_of(items))
+        return "[]", f"[{enum}(value=item) for item in {origin.scalars(source, field)}]"
+    if items == "string":
+        return "[]", origin.scalars(source, field)
+    code = ARRAY_CODES[items]
+    return f"{source.bind(array)}('{code}')", origin.numbers(source, field, code)
+
+
+def _objects(values: Any) -> Any:
+    """The objects of a JSON list; null stands for one with nothing in it."""
+    if type(values) is not list:
+        raise TypeError("not a list")
+    return [{} if value is None else value for value in values] if None in values else values
