@@ -7,7 +7,8 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState
 from woosh_robot_agent.protos import full_name, message_type
 
@@ -43,18 +44,32 @@ class LastKnown:
 
     def __init__(self, chassis: ChassisClient | None) -> None:
         self._values: dict[str, Message] = {}
+        self._unread: dict[str, Message | Body] = {}
+        """What was said since somebody last looked: the last of each type, the oldest first."""
         if chassis is None:
             return
         chassis.on_snapshot(self.remember)
         for topic in TOPICS:
-            chassis.subscribe(message_type(topic.push), self.remember)
+            chassis.subscribe_raw(message_type(topic.push), self.remember)
 
     def get(self, name: str) -> Message | None:
         """The last value of the type called `name`, or None."""
+        unread, self._unread = self._unread, {}
+        for said in unread.values():
+            try:
+                self._apply(said.message() if isinstance(said, Body) else said)
+            except FrameError:  # the body has told of it
+                continue
         return self._values.get(name)
 
-    def remember(self, message: Message) -> None:
-        """Keep an answer or a push of the chassis, and RobotInfo and its parts in step."""
+    def remember(self, said: Message | Body) -> None:
+        """Keep an answer or a push of the chassis. It is read when somebody looks."""
+        name = said.type if isinstance(said, Body) else full_name(said)
+        self._unread.pop(name, None)
+        self._unread[name] = said
+
+    def _apply(self, message: Message) -> None:
+        """Take a value, and keep RobotInfo and its parts in step."""
         if isinstance(message, RobotInfo):
             own = RobotInfo()  # it changes with each of its parts; the caller's must not
             own.CopyFrom(message)

@@ -60,8 +60,8 @@ class Agent:
         self._chassis = ChassisClient(config=self.settings.link)
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
+        self._topics = Topics(self.node, self._chassis)  # first: what it cannot read, nobody gets
         known = LastKnown(self._chassis)
-        self._topics = Topics(self.node, self._chassis)
         self._services = Services(self.node, self._thread, self._chassis, known, requests)
         self._actions = Actions(
             self.node,

@@ -14,13 +14,15 @@ from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
 from woosh_robot_agent.known import LastKnown
 from woosh_robot_agent.link import (
+    Body,
     ChassisClient,
     ConnectionLostError,
     LinkError,
     TooManyRequestsError,
 )
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.once import LogOnce
-from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.requests import RequestMaker
 
 _LOG = logging.getLogger(__name__)
@@ -97,25 +99,31 @@ class _QueryHandler:
             value = await self._ask(request)
         except TooManyRequestsError as error:  # the link tells of it, once for all services
             _LOG.debug("%s answers with the last known value: %s", name, error)
-            value = self._known.get(self._endpoint.request) or self._proto()
+            value = self._last_known()
         except (BadFieldError, LinkError, _RefusedError, _UselessAnswerError) as error:
             text = f"{name} answers with the last known value: {error}"
             self._log.warn(type(error).__name__, text)
-            value = self._known.get(self._endpoint.request) or self._proto()
+            value = self._last_known()
         else:
             self._log.clear()
-        reply.send(self.srv.Response(**{self._field: self._convert.to_ros(value)}))
+        reply.send(self.srv.Response(**{self._field: value}))
 
-    async def _ask(self, request: Any) -> Message:
+    async def _ask(self, request: Any) -> Any:
+        """The chassis's answer, as a ROS message."""
         answer = await self._chassis.request(self._message(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
-        if answer.body is None:
-            raise _UselessAnswerError(answer.defect)
-        if not isinstance(answer.body, self._proto):
-            raise _UselessAnswerError(f"the chassis answered with {full_name(answer.body)}")
-        self._known.remember(answer.body)
-        return answer.body
+        if answer.type != self._endpoint.request:
+            raise _UselessAnswerError(answer.defect or f"the chassis answered with {answer.type}")
+        try:
+            value = self._convert.read(answer.raw)
+        except FrameError as error:
+            raise _UselessAnswerError(f"the answer cannot be read: {error}") from None
+        self._known.remember(answer.raw)
+        return value
+
+    def _last_known(self) -> Any:
+        return self._convert.to_ros(self._known.get(self._endpoint.request) or self._proto())
 
     def _message(self, request: Any) -> Message:
         if not self._takes_arg:
@@ -169,9 +177,7 @@ class _CommandHandler:
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
-        if answer.ok and self._convert_ret and answer.defect:
-            _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
-        reply.send(self._response(answer.ok, answer.msg, answer.body))
+        reply.send(self._response(answer.ok, answer.msg, answer.raw))
 
     def _lost(self, error: ConnectionLostError) -> str:
         return (
@@ -179,10 +185,21 @@ class _CommandHandler:
             f"{self._endpoint.request}: {error}; whether it took effect is not known"
         )
 
-    def _response(self, ok: bool, msg: str, body: Message | None = None) -> Any:
+    def _response(self, ok: bool, msg: str, body: Body | None = None) -> Any:
         response = self.srv.Response(ok=ok, msg=msg)
         if self._convert_ret is not None:
-            proto_class = self._convert_ret.proto_class
-            fitting = body if isinstance(body, proto_class) else proto_class()
-            response.ret = self._convert_ret.to_ros(fitting)
+            response.ret = self._ret(self._convert_ret, ok, body)
         return response
+
+    def _ret(self, convert: Converter, ok: bool, body: Body | None) -> Any:
+        """What the chassis gave back; blank where that is nothing, or something else."""
+        if body is not None:
+            try:
+                if body.type == self._endpoint.answer:
+                    return convert.read(body)
+                body.message()  # of another type, which is no matter, or of an unknown one
+            except FrameError as error:
+                if ok:
+                    text = "%s: accepted, but the answer cannot be read: %s"
+                    _LOG.warning(text, self._endpoint.name, error)
+        return convert.to_ros(convert.proto_class())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.known import parts_of
-from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.services import ros_type
@@ -37,9 +38,9 @@ class Topics:
             msg = ros_type(topic.msg, "msg")
             proto_class = message_type(topic.push)
             publisher = node.create_publisher(msg, topic.name, latched(topic.depth))
-            publish = partial(_publish, publisher, converter(msg, proto_class).to_ros)
-            self._publish[topic.push] = publish
-            chassis.subscribe(proto_class, publish)
+            convert = converter(msg, proto_class)
+            self._publish[topic.push] = partial(_publish, publisher, convert.to_ros)
+            chassis.subscribe_raw(proto_class, partial(_publish, publisher, convert.read))
 
     def _snapshot(self, info: RobotInfo) -> None:
         for part in parts_of(info):
@@ -48,5 +49,5 @@ class Topics:
                 publish(part)
 
 
-def _publish(publisher: Any, to_ros: Any, message: Message) -> None:
-    publisher.publish(to_ros(message))
+def _publish(publisher: Any, to_ros: Callable[[Any], Any], said: Message | Body) -> None:
+    publisher.publish(to_ros(said))

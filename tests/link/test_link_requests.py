@@ -23,12 +23,15 @@ from link_peer import (
 
 from woosh_robot_agent.link import (
     Answer,
+    Body,
     ChassisClient,
     ConnectionLostError,
     NotConnectedError,
     RequestTimeoutError,
     TooManyRequestsError,
 )
+from woosh_robot_agent.link.frames import Envelope
+from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchControlMode, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, RobotState
 
@@ -61,7 +64,9 @@ async def test_a_request_and_its_answer(kind: str) -> None:
             body = {"ctrl": 1, "work": 2}
         await wire.answer(frame, body, type="woosh.robot.Mode", msg="Request succeed")
         expected = Mode(ctrl=1, work=2)  # type: ignore[arg-type]
-        assert await soon(answer) == Answer(True, "Request succeed", expected, "woosh.robot.Mode")
+        got = await soon(answer)
+        assert (got.ok, got.msg, got.type) == (True, "Request succeed", "woosh.robot.Mode")
+        assert (got.body, got.defect) == (expected, "")
 
 
 @aio
@@ -221,7 +226,8 @@ async def test_cancellation_wins_over_an_answer_that_comes_with_it() -> None:
         await turns(3)
         assert client._connection is not None
         (future,) = client._connection._pending.values()
-        future.set_result(Answer(True, "", None))
+        body = Body(JsonCodec(), Envelope("woosh.robot.Speak", {}), pytest.fail)
+        future.set_result(Answer(True, "", body))
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task

@@ -8,6 +8,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert import to_proto, to_ros
+from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.json_mapping import from_json
 
 _UNUSUAL = (AttributeError, TypeError, ValueError, OverflowError)
@@ -44,6 +45,14 @@ class Converter:
             message = self.proto_class()
             from_json(value, message)
             return self.to_ros(message)
+
+    def read(self, body: Body) -> Any:
+        """A new ROS message with what a frame's body says.
+
+        Raises:
+            FrameError: it is no such message.
+        """
+        return body.read(self.from_json, self.to_ros)
 
     def to_proto(self, ros: Any) -> Any:
         """A new protobuf message with what the ROS message says.

@@ -16,6 +16,7 @@ Example::
     asyncio.run(main())
 """
 
+from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.client import ChassisClient, LinkState
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.connection import Answer
@@ -31,6 +32,7 @@ from woosh_robot_agent.link.errors import (
 
 __all__ = [
     "Answer",
+    "Body",
     "ChassisClient",
     "ConnectionLostError",
     "HandshakeError",

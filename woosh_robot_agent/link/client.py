@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.backoff import Backoff
+from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.connection import Answer, Connection
 from woosh_robot_agent.link.errors import (
@@ -263,6 +264,21 @@ class ChassisClient:
 
     def subscribe(self, cls: type[M], callback: Callable[[M], None]) -> Callable[[], None]:
         """Have `callback` called with each push of `cls`, in the event loop; it must not block.
+
+        Returns:
+            A function that ends the subscription.
+
+        Raises:
+            ValueError: the chassis has no such message.
+        """
+        return self.subscribe_raw(cls, lambda body: callback(body.message()))
+
+    def subscribe_raw(
+        self, cls: type[Message], callback: Callable[[Body], None]
+    ) -> Callable[[], None]:
+        """As `subscribe`, but the pushes come as they are.
+
+        Where `callback` raises the FrameError of a body that it reads, nobody else gets that push.
 
         Returns:
             A function that ends the subscription.

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.errors import (
     ConnectionLostError,
@@ -30,7 +31,7 @@ from woosh_robot_agent.link.transports import Transport, TransportClosedError
 from woosh_robot_agent.link.within import drop
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.protos import full_name, message_types
+from woosh_robot_agent.protos import full_name
 
 _LOG = logging.getLogger(__name__)
 _MAX_SN = 2**31 - 1
@@ -38,23 +39,41 @@ _TURN = 0.005
 """s after which the reader lets others work, so that a flood does not starve them."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Answer:
     """What the chassis answered.
 
     Attributes:
         ok: whether the chassis accepted the request.
         msg: the chassis's text, untouched.
-        body: the answer's message; None where it has an unknown type or could not be read.
-        type: protobuf full name of the body, as the chassis gives it.
-        defect: why `body` is None, else empty.
+        raw: the answer's body, not read yet.
     """
 
     ok: bool
     msg: str
-    body: Message | None
-    type: str = ""
-    defect: str = ""
+    raw: Body
+
+    @property
+    def type(self) -> str:
+        """Protobuf full name of the body, as the chassis gives it."""
+        return self.raw.type
+
+    @property
+    def body(self) -> Message | None:
+        """The answer's message; None where it has an unknown type or cannot be read."""
+        try:
+            return self.raw.message()  # type: ignore[no-any-return]
+        except FrameError:
+            return None
+
+    @property
+    def defect(self) -> str:
+        """Why `body` is None, else empty."""
+        try:
+            self.raw.message()
+        except FrameError as error:
+            return f"the answer cannot be read: {error}"
+        return ""
 
 
 class Connection:
@@ -298,17 +317,8 @@ class Connection:
             self._stats.late_answers += 1
             _LOG.debug("nobody waits for answer %d (%s)", envelope.sn, envelope.type)
             return
-        body, defect = None, ""
-        cls = message_types().get(envelope.type)
-        if cls is None:
-            defect = f"the answer has the unknown type {envelope.type!r}"
-        else:
-            try:
-                body = self._codec.body(envelope, cls)
-            except FrameError as error:
-                self._count_bad(error)
-                defect = f"the answer cannot be read: {error}"
-        answer = Answer(bool(envelope.ok), envelope.msg, body, envelope.type, defect)
+        body = Body(self._codec, envelope, self._count_bad)
+        answer = Answer(bool(envelope.ok), envelope.msg, body)
         future.set_result(answer)
         if tap := self._taps.get(envelope.sn):
             tap(answer)

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from google.protobuf.message import Message
-
+from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.connection import Answer
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.losses import Losses
@@ -20,7 +19,7 @@ from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.protos import full_name, message_types
+from woosh_robot_agent.protos import full_name
 
 _LOG = logging.getLogger(__name__)
 _TURN = 0.005
@@ -48,7 +47,7 @@ class Subscriptions:
         self._stats = stats
         self._log = log
         self._losses = losses
-        self._callbacks: dict[str, list[Callable[[Any], None]]] = {}
+        self._callbacks: dict[str, list[Callable[[Body], None]]] = {}
         self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
         self._depths = {_ANSWER: math.inf}  # of these, as many as requests were made
         self.set_depth(depth)
@@ -63,13 +62,13 @@ class Subscriptions:
         """Types that somebody wants."""
         return [name for name, callbacks in self._callbacks.items() if callbacks]
 
-    def add(self, name: str, callback: Callable[[Any], None]) -> bool:
+    def add(self, name: str, callback: Callable[[Body], None]) -> bool:
         """Call `callback` with each push of type `name`; whether it is the first one to want it."""
         callbacks = self._callbacks.setdefault(name, [])
         callbacks.append(callback)
         return len(callbacks) == 1
 
-    def remove(self, name: str, callback: Callable[[Any], None]) -> bool:
+    def remove(self, name: str, callback: Callable[[Body], None]) -> bool:
         """Call it no more; whether nobody wants the type now."""
         callbacks = self._callbacks[name]
         callbacks.remove(callback)
@@ -90,8 +89,8 @@ class Subscriptions:
                     f"error {envelope.msg}", f"the chassis reports: {shown(envelope.msg)}"
                 )
             return
-        read = partial(codec.body, envelope, message_types()[name])
-        if not self._queue.put(name, partial(self._deliver, name, read)):
+        body = Body(codec, envelope, partial(self._skipped, name))
+        if not self._queue.put(name, partial(self._deliver, body)):
             self._losses.count(
                 f"older {name} gave way to newer ones",
                 f"{name} comes faster than it is taken: the oldest are dropped",
@@ -120,15 +119,16 @@ class Subscriptions:
                 await asyncio.sleep(0)
                 turn = now()
 
-    def _deliver(self, name: str, read: Callable[[], Message]) -> None:
-        try:
-            message = read()
-        except FrameError as error:
-            self._stats.bad_frames[error.kind] += 1
-            self._log.warn(f"bad push: {name}", f"skipped a push ({error.kind}): {error}")
-            return
-        for callback in tuple(self._callbacks[name]):
-            call(callback, message)
+    def _deliver(self, body: Body) -> None:
+        for callback in tuple(self._callbacks[body.type]):
+            try:
+                call(callback, body)
+            except FrameError:  # the body has told of it
+                return
+
+    def _skipped(self, name: str, error: FrameError) -> None:
+        self._stats.bad_frames[error.kind] += 1
+        self._log.warn(f"bad push: {name}", f"skipped a push ({error.kind}): {error}")
 
     def _deliver_snapshot(self, info: RobotInfo) -> None:
         for callback in tuple(self._snapshot_callbacks):
@@ -136,8 +136,10 @@ class Subscriptions:
 
 
 def call(callback: Callable[[Any], None], argument: object) -> None:
-    """Call a consumer. Its mistake is logged, and ends nothing."""
+    """Call a consumer. Its mistake is logged, and ends nothing; a body's, FrameError, is raised."""
     try:
         callback(argument)
+    except FrameError:
+        raise
     except (Exception, asyncio.CancelledError):  # the latter is none of ours: nothing awaits here
         _LOG.exception("a callback failed")
