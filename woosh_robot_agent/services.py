@@ -10,7 +10,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
-from woosh_robot_agent.convert import BadFieldError, Converter, converter
+from woosh_robot_agent.convert import BadFieldError, Converter, converter, filled
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
 from woosh_robot_agent.known import LastKnown
 from woosh_robot_agent.link import (
@@ -106,7 +106,7 @@ class _QueryHandler:
             value = self._last_known()
         else:
             self._log.clear()
-        reply.send(self.srv.Response(**{self._field: value}))
+        reply.send(filled(self.srv.Response, **{self._field: value}))
 
     async def _ask(self, request: Any) -> Any:
         """The chassis's answer, as a ROS message."""
@@ -186,10 +186,9 @@ class _CommandHandler:
         )
 
     def _response(self, ok: bool, msg: str, body: Body | None = None) -> Any:
-        response = self.srv.Response(ok=ok, msg=msg)
-        if self._convert_ret is not None:
-            response.ret = self._ret(self._convert_ret, ok, body)
-        return response
+        if self._convert_ret is None:
+            return self.srv.Response(ok=ok, msg=msg)
+        return filled(self.srv.Response, ok=ok, msg=msg, ret=self._ret(self._convert_ret, ok, body))
 
     def _ret(self, convert: Converter, ok: bool, body: Body | None) -> Any:
         """What the chassis gave back; blank where that is nothing, or something else."""

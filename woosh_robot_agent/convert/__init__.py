@@ -16,6 +16,7 @@ protobuf message in between would take several times as long.
 """
 
 from woosh_robot_agent.convert.converter import Converter, converter
+from woosh_robot_agent.convert.new import filled
 from woosh_robot_agent.convert.to_proto import BadFieldError
 
-__all__ = ["BadFieldError", "Converter", "converter"]
+__all__ = ["BadFieldError", "Converter", "converter", "filled"]

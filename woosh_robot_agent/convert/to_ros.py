@@ -1,10 +1,4 @@
-"""Protobuf or JSON to ROS: one function per pair of types, made of source and run once.
-
-A ROS message's constructor makes each message inside it, and then the caller another one in its
-place; that takes longer than all the rest. So the fields of a new message are set without it, in
-the slots behind its properties. Where ROS checks fields (`ROS_PYTHON_CHECK_FIELDS=1`), or where a
-class has other slots than expected, the constructor and the properties are used.
-"""
+"""Protobuf or JSON to ROS: one function per pair of types, made of source and run once."""
 
 from __future__ import annotations
 
@@ -24,6 +18,7 @@ from woosh_robot_agent.convert.mapping import (
     pairs,
     presence_bits,
 )
+from woosh_robot_agent.convert.new import New
 from woosh_robot_agent.convert.source import Source
 from woosh_robot_agent.link.json_mapping import is_repeated, json_names
 
@@ -120,7 +115,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     """
     source = Source("make(d)")
     origin.begin(source)
-    made = _New(source, "r", ros_class)
+    made = New(source, "r", ros_class)
     bits = presence_bits(ros_class, proto_class)
     if bits is not None:
         source.add("has = 0")
@@ -134,7 +129,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     for group in oneofs(proto_class):
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
-        inner = _New(source, "o", inner_class)
+        inner = New(source, "o", inner_class)
         source.add("which = 0")
         for number, field in enumerate(group.fields, 1):
             origin.fetch(source, field)
@@ -149,40 +144,8 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     return source.compile()
 
 
-class _New:
-    """Source that makes a message and sets its fields.
-
-    Args:
-        source: where it goes.
-        variable: name of the message in it.
-        ros_class: class of the message.
-    """
-
-    def __init__(self, source: Source, variable: str, ros_class: Any) -> None:
-        self.source = source
-        self._variable = variable
-        self._slot = "_" if _has_known_slots(ros_class) else ""
-        bound = source.bind(ros_class)
-        if self._slot:
-            source.add(f"{variable} = {source.bind(object.__new__)}({bound})")
-            source.add(f"{variable}._check_fields = False")
-        else:
-            source.add(f"{variable} = {bound}()")
-
-    def set(self, name: str, expression: str) -> None:
-        """Set a field."""
-        self.source.add(f"{self._variable}.{self._slot}{name} = {expression}")
-
-
-@cache
-def _has_known_slots(ros_class: Any) -> bool:
-    fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
-    unchecked = getattr(ros_class(), "_check_fields", None) is False
-    return unchecked and set(ros_class.__slots__) == fields | {"_check_fields"}
-
-
 def _set(
-    made: _New, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
+    made: New, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
 ) -> None:
     """Set the field `name` from `v`, to its blank value where that is None."""
     source, items = made.source, item_type(ros_type)
@@ -196,7 +159,7 @@ def _set(
         blank, value = _BLANKS.get(ros_type, "0"), origin.scalar(source, field)
         if field.enum_type is not None and "/" in ros_type:
             source.add(f"v = {f'{blank} if v is None else ' if optional else ''}{value}")
-            enum = _New(source, "e", class_of(ros_type))
+            enum = New(source, "e", class_of(ros_type))
             enum.set("value", "v")
             made.set(name, "e")
             return
