@@ -70,6 +70,7 @@ def main(args: list[str] | None = None) -> int:
         while not signals.stop and rclpy.ok():
             _spin_once(executor, _SPIN)
         agent.close(lambda: _spin_once(executor, 0.05))
+        executor.shutdown()  # an EventsExecutor keeps what it listened to, and that in the graph
     finally:
         rclpy.try_shutdown()
     return 0
