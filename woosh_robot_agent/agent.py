@@ -27,14 +27,28 @@ class Signals:
 
 
 def make_executor(name: str, context: Any = None) -> Any:
-    """The executor called `name`; see the parameter `executor`."""
-    if name == "events":
-        from rclpy.experimental import EventsExecutor
+    """The executor called `name`; see the parameter `executor`.
 
-        return EventsExecutor(context=context)
+    `single` takes the place of `events` where rclpy is older than 7.1.4 and has none.
+    """
+    if name == "events":
+        try:
+            from rclpy.experimental import EventsExecutor
+        except ImportError:
+            _warn_no_events()
+        else:
+            return EventsExecutor(context=context)
     from rclpy.executors import SingleThreadedExecutor
 
     return SingleThreadedExecutor(context=context)
+
+
+def _warn_no_events() -> None:
+    import logging
+
+    logging.getLogger("woosh_robot_agent.agent").warning(
+        "this rclpy has no EventsExecutor, which came with 7.1.4: the executor is 'single' instead"
+    )
 
 
 def main(args: list[str] | None = None) -> int:
@@ -70,6 +84,7 @@ def main(args: list[str] | None = None) -> int:
         while not signals.stop and rclpy.ok():
             _spin_once(executor, _SPIN)
         agent.close(lambda: _spin_once(executor, 0.05))
+        executor.shutdown()  # an EventsExecutor keeps what it listened to, and that in the graph
     finally:
         rclpy.try_shutdown()
     return 0

@@ -13,7 +13,7 @@ from woosh_robot_agent.parameter import Parameter
 from woosh_robot_agent.standard import settings as standard
 from woosh_robot_agent.standard.settings import StandardSettings
 
-EXECUTORS = ("single", "events")
+EXECUTORS = ("events", "single")
 
 
 _LINK = LinkConfig()
@@ -57,7 +57,7 @@ PARAMETERS = (
         86400,
         fixed=True,
     ),
-    Parameter("executor", EXECUTORS[0], "rclpy's executor: single or events", fixed=True),
+    Parameter("executor", EXECUTORS[0], "rclpy's executor: events or single", fixed=True),
     Parameter(
         "connect_timeout",
         _LINK.connect_timeout,

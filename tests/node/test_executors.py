@@ -157,6 +157,14 @@ def test_goal_that_comes_during_the_end(
     assert simulator.counts[CALL_ACTION] == 0
 
 
+def test_the_end_leaves_nothing_in_the_graph(agent: RunningAgent, client: Client) -> None:
+    """An EventsExecutor holds on to what it listens to until it is shut down."""
+    mode = client.service(Mode, "robot/Mode")
+    agent.close()
+    wait_until(lambda: not mode.service_is_ready(), "the end of a service")
+    wait_until(lambda: not client.publishers("robot/PoseSpeed"), "the end of a publisher")
+
+
 def test_end_with_open_goals_and_a_new_start(
     agent: RunningAgent,
     client: Client,

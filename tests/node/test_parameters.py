@@ -33,7 +33,7 @@ DEFAULTS = {
     "robot_id": 0,
     "goal_link_timeout": 5.0,
     "result_timeout": 60,
-    "executor": "single",
+    "executor": "events",
 }
 
 
@@ -98,7 +98,7 @@ BAD = [
     ({"max_frame_size": 0}, "max_frame_size"),
     ({"max_in_flight": 0}, "max_in_flight"),
     ({"executor": "fast"}, "executor"),
-    ({"executor": "events"}, "read-only"),
+    ({"executor": "single"}, "read-only"),
     ({"result_timeout": 5}, "read-only"),
 ]
 

@@ -15,6 +15,7 @@ import pytest
 from goals import ABORTED, EXECUTING, lift3, step, task
 from harness import TIMEOUT, Client, Program, wait_until
 
+from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
@@ -24,23 +25,22 @@ LIMIT = 8.0
 """s: less than any wait for an answer or a sign of life; it takes a third of it."""
 
 
-@pytest.fixture
-def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -> Program:
-    """The program, connected to the simulator."""
-    started = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+@pytest.fixture(params=EXECUTORS)
+def program(
+    request: pytest.FixtureRequest,
+    simulator: SimulatorThread,
+    start_program: Callable[..., Program],
+) -> Program:
+    """The program, connected to the simulator, with each executor."""
+    given = {"ip": "127.0.0.1", "port": simulator.port, "executor": request.param}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    started = start_program(*words)
     started.wait_says("connected to")
     return started
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("executor", ["single", "events"])
-def test_ends_by_a_signal(
-    simulator: SimulatorThread, start_program: Callable[..., Program], number: int, executor: str
-) -> None:
-    program = start_program(
-        *("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}", "-p", f"executor:={executor}")
-    )
-    program.wait_says("connected to")
+def test_ends_by_a_signal(program: Program, simulator: SimulatorThread, number: int) -> None:
     assert program.end(number) < LIMIT
     wait_until(lambda: simulator.connections == 0)
     assert simulator.counts[TWIST] == 0

@@ -10,13 +10,14 @@ import pytest
 from harness import Client, wait_future, wait_until
 
 from woosh_robot_agent.bridge import Reply
+from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import General, Mode, SetSound, Speak, SwitchControlMode
 
 SPEAK = "woosh.robot.Speak"
 
 
-@pytest.fixture(params=["single", "events"])
+@pytest.fixture(params=EXECUTORS)
 def busy_agent(request: Any, simulator: Any, start_agent: Any) -> Any:
     agent = start_agent(ip="127.0.0.1", port=simulator.port, executor=request.param)
     agent.wait_connected()

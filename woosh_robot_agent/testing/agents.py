@@ -109,6 +109,7 @@ class AgentInProcess:
             self._spinner.stop()
         finally:
             self.agent.close(lambda: self.executor.spin_once(timeout_sec=0.02))
+            self.executor.shutdown()  # as in `woosh_robot_agent.agent.main`
             rclpy.try_shutdown(context=self.context)
 
 

@@ -1,0 +1,44 @@
+"""Where rclpy is too old to have an EventsExecutor, the agent runs with the other one."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from goals import SUCCEEDED, step
+from harness import Client, Collector, RunningAgent
+from rclpy.executors import SingleThreadedExecutor
+
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import Mode
+
+
+@pytest.mark.parametrize("chosen", [{}, {"executor": "events"}], ids=["default", "by name"])
+def test_single_takes_its_place_and_that_is_said_once(
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+    client: Client,
+    logs: Collector,
+    monkeypatch: pytest.MonkeyPatch,
+    chosen: dict[str, Any],
+) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, **chosen)
+    agent.wait_connected()
+    assert type(agent.executor) is SingleThreadedExecutor
+    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    assert step(client, 0.2).result()[0] == SUCCEEDED
+    told = [record for record in logs.messages if "EventsExecutor" in record.getMessage()]
+    assert [record.levelname for record in told] == ["WARNING"]
+    assert "'single'" in told[0].getMessage()
+
+
+def test_single_by_choice_is_no_reason_to_say_anything(
+    start_agent: Callable[..., RunningAgent], logs: Collector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
+    agent = start_agent(ip="127.0.0.1", port=1, executor="single")
+    assert type(agent.executor) is SingleThreadedExecutor
+    assert not [record for record in logs.messages if "Executor" in record.getMessage()]
