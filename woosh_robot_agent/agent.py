@@ -54,6 +54,9 @@ def _warn_no_events() -> None:
 def main(args: list[str] | None = None) -> int:
     """Run the agent until SIGINT or SIGTERM. Returns the process's exit status."""
     signals = Signals()
+    from woosh_robot_agent.memory import collect_nothing, collect_only_what_comes
+
+    collect_nothing()
     import rclpy
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -81,6 +84,7 @@ def main(args: list[str] | None = None) -> int:
             return 2
         executor = make_executor(agent.settings.executor)
         executor.add_node(agent.node)
+        collect_only_what_comes()
         while not signals.stop and rclpy.ok():
             _spin_once(executor, _SPIN)
         agent.close(lambda: _spin_once(executor, 0.05))

@@ -19,6 +19,8 @@ from table import PAIRS
 from woosh_map_msgs.msg import SceneDataEasy
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.converter import Converter
+from woosh_robot_agent.convert.to_proto import filler
+from woosh_robot_agent.convert.to_ros import maker
 from woosh_robot_agent.link.json_mapping import FieldError, from_json, to_json
 from woosh_robot_agent.protos import message_type
 
@@ -163,3 +165,11 @@ def test_with_field_checks_of_ros():
 def test_a_class_that_does_not_mirror_the_message_is_refused():
     with pytest.raises(TypeError, match="lacks the oneof"):
         Converter(SceneDataEasy, message_type("woosh.robot.PoseSpeed"))
+
+
+def test_nothing_is_compiled_before_it_is_used():
+    before = maker.cache_info(), filler.cache_info()
+    made = Converter(*PAIRS["woosh.robot.PoseSpeed"])
+    assert (maker.cache_info(), filler.cache_info()) == before
+    made.to_proto(made.from_json({}))
+    assert (maker.cache_info(), filler.cache_info()) != before

@@ -13,6 +13,8 @@ import pytest
 from goals import SUCCEEDED
 from harness import Client, wait_until
 from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
@@ -228,6 +230,17 @@ def test_covariance(start, client):
     ):
         assert [covariance[7 * i] for i in range(6)] == wanted
         assert sum(covariance) == pytest.approx(sum(wanted))
+
+
+def test_another_covariance_while_it_runs(start, client):
+    start()
+    odom = odoms(client)
+    odom.wait_count(1)
+    diagonal = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    parameter = Parameter("pose_covariance", value=diagonal).to_parameter_msg()
+    (result,) = client.call(SetParameters, "agent/set_parameters", parameters=[parameter]).results
+    assert result.successful, result.reason
+    odom.wait(lambda m: [m.pose.covariance[7 * i] for i in range(6)] == diagonal)
 
 
 def test_it_stops_with_the_link(slow_simulator, start, client):

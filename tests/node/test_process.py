@@ -6,6 +6,7 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,27 @@ def program(
     started = start_program(*words)
     started.wait_says("connected to")
     return started
+
+
+def test_garbage_is_looked_for_among_what_comes_after_the_start() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", LOOK], check=True, capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout == "on, what was there left alone\n"
+
+
+LOOK = """
+import gc, os, signal
+from woosh_robot_agent import agent
+
+def turn(executor, timeout):
+    if gc.isenabled() and gc.get_freeze_count() > 10_000:
+        print("on, what was there left alone")
+    os.kill(os.getpid(), signal.SIGTERM)
+
+agent._spin_once = turn
+agent.main()
+"""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, cached_property
 from typing import Any
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert import to_proto, to_ros
+from woosh_robot_agent.convert.mapping import pairs
 from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.json_mapping import from_json
 
@@ -18,6 +20,9 @@ _UNUSUAL = (AttributeError, TypeError, ValueError, OverflowError)
 class Converter:
     """Converts between one ROS message class and the protobuf message class that it mirrors.
 
+    Each way is compiled when it is gone for the first time: to do all of them at the start would
+    be a tenth of it. Messages inside that do not mirror each other are found only then.
+
     Raises:
         TypeError: the two do not mirror each other.
     """
@@ -25,9 +30,19 @@ class Converter:
     def __init__(self, ros_class: Any, proto_class: Any) -> None:
         self.ros_class = ros_class
         self.proto_class = proto_class
-        self._from_proto = to_ros.maker(ros_class, proto_class, to_ros.PROTO)
-        self._from_json = to_ros.maker(ros_class, proto_class, to_ros.JSON)
-        self._fill_proto = to_proto.filler(ros_class, proto_class)
+        pairs(ros_class, proto_class)  # looks whether there are any
+
+    @cached_property
+    def _from_proto(self) -> to_ros.Make:
+        return to_ros.maker(self.ros_class, self.proto_class, to_ros.PROTO)
+
+    @cached_property
+    def _from_json(self) -> to_ros.Make:
+        return to_ros.maker(self.ros_class, self.proto_class, to_ros.JSON)
+
+    @cached_property
+    def _fill_proto(self) -> Callable[[Any, Any], None]:
+        return to_proto.filler(self.ros_class, self.proto_class)
 
     def to_ros(self, message: Any) -> Any:
         """A new ROS message with what the protobuf message says."""
@@ -66,7 +81,7 @@ class Converter:
 
 
 def converter(ros_class: Any, proto_class: type[Message]) -> Converter:
-    """The converter of a pair of types, compiled the first time it is asked for."""
+    """The converter of a pair of types, the same each time."""
     pair: Any = (ros_class, proto_class)  # the type stubs hold message classes to be unhashable
     return _converter(*pair)
 

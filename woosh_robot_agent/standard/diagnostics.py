@@ -15,7 +15,8 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotIn
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_located, is_taskable, objections
-from woosh_robot_agent.standard.host import Host, Part, every
+from woosh_robot_agent.standard.audience import Audience
+from woosh_robot_agent.standard.host import Host, Part
 
 _RATE_HZ = 1.0
 _INFO = full_name(RobotInfo)
@@ -167,11 +168,12 @@ class Diagnostics(Part):
 
     def __init__(self, host: Host) -> None:
         self._host = host
-        self._publisher = host.publisher("/diagnostics")
+        self._audience = Audience(host)
+        self._publisher = self._audience.publisher("/diagnostics")
 
     async def run(self) -> None:
         """See `Part.run`."""
-        async for _ in every(lambda: _RATE_HZ):
+        async for _ in self._audience.times(lambda: _RATE_HZ):
             self._publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:

@@ -15,7 +15,8 @@ from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
-from woosh_robot_agent.standard.host import Host, Part, every
+from woosh_robot_agent.standard.audience import Audience
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import pose_of
 
@@ -46,7 +47,8 @@ class Grid(Part):
     def __init__(self, host: Host) -> None:
         self._host = host
         self._log = LogOnce(_LOG)
-        self._map = host.publisher("map")
+        self._audience = Audience(host)
+        self._map = self._audience.publisher("map")
         self._wanted: tuple[str, int, str, int] | None = None
         self._published: tuple[str, int, str, int] | None = None
         self._not_before = -math.inf
@@ -55,10 +57,10 @@ class Grid(Part):
 
     async def run(self) -> None:
         """See `Part.run`: ask when there is need to."""
-        async for now in every(lambda: _RATE_HZ):
+        async for now in self._audience.times(lambda: _RATE_HZ):
             ready = self._host.chassis.state is LinkState.READY
             stale = self._wanted != self._published and now >= self._not_before
-            if ready and stale and self._map.get_subscription_count() > 0:
+            if ready and stale:
                 await self._renew(now)
 
     def _snapshot(self, info: RobotInfo) -> None:

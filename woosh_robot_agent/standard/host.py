@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.actions.actions import Actions
@@ -61,8 +61,16 @@ class Host:
         """The agent's time as a stamp (builtin_interfaces/Time)."""
         return self.node.get_clock().now().to_msg()
 
-    def publisher(self, name: str) -> Any:
-        """A publisher of the table; it may publish from the link's thread."""
+    def publisher(self, name: str, callbacks: PublisherEventCallbacks | None = None) -> Any:
+        """A publisher of the table; it may publish from the link's thread.
+
+        Args:
+            name: the topic.
+            callbacks: are called in the executor's thread.
+
+        Raises:
+            UnsupportedEventTypeError: the middleware has not what `callbacks` wants to be told.
+        """
         entry = BY_NAME[name]
         qos = QoSProfile(
             depth=entry.depth,
@@ -71,7 +79,8 @@ class Host:
             if entry.kind is Kind.LATCHED
             else DurabilityPolicy.VOLATILE,
         )
-        return self.node.create_publisher(ros_type(entry.type, "msg"), name, qos)
+        msg = ros_type(entry.type, "msg")
+        return self.node.create_publisher(msg, name, qos, event_callbacks=callbacks)
 
     def subscribe(
         self,
@@ -100,16 +109,3 @@ class Host:
     def service(self, name: str, handle: Callable[[Any, Reply], None]) -> DeferredService:
         """Offer a service of the table; `handle` runs in the executor's thread."""
         return DeferredService(self.node, ros_type(BY_NAME[name].type, "srv"), name, handle)
-
-
-async def every(rate: Callable[[], float]) -> AsyncIterator[float]:
-    """Give the loop's time, again and again, `rate` times per second, without drift.
-
-    What was missed in between is left out.
-    """
-    loop = asyncio.get_running_loop()
-    due = loop.time()
-    while True:
-        yield loop.time()
-        due = max(due + 1.0 / rate(), loop.time())
-        await asyncio.sleep(due - loop.time())

@@ -12,16 +12,18 @@ from nav_msgs.msg import Odometry as OdometryMsg
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.standard.host import Host, Part, every
+from woosh_robot_agent.standard.audience import Audience
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.odometry import Odometry
 from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.settings import StandardSettings
 
 #: s after which a robot that reports nothing does not move; it reports every 0.05 s if it does.
 _SILENT_S = 0.25
 
 
 class Odom(Part):
-    """Publishes odom at up to `odom_rate` while the link is ready.
+    """Publishes odom at up to `odom_rate` while the link is ready and somebody subscribes.
 
     A fresh push goes out at once, stamped with the time of its receipt. Between them, a robot that
     stands is repeated with the time of the moment; one that moves is not, for it is elsewhere by
@@ -32,8 +34,14 @@ class Odom(Part):
         self._host = host
         self._odometry = Odometry()
         settings = host.settings()
-        self._odom = host.publisher("odom") if settings.enable_odom else None
-        self._tf = host.publisher("/tf") if settings.publish_tf else None
+        self._audience = Audience(host)
+        self._odom = self._audience.publisher("odom") if settings.enable_odom else None
+        self._tf = self._audience.publisher("/tf") if settings.publish_tf else None
+        # each is made once and sent again and again: making one takes longer than sending it
+        self._message = OdometryMsg(child_frame_id=host.frame("base"))
+        self._message.header.frame_id = host.frame("odom")
+        self._filled_by: StandardSettings | None = None
+        self._transforms: Any = self._chain() if settings.publish_tf else None
         self._received = -math.inf
         self._passed_on = -math.inf
         self._sent = -math.inf
@@ -46,7 +54,7 @@ class Odom(Part):
 
     async def run(self) -> None:
         """See `Part.run`: what is published while nothing is pushed."""
-        async for now in every(self._rate):
+        async for now in self._audience.times(self._rate):
             if now - self._received > _SILENT_S:
                 self._odometry.silent()
             if not self._odometry.moving and self._due(now, self._sent, 0.9):
@@ -79,40 +87,45 @@ class Odom(Part):
         return self._host.settings().odom_rate
 
     def _due(self, now: float, last: float, share: float) -> bool:
-        """Whether it is ready, and `share` of the period has passed since `last`."""
+        """Whether `share` of the period has passed since `last`, and it can and need be."""
+        if now - last < share / self._rate():
+            return False
         ready = self._known and self._host.chassis.state is LinkState.READY
-        return ready and now - last >= share / self._rate()
+        return ready and self._audience.present
 
     def _publish(self, now: float) -> None:
         self._sent = now
         stamp = self._host.now()
-        if self._odom is not None:
-            self._odom.publish(self._message(stamp))
-        if self._tf is not None:
-            self._tf.publish(self._transforms(stamp))
+        if self._odom is not None and self._odom.get_subscription_count():
+            self._odom.publish(self._filled(stamp))
+        if self._tf is not None and self._tf.get_subscription_count():
+            to_odom, to_base = self._transforms.transforms
+            _place(to_odom, stamp, self._odometry.map_to_odom)
+            _place(to_base, stamp, self._odometry.pose)
+            self._tf.publish(self._transforms)
 
-    def _message(self, stamp: Any) -> OdometryMsg:
-        settings, odometry = self._host.settings(), self._odometry
-        message = OdometryMsg()
+    def _filled(self, stamp: Any) -> OdometryMsg:
+        """The message, as things are now."""
+        settings, odometry, message = self._host.settings(), self._odometry, self._message
+        if settings is not self._filled_by:
+            self._filled_by = settings
+            message.pose.covariance[::7] = settings.pose_covariance
+            message.twist.covariance[::7] = settings.twist_covariance
         message.header.stamp = stamp
-        message.header.frame_id = self._host.frame("odom")
-        message.child_frame_id = self._host.frame("base")
         position, orientation = message.pose.pose.position, message.pose.pose.orientation
         position.x, position.y = odometry.pose.x, odometry.pose.y
         orientation.z, orientation.w = odometry.pose.quaternion
-        message.pose.covariance[::7] = settings.pose_covariance
         twist = message.twist.twist
         twist.linear.x, twist.linear.y = odometry.forward, odometry.sideways
         twist.angular.z = odometry.turn
-        message.twist.covariance[::7] = settings.twist_covariance
         return message
 
-    def _transforms(self, stamp: Any) -> Any:
-        frame, odometry = self._host.frame, self._odometry
+    def _chain(self) -> Any:
+        frame = self._host.frame
         return transforms(
-            stamp,
-            (frame("map"), frame("odom"), odometry.map_to_odom),
-            (frame("odom"), frame("base"), odometry.pose),
+            self._host.now(),
+            (frame("map"), frame("odom"), Plane()),
+            (frame("odom"), frame("base"), Plane()),
         )
 
 
@@ -128,11 +141,15 @@ def transforms(stamp: Any, *chain: tuple[str, str, Plane]) -> Any:
     message = TFMessage()
     for parent, child, pose in chain:
         transform = TransformStamped()
-        transform.header.stamp = stamp
         transform.header.frame_id = parent
         transform.child_frame_id = child
-        transform.transform.translation.x = pose.x
-        transform.transform.translation.y = pose.y
-        transform.transform.rotation.z, transform.transform.rotation.w = pose.quaternion
+        _place(transform, stamp, pose)
         message.transforms.append(transform)
     return message
+
+
+def _place(transform: TransformStamped, stamp: Any, pose: Plane) -> None:
+    transform.header.stamp = stamp
+    shift, rotation = transform.transform.translation, transform.transform.rotation
+    shift.x, shift.y = pose.x, pose.y
+    rotation.z, rotation.w = pose.quaternion

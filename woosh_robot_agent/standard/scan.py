@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import asyncio
 import logging
 import math
 from typing import Any
@@ -13,7 +14,8 @@ from sensor_msgs.msg import LaserScan
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
-from woosh_robot_agent.standard.host import Host, Part, every
+from woosh_robot_agent.standard.audience import Audience
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.odom import transforms
 from woosh_robot_agent.standard.plane import Plane
 
@@ -31,30 +33,30 @@ class Scan(Part):
         self._host = host
         self._log = LogOnce(_LOG)
         settings = host.settings()
-        self._scan = host.publisher("scan") if settings.enable_scan else None
+        self._audience = Audience(host)
+        self._scan = self._audience.publisher("scan") if settings.enable_scan else None
         place = settings.publish_tf and settings.publish_laser_tf
         self._tf_static = host.publisher("/tf_static") if place else None
         self._place: Plane | None = None
         self._height = 0.0
-        self._ask_place = False
+        self._asking = asyncio.Lock()
         host.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
         """See `Part.run`: ask, and publish; never two questions at a time."""
-        async for _ in every(lambda: self._host.settings().scan_rate):
-            if self._host.chassis.state is LinkState.READY and self._wanted():
+        async for _ in self._audience.times(lambda: self._host.settings().scan_rate):
+            if self._host.chassis.state is LinkState.READY:
                 await self._ask()
 
-    def _wanted(self) -> bool:
-        return self._ask_place or (
-            self._scan is not None and self._scan.get_subscription_count() > 0
-        )
-
     def _link_changed(self, state: LinkState) -> None:
-        self._ask_place = self._tf_static is not None and state is LinkState.READY
+        if self._tf_static is not None and state is LinkState.READY:
+            self._host.thread.spawn(self._ask)
 
     async def _ask(self) -> None:
-        self._ask_place = False
+        async with self._asking:
+            await self._ask_alone()
+
+    async def _ask_alone(self) -> None:
         asked = self._host.node.get_clock().now()
         try:
             answer = await self._host.chassis.request(self._host.requests.empty(ScannerData))

@@ -16,7 +16,8 @@ from std_msgs.msg import Bool
 from woosh_robot_agent.known import is_part_of_info, parts_of
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
-from woosh_robot_agent.standard.host import Host, Part, every
+from woosh_robot_agent.standard.audience import Audience
+from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import stamped
 
@@ -94,7 +95,8 @@ class _State(Part):
         self._convert = convert
         self._rate = rate
         self._last: Message | None = None
-        self._publisher = host.publisher(name)
+        self._audience = Audience(host)
+        self._publisher = self._audience.publisher(name) if rate else host.publisher(name)
         host.chassis.on_snapshot(self._snapshot)
         if not is_part_of_info(cls):
             host.chassis.on_state(self._ask_when_ready)
@@ -104,9 +106,8 @@ class _State(Part):
         """See `Part.run`."""
         if not self._rate:
             return
-        async for _ in every(lambda: self._rate):
-            ready = self._host.chassis.state is LinkState.READY
-            if ready and self._last is not None and self._publisher.get_subscription_count():
+        async for _ in self._audience.times(lambda: self._rate):
+            if self._host.chassis.state is LinkState.READY and self._last is not None:
                 self._publish(self._last)
 
     def _snapshot(self, info: RobotInfo) -> None:
