@@ -38,15 +38,15 @@ def make_executor(name: str, context: Any = None) -> Any:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the agent until SIGINT or SIGTERM. Returns the process's exit status."""
+    """Run the agents until SIGINT or SIGTERM. Returns the process's exit status."""
     signals = Signals()
     import rclpy
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
     from rclpy.signals import SignalHandlerOptions
 
+    from woosh_robot_agent.fleet import Fleet
     from woosh_robot_agent.memory import give_back_large_blocks
-    from woosh_robot_agent.node import Agent
 
     give_back_large_blocks()
     if signals.stop:
@@ -55,7 +55,7 @@ def main(args: list[str] | None = None) -> int:
         try:
             # rclpy's own handlers would shut the context down before goals and robot are settled
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            agent = Agent()
+            fleet = Fleet()
         except (
             ValueError,
             ParameterException,
@@ -65,11 +65,12 @@ def main(args: list[str] | None = None) -> int:
         ) as error:
             print("agent:", *str(error).split(), file=sys.stderr)
             return 2
-        executor = make_executor(agent.settings.executor)
-        executor.add_node(agent.node)
+        executor = make_executor(fleet.executor)
+        for agent in fleet.agents:
+            executor.add_node(agent.node)
         while not signals.stop and rclpy.ok():
             _spin_once(executor, _SPIN)
-        agent.close(lambda: _spin_once(executor, 0.05))
+        fleet.close(lambda: _spin_once(executor, 0.05))
     finally:
         rclpy.try_shutdown()
     return 0
