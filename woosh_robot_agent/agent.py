@@ -82,6 +82,9 @@ def _spin_once(executor: Any, timeout: float) -> None:
 
     from rclpy.executors import ExternalShutdownException
 
+    from woosh_robot_agent.logs import speak_as
+
+    speak_as(None)  # until a callback says whose it is
     try:
         executor.spin_once(timeout_sec=timeout)
     except ExternalShutdownException:

@@ -94,8 +94,11 @@ def _nodes(options: dict[str, Any]) -> list[ParameterNode]:
 
 def _node(name: str, namespace: str, options: dict[str, Any]) -> ParameterNode:
     frames = name.strip("/")
-    # no address is every robot's, and /tf is for all of them
-    defaults = {"ip": "", "frame_prefix": f"{frames}/" if frames else ""}
+    defaults = {
+        "ip": "",  # no address is every robot's
+        "frame_prefix": f"{frames}/" if frames else "",  # /tf is for all of them
+        "executor": "events",  # what the other looks at for each call grows with the robots
+    }
     try:
         # a remapping of the node's own counts for more than one that was given to the program
         return ParameterNode(

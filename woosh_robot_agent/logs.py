@@ -24,7 +24,7 @@ _SPEAKER = contextvars.ContextVar[Any]("speaker", default=None)
 
 
 def speak_as(logger: Any) -> None:
-    """Have what this context logs from now on go to a node's logger."""
+    """Have what this context logs from now on go to a node's logger; None: to the program's."""
     _SPEAKER.set(logger)
 
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 import re
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 import yaml
 from goals import ABORTED, EXECUTING, SUCCEEDED, task
-from harness import Client, Program, wait_until
+from harness import Client, Program, Spinner, wait_until
 from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
 from test_process import LIMIT, TWIST, drive
 
-from woosh_robot_agent.fleet import namespaces
+from woosh_robot_agent.agent import make_executor
+from woosh_robot_agent.fleet import Fleet, namespaces
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import running_chassis
 from woosh_robot_msgs.msg import PoseSpeed
@@ -162,6 +165,79 @@ def test_log_lines_come_once_with_the_robots_name(
         lines = [line for line in fleet.lines if f":{simulator.port}" in line]
         assert len(lines) == 1, lines
         assert logger_of(name) in lines[0]
+
+
+def test_a_mistake_with_one_robot_is_told_as_its_own(
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Both where the executor calls and in the link's thread."""
+    with running_fleet(tmp_path, chassis) as fleet:
+        failing, other = ROBOTS
+        agent, second = fleet.agents
+
+        def fail(*_arguments: Any) -> None:
+            raise ZeroDivisionError
+
+        for each in agent._services._servers:
+            monkeypatch.setattr(each, "_handle", fail)
+        request = second._chassis.request
+
+        def fail_to_speak(message: Any, *rest: Any, **named: Any) -> Any:
+            is_it = type(message).__name__ == "Speak"
+            return fail() if is_it else request(message, *rest, **named)
+
+        monkeypatch.setattr(second._chassis, "request", fail_to_speak)
+        assert "ZeroDivisionError" in clients[failing].call(Speak, "robot/Speak").msg
+        assert "ZeroDivisionError" in clients[other].call(Speak, "robot/Speak").msg
+        told = capfd.readouterr().err.splitlines()
+    for name, text in ((failing, "a service callback failed"), (other, "a task of the agent")):
+        lines = [each for each in told if text in each]
+        assert len(lines) == 1, "\n".join(told)
+        assert logger_of(name) in lines[0]
+
+
+def test_an_end_that_fails_with_one_robot_stops_the_others(
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with running_fleet(tmp_path, chassis) as fleet:
+        for client in clients.values():
+            drive(client)
+
+        async def fail(_timeout: float) -> None:
+            raise ZeroDivisionError
+
+        monkeypatch.setattr(fleet.agents[0]._chassis, "stop_driving", fail)
+    assert not chassis[ROBOTS[1]].last(TWIST).ListFields()
+    wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
+
+
+@contextmanager
+def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator[Fleet]:
+    """The agents of all robots in this process."""
+    own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
+    file = write(folder, list(ROBOTS), {}, **own)
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context)
+    try:
+        fleet = Fleet(context=context)
+        executor = make_executor(fleet.executor, context)
+        for agent in fleet.agents:
+            executor.add_node(agent.node)
+        spinner = Spinner(executor)
+        try:
+            yield fleet
+        finally:
+            spinner.stop()
+            fleet.close(lambda: executor.spin_once(timeout_sec=0.02))
+    finally:
+        rclpy.try_shutdown(context=context)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
