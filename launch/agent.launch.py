@@ -3,7 +3,8 @@
     ros2 launch woosh_robot_agent agent.launch.py ip:=172.20.8.74
 
 Arguments: ip and port of the chassis, namespace, and params_file (config/agent.yaml shows all
-parameters). What is given here counts for more than the file; what is not is the file's.
+parameters). What is given here counts for more than the file; what is not is the file's. With a
+list of robots in the file, as in config/robots.yaml, one process serves all of them.
 """
 
 from pathlib import Path

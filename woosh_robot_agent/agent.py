@@ -52,7 +52,7 @@ def _warn_no_events() -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the agent until SIGINT or SIGTERM. Returns the process's exit status."""
+    """Run the agents until SIGINT or SIGTERM. Returns the process's exit status."""
     signals = Signals()
     from woosh_robot_agent.memory import collect_nothing, collect_only_what_comes
 
@@ -62,8 +62,8 @@ def main(args: list[str] | None = None) -> int:
     from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
     from rclpy.signals import SignalHandlerOptions
 
+    from woosh_robot_agent.fleet import Fleet
     from woosh_robot_agent.memory import give_back_large_blocks
-    from woosh_robot_agent.node import Agent
 
     give_back_large_blocks()
     if signals.stop:
@@ -72,7 +72,7 @@ def main(args: list[str] | None = None) -> int:
         try:
             # rclpy's own handlers would shut the context down before goals and robot are settled
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            agent = Agent()
+            fleet = Fleet()
         except (
             ValueError,
             ParameterException,
@@ -82,12 +82,13 @@ def main(args: list[str] | None = None) -> int:
         ) as error:
             print("agent:", *str(error).split(), file=sys.stderr)
             return 2
-        executor = make_executor(agent.settings.executor)
-        executor.add_node(agent.node)
+        executor = make_executor(fleet.executor)
+        for agent in fleet.agents:
+            executor.add_node(agent.node)
         collect_only_what_comes()
         while not signals.stop and rclpy.ok():
             _spin_once(executor, _SPIN)
-        agent.close(lambda: _spin_once(executor, 0.05))
+        fleet.close(lambda: _spin_once(executor, 0.05))
         executor.shutdown()  # an EventsExecutor keeps what it listened to, and that in the graph
     finally:
         rclpy.try_shutdown()
@@ -100,6 +101,9 @@ def _spin_once(executor: Any, timeout: float) -> None:
 
     from rclpy.executors import ExternalShutdownException
 
+    from woosh_robot_agent.logs import speak_as
+
+    speak_as(None)  # until a callback says whose it is
     try:
         executor.spin_once(timeout_sec=timeout)
     except ExternalShutdownException:

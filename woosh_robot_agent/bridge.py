@@ -13,12 +13,15 @@ import time
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextvars import Context
 from functools import partial
 from typing import Any, TypeVar
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.qos import QoSProfile
+
+from woosh_robot_agent.logs import speak_as
 
 T = TypeVar("T")
 
@@ -30,48 +33,17 @@ _TURN = 0.005
 """s for which calls of one service are taken before it is the turn of the others."""
 
 
-class LinkThread:
-    """An asyncio event loop in a thread of its own."""
+class LoopThread:
+    """An asyncio event loop in a thread of its own, for the links of any number of robots."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
-        self._tasks: set[asyncio.Task[None]] = set()
         self._thread = threading.Thread(target=self._main, name="link", daemon=True)
         self._thread.start()
 
-    def call(self, function: Callable[..., object], *args: object) -> None:
-        """Have `function` called in the loop soon; from any thread."""
-        self.loop.call_soon_threadsafe(function, *args)
-
-    def spawn(
-        self,
-        work: Callable[[], Coroutine[Any, Any, None]],
-        failed: Callable[[BaseException], None] | None = None,
-    ) -> None:
-        """Have a coroutine run in the loop; from any thread.
-
-        Args:
-            work: makes the coroutine.
-            failed: gets what it raised, a mistake of ours; it is logged too.
-        """
-        self.call(self._spawn, work, failed)
-
-    def run(self, work: Coroutine[Any, Any, T], timeout: float) -> T:
-        """Run a coroutine in the loop and wait for it; from any other thread.
-
-        Raises:
-            TimeoutError: it took longer than `timeout` s; it is cancelled.
-        """
-        future: Future[T] = asyncio.run_coroutine_threadsafe(work, self.loop)
-        try:
-            return future.result(timeout)
-        except FutureTimeoutError:
-            future.cancel()
-            raise TimeoutError from None  # until Python 3.11 they are two
-
     def stop(self, timeout: float) -> None:
         """Cancel what runs, end the loop and join the thread, within `timeout` s."""
-        self.call(self._stop)
+        self.loop.call_soon_threadsafe(self.loop.stop)
         self._thread.join(timeout)
         if self._thread.is_alive():
             _LOG.error("the link's thread did not end within %g s", timeout)
@@ -87,8 +59,56 @@ class LinkThread:
         finally:
             self.loop.close()
 
-    def _stop(self) -> None:
-        self.loop.stop()
+
+class LinkThread:
+    """What one robot's agent hands over to the link's thread.
+
+    Args:
+        thread: the thread, shared perhaps with other robots.
+        context: in which all of it runs; tells whose it is, see `logs`.
+    """
+
+    def __init__(self, thread: LoopThread, context: Context) -> None:
+        self.loop = thread.loop
+        self._context = context
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def call(self, function: Callable[..., object], *args: object) -> None:
+        """Have `function` called in the loop soon; from any thread."""
+        self.loop.call_soon_threadsafe(function, *args, context=self._context)
+
+    def spawn(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        failed: Callable[[BaseException], None] | None = None,
+    ) -> None:
+        """Have a coroutine run in the loop; from any thread.
+
+        Args:
+            work: makes the coroutine.
+            failed: gets what it raised, a mistake of ours; it is logged too.
+        """
+        self.call(self._spawn, work, failed)
+
+    def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
+        """Begin a coroutine in the loop; from any thread. `outcome` waits for its end."""
+        # a copy, as the loop may be in the context itself at this moment
+        return self._context.copy().run(asyncio.run_coroutine_threadsafe, work, self.loop)
+
+    def run(self, work: Coroutine[Any, Any, T], timeout: float) -> T:
+        """Run a coroutine in the loop and wait for it; from any other thread.
+
+        Raises:
+            TimeoutError: it took longer than `timeout` s; it is cancelled.
+        """
+        return outcome(self.begin(work), timeout)
+
+    async def cancel(self) -> None:
+        """Cancel what was spawned, and wait for its end; in the loop."""
+        tasks = tuple(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     def _spawn(
         self,
@@ -110,6 +130,19 @@ class LinkThread:
             _LOG.error("a task of the agent failed", exc_info=error)
         if failed is not None:
             failed(error)
+
+
+def outcome(begun: Future[T], timeout: float) -> T:
+    """What a coroutine of another thread gives.
+
+    Raises:
+        TimeoutError: it took longer than `timeout` s; it is cancelled.
+    """
+    try:
+        return begun.result(timeout)
+    except FutureTimeoutError:
+        begun.cancel()
+        raise TimeoutError from None  # until Python 3.11 they are two
 
 
 class Reply:
@@ -180,11 +213,13 @@ class DeferredService:
     ) -> None:
         self._srv_type = srv_type
         self._handle = handle
+        self._speak = partial(speak_as, node.get_logger())
         self._service = node.create_service(srv_type, name, self._called, qos_profile=SERVICE_QOS)
         self._send_now = self._service.send_response
         self._service.send_response = self._bind
 
     def _called(self, request: Any, _response: Any) -> Reply:
+        self._speak()
         reply = self._serve(request)
         self._take_more()
         return reply

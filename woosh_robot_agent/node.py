@@ -4,59 +4,60 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-
 from woosh_robot_agent.actions.actions import Actions
-from woosh_robot_agent.bridge import LinkThread
+from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
-from woosh_robot_agent.logs import RosLogHandler
-from woosh_robot_agent.parameters import PARAMETERS, Settings, check
+from woosh_robot_agent.logs import context_of, log_to_ros, speak_as
+from woosh_robot_agent.parameter_node import ParameterNode
+from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.host import Host
 from woosh_robot_agent.standard.layer import StandardLayer
 from woosh_robot_agent.topics import Topics
 
+_LOG = logging.getLogger(__name__)
 _STOP_TIMEOUT = 0.4
 """s that the robot gets to answer the last stop."""
 _SETTLE_TIMEOUT = 0.5
 """s in which the results of aborted goals must be out."""
 _CLOSE_TIMEOUT = 2.0
 """s after which the link is cut at the latest."""
+_END_TIMEOUT = 0.3
+"""s in which the work that is left over must end."""
 
 
 class Agent:
-    """The agent: a node, and behind it the link to the chassis in a thread of its own.
+    """The agent of one robot: a node, and behind it the link to the chassis in another thread.
 
     Attributes:
         node: the node, to be added to an executor.
 
     Args:
-        options: rclpy's options of a node, e.g. `context` and `parameter_overrides`.
+        node: the node; by default one is made.
+        thread: where the link runs; by default in a thread of its own. Who hands one over stops it,
+            after the end of the agent.
+        options: rclpy's options of the node that is made, e.g. `context` and `parameter_overrides`.
 
     Raises:
         ValueError: a parameter makes no sense.
     """
 
-    def __init__(self, **options: Any) -> None:
-        self.node = Node("agent", **options)
-        try:
-            self.settings = self._declare()
-        except BaseException:
-            self.node.destroy_node()
-            raise
-        self._log_handler = RosLogHandler(self.node.get_logger())
-        self._link_logger = logging.getLogger("woosh_robot_agent")
-        self._link_logger.addHandler(self._log_handler)
-        self._link_logger.setLevel(logging.DEBUG)
-        self._link_logger.propagate = False
-        self._thread = LinkThread()
+    def __init__(
+        self,
+        node: ParameterNode | None = None,
+        thread: LoopThread | None = None,
+        **options: Any,
+    ) -> None:
+        self.node = node or ParameterNode(**options)
+        log_to_ros()
+        used = thread or LoopThread()
+        self._own_thread = None if thread else used
+        self._thread = LinkThread(used, context_of(self.node.get_logger()))
         self._chassis = ChassisClient(config=self.settings.link)
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
@@ -83,10 +84,14 @@ class Agent:
                 lambda: self.settings.standard,
             )
         )
-        self.node.add_on_set_parameters_callback(self._check_change)
-        self.node.add_post_set_parameters_callback(self._change)
+        self.node.on_change(self._change)
         self._thread.call(self._chassis.start)
         self._standard.start()
+
+    @property
+    def settings(self) -> Settings:
+        """The parameters' values of the moment."""
+        return self.node.settings
 
     def close(self, spin_once: Callable[[], None]) -> None:
         """Stop the robot if the agent drove it, abort the open goals, and end the link.
@@ -94,57 +99,61 @@ class Agent:
         Args:
             spin_once: runs the executor for a moment, so that results reach their clients.
         """
-        deadline = time.monotonic() + _CLOSE_TIMEOUT
-        confirmed = self._stop_driving()
-        self._bounded("end of the goals", self._actions.stop(), _SETTLE_TIMEOUT)
-        settled = time.monotonic() + _SETTLE_TIMEOUT
-        while self._actions.open_goals and time.monotonic() < settled:
-            spin_once()
-        if confirmed:  # another velocity may have come meanwhile
-            self._stop_driving()
-        self._bounded(
-            "end of the link", self._chassis.close(), max(deadline - time.monotonic(), 0.1)
-        )
-        self._thread.stop(0.3)
-        self._link_logger.removeHandler(self._log_handler)
-        if self.node.executor is not None:  # it would keep what the node consists of
-            self.node.executor.remove_node(self.node)
-        self._actions.destroy()
-        self.node.destroy_node()
+        close_all([self], spin_once)
 
-    def _stop_driving(self) -> bool:
-        stop = self._chassis.stop_driving(_STOP_TIMEOUT)
-        return self._bounded("stop of the robot", stop, 2 * _STOP_TIMEOUT)
-
-    def _bounded(self, what: str, work: Coroutine[Any, Any, None], timeout: float) -> bool:
-        """Take one step of the end; whether it succeeded. The next ones come in any case."""
-        try:
-            self._thread.run(work, timeout)
-        except (LinkError, TimeoutError) as error:
-            self.node.get_logger().error(f"{what}: {error or 'it took too long'}")
-            return False
-        return True
-
-    def _declare(self) -> Settings:
-        for parameter in PARAMETERS:
-            self.node.declare_parameter(parameter.name, parameter.initial, parameter.descriptor())
-        return check({p.name: self.node.get_parameter(p.name).value for p in PARAMETERS})
-
-    def _values_with(self, changed: list[Parameter]) -> dict[str, Any]:
-        values = {p.name: self.node.get_parameter(p.name).value for p in PARAMETERS}
-        values.update((p.name, p.value) for p in changed if p.name in values)
-        return values
-
-    def _check_change(self, changed: list[Parameter]) -> SetParametersResult:
-        try:
-            check(self._values_with(changed))
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _change(self, changed: list[Parameter]) -> None:
-        before, self.settings = self.settings, check(self._values_with(changed))
+    def _change(self, before: Settings) -> None:
         self._requests.robot_id = self.settings.link.robot_id
         if self.settings.link != before.link:
             config = self.settings.link
             self._thread.spawn(lambda: self._chassis.reconfigure(config))
+
+
+def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
+    """End several agents step by step, each step for all of them at a time; see `Agent.close`."""
+    deadline = time.monotonic() + _CLOSE_TIMEOUT
+    confirmed = _stop_driving(agents)
+    _each(agents, "end of the goals", lambda agent: agent._actions.stop(), _SETTLE_TIMEOUT)
+    settled = time.monotonic() + _SETTLE_TIMEOUT
+    while any(agent._actions.open_goals for agent in agents) and time.monotonic() < settled:
+        spin_once()
+    _stop_driving(confirmed)  # another velocity may have come meanwhile
+    left = max(deadline - time.monotonic(), 0.1)
+    _each(agents, "end of the link", lambda agent: agent._chassis.close(), left)
+    _each(agents, "end of the rest", lambda agent: agent._thread.cancel(), _END_TIMEOUT)
+    for agent in agents:
+        if agent._own_thread is not None:
+            agent._own_thread.stop(_END_TIMEOUT)
+        if agent.node.executor is not None:  # it would keep what the node consists of
+            agent.node.executor.remove_node(agent.node)
+        agent._actions.destroy()
+        agent.node.destroy_node()
+
+
+def _stop_driving(agents: Sequence[Agent]) -> list[Agent]:
+    def stop(agent: Agent) -> Coroutine[Any, Any, None]:
+        return agent._chassis.stop_driving(_STOP_TIMEOUT)
+
+    return _each(agents, "stop of the robot", stop, 2 * _STOP_TIMEOUT)
+
+
+def _each(
+    agents: Sequence[Agent],
+    what: str,
+    work: Callable[[Agent], Coroutine[Any, Any, None]],
+    timeout: float,
+) -> list[Agent]:
+    """Take one step of the end; those that succeeded. The next ones come in any case."""
+    until = time.monotonic() + timeout
+    succeeded = []
+    for agent, begun in [(agent, agent._thread.begin(work(agent))) for agent in agents]:
+        try:
+            outcome(begun, max(until - time.monotonic(), 0.0))
+            succeeded.append(agent)
+        except (LinkError, TimeoutError) as error:
+            agent.node.get_logger().error(f"{what}: {error or 'it took too long'}")
+        except (
+            Exception
+        ):  # a mistake of ours with one robot: the others must be stopped all the same
+            speak_as(agent.node.get_logger())
+            _LOG.exception("%s failed", what)
+    return succeeded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ class Parameter:
 
     Attributes:
         name: its ROS name.
-        default: its default, which also gives its type; a tuple is an array of numbers.
+        default: its default, which also gives its type; a tuple is an array, of so many numbers or
+            of any names.
         description: meaning and unit.
         low, high: range of a number, or of each number of an array, both ends included.
         link_field: field of `LinkConfig` that it sets, in s, bytes or pieces; empty for none.
@@ -24,7 +26,7 @@ class Parameter:
     """
 
     name: str
-    default: str | bool | int | float | tuple[float, ...]
+    default: str | bool | int | float | tuple[float, ...] | tuple[str, ...]
     description: str
     low: float = 0
     high: float = 0
@@ -37,16 +39,23 @@ class Parameter:
         return list(self.default) if isinstance(self.default, tuple) else self.default
 
     @property
+    def holds_names(self) -> bool:
+        """Whether it is an array of names."""
+        return isinstance(self.default, tuple) and isinstance(self.default[0], str)
+
+    @property
     def shown(self) -> str:
         """The default as people write it."""
         if isinstance(self.default, bool):
             return str(self.default).lower()
+        if isinstance(self.default, tuple):
+            return json.dumps(self.default)
         return str(self.initial)
 
     @property
     def limits(self) -> str:
         """The range as people read it; empty where there is none."""
-        if isinstance(self.default, str | bool):
+        if isinstance(self.default, str | bool) or self.holds_names:
             return ""
         if isinstance(self.default, int):
             return f"{int(self.low)} to {int(self.high)}"
@@ -58,7 +67,7 @@ class Parameter:
             description=self.description,
             read_only=self.fixed,
             # a whole number is accepted where a fractional one is meant
-            dynamic_typing=isinstance(self.default, float | tuple),
+            dynamic_typing=isinstance(self.default, float | tuple) and not self.holds_names,
         )
         if isinstance(self.default, bool):
             return descriptor
@@ -80,7 +89,7 @@ class Parameter:
         """
         if isinstance(self.default, float):
             self._check_number(value)
-        elif isinstance(self.default, tuple):
+        elif isinstance(self.default, tuple) and not self.holds_names:
             if not isinstance(value, Sequence) and not hasattr(value, "tolist"):
                 raise ValueError(f"{self.name} must be a list of numbers, not {value!r}")
             if len(value) != len(self.default):

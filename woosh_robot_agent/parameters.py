@@ -59,6 +59,12 @@ PARAMETERS = (
     ),
     Parameter("executor", EXECUTORS[0], "rclpy's executor: events or single", fixed=True),
     Parameter(
+        "robots",
+        ("",),
+        "Namespaces of the robots, if this process serves several; each has its own parameters",
+        fixed=True,
+    ),
+    Parameter(
         "connect_timeout",
         _LINK.connect_timeout,
         "Longest wait for a connection to open, s",
@@ -152,6 +158,7 @@ class Settings:
         goal_link_timeout: s for which goals stay open without a link.
         result_timeout: s for which results are kept.
         executor: one of `EXECUTORS`.
+        robots: names of the robots that the process serves; empty for one.
         standard: those of the standard layer.
     """
 
@@ -159,6 +166,7 @@ class Settings:
     goal_link_timeout: float
     result_timeout: int
     executor: str
+    robots: tuple[str, ...]
     standard: StandardSettings
 
 
@@ -178,6 +186,8 @@ def check(values: Mapping[str, Any]) -> Settings:
         goal_link_timeout=float(values["goal_link_timeout"]),
         result_timeout=values["result_timeout"],
         executor=values["executor"],
+        # ROS has no empty array in a file: one empty name stands for it
+        robots=() if list(values["robots"]) == [""] else tuple(values["robots"]),
         standard=StandardSettings(**{p.name: values[p.name] for p in standard.PARAMETERS}),
     )
 

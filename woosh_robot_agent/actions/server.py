@@ -14,6 +14,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from woosh_robot_agent.bridge import SERVICE_QOS
+from woosh_robot_agent.logs import speak_as
 
 _LOG = logging.getLogger(__name__)
 _ANY_GOAL = bytes(16)
@@ -135,6 +136,7 @@ class GoalServer(ActionServer):
 
         A client that goes away while it waits for a result makes rclpy raise one.
         """
+        speak_as(self._logger)
         try:
             if "cancel" in taken_data:
                 self._cancel_again(taken_data["cancel"][1].goal_info)

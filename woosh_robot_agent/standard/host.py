@@ -14,6 +14,7 @@ from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.known import LastKnown
 from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.logs import speak_as
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import ros_type
 from woosh_robot_agent.standard.settings import StandardSettings
@@ -102,9 +103,16 @@ class Host:
         self.node.create_subscription(
             ros_type(type_name or entry.type, "msg"),
             name,
-            callback if in_executor else partial(self.thread.call, callback),
+            self._speaking(callback) if in_executor else partial(self.thread.call, callback),
             QoSProfile(depth=entry.depth),
         )
+
+    def _speaking(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        def call(message: Any) -> None:
+            speak_as(self.node.get_logger())
+            callback(message)
+
+        return call
 
     def service(self, name: str, handle: Callable[[Any, Reply], None]) -> DeferredService:
         """Offer a service of the table; `handle` runs in the executor's thread."""

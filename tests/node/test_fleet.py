@@ -1,0 +1,359 @@
+"""Several robots in one process: each is served as if it were alone."""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from goals import ABORTED, EXECUTING, SUCCEEDED, task
+from harness import Client, Program, Spinner, wait_until
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from test_process import LIMIT, TWIST, drive
+
+from woosh_robot_agent.agent import make_executor
+from woosh_robot_agent.fleet import Fleet, namespaces
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import running_chassis
+from woosh_robot_msgs.msg import PoseSpeed
+from woosh_robot_msgs.srv import Speak
+
+NAMES = ["/r1", "hall/r2"]
+ROBOTS = ("/r1", "/woosh_robot/hall/r2")
+"""Their namespaces: the program is in /woosh_robot."""
+SPEAK = "woosh.robot.Speak"
+
+
+@pytest.fixture
+def chassis() -> Iterator[dict[str, SimulatorThread]]:
+    """A simulated chassis for each robot, by namespace."""
+    with ExitStack() as stack:
+        yield {
+            name: stack.enter_context(running_chassis(robot_id=number))
+            for number, name in enumerate(ROBOTS, start=30001)
+        }
+
+
+@pytest.fixture
+def clients(domain: int) -> Iterator[dict[str, Client]]:
+    """A client of each robot."""
+    running = {name: Client(domain, name) for name in ROBOTS}
+    yield running
+    for client in running.values():
+        client.close()
+
+
+def write(folder: Path, robots: Any, common: dict[str, Any], **own: dict[str, Any]) -> Path:
+    """A parameter file; keys of `own` are namespaces."""
+    tree: dict[str, Any] = {"/**": {"ros__parameters": {"robots": robots, **common}}}
+    for name, values in own.items():
+        tree[f"{name}/agent"] = {"ros__parameters": values}
+    file = folder / "robots.yaml"
+    file.write_text(yaml.safe_dump(tree, sort_keys=False))
+    return file
+
+
+@pytest.fixture
+def start_fleet(
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    start_program: Callable[..., Program],
+) -> Callable[..., Program]:
+    """Starts the program for all robots, and waits until it is connected to them."""
+
+    def start(**common: Any) -> Program:
+        own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
+        common = {"backoff_min": 0.1, **common}
+        program = start_program("--params-file", str(write(tmp_path, NAMES, common, **own)))
+        for name in ROBOTS:
+            program.wait_says(f"{logger_of(name)}]: connected to")
+        return program
+
+    return start
+
+
+@pytest.fixture
+def fleet(start_fleet: Callable[..., Program]) -> Program:
+    return start_fleet()
+
+
+def logger_of(namespace: str) -> str:
+    """The name of its agent's node in logs."""
+    return f"[{namespace.strip('/').replace('/', '.')}.agent"
+
+
+@pytest.mark.parametrize("executor", ["single", "events"])
+def test_each_reaches_its_own_chassis(
+    start_fleet: Callable[..., Program],
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    executor: str,
+) -> None:
+    start_fleet(executor=executor)
+    for name, client in clients.items():
+        assert client.call(Speak, "robot/Speak").ok
+        assert chassis[name].counts[SPEAK] == 1
+    poses = {name: client.echo(PoseSpeed, "robot/PoseSpeed") for name, client in clients.items()}
+    for name, client in clients.items():
+        drive(client, 0.1)
+        poses[name].wait(lambda message: message.twist.linear > 0)
+        drive(client, 0.0)
+        poses[name].wait(lambda message: message.twist.linear == 0)
+        poses[name].messages.clear()
+    for name, simulator in chassis.items():
+        assert simulator.counts[TWIST] == 2, name
+
+
+def test_frames_and_parameters_are_its_own(fleet: Program, clients: dict[str, Client]) -> None:
+    found = {}
+    for name, client in clients.items():
+        values = client.call(
+            GetParameters, "agent/get_parameters", names=["frame_prefix", "robots"]
+        ).values
+        found[name] = (values[0].string_value, list(values[1].string_array_value))
+    assert found == {ROBOTS[0]: ("r1/", NAMES), ROBOTS[1]: ("hall/r2/", NAMES)}
+    names = {f"{n[1]}/{n[0]}".replace("//", "/") for n in _nodes(clients["/r1"])}
+    assert {name for name in names if name.endswith("agent")} == {
+        f"{name}/agent" for name in ROBOTS
+    }
+
+
+def _nodes(client: Client) -> list[tuple[str, str]]:
+    return list(client.node.get_node_names_and_namespaces())
+
+
+def test_a_lost_chassis_is_the_one_robots_loss(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
+    lost, other = ROBOTS
+    goal = task(clients[other])
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    chassis[lost].stop()
+    wait_until(lambda: not clients[lost].call(Speak, "robot/Speak").ok)
+    assert clients[other].call(Speak, "robot/Speak").ok
+    assert goal.result()[0] == SUCCEEDED
+    # one trouble is told once, by the robot that has it
+    told = [line for line in fleet.lines if "cannot connect" in line or "lost" in line]
+    assert told
+    assert all(logger_of(lost) in line for line in told), told
+    assert len(set(told)) == len(told)
+
+
+def test_a_flood_of_calls_without_answers_holds_up_no_other(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
+    flooded, other = ROBOTS
+    chassis[flooded].mute(SPEAK)
+    waiting = [clients[flooded].call_async(Speak, "robot/Speak") for _ in range(500)]
+    for _ in range(30):
+        assert clients[other].call(Speak, "robot/Speak", timeout=2.0).ok
+    limit = LinkConfig().max_in_flight
+    chassis[flooded].wait_received(SPEAK, limit)
+    wait_until(lambda: sum(not each.done() for each in waiting) == limit)
+
+
+def test_log_lines_come_once_with_the_robots_name(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
+    for name, simulator in chassis.items():
+        lines = [line for line in fleet.lines if f":{simulator.port}" in line]
+        assert len(lines) == 1, lines
+        assert logger_of(name) in lines[0]
+
+
+def test_a_mistake_with_one_robot_is_told_as_its_own(
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Both where the executor calls and in the link's thread."""
+    with running_fleet(tmp_path, chassis) as fleet:
+        failing, other = ROBOTS
+        agent, second = fleet.agents
+
+        def fail(*_arguments: Any) -> None:
+            raise ZeroDivisionError
+
+        for each in agent._services._servers:
+            monkeypatch.setattr(each, "_handle", fail)
+        request = second._chassis.request
+
+        def fail_to_speak(message: Any, *rest: Any, **named: Any) -> Any:
+            is_it = type(message).__name__ == "Speak"
+            return fail() if is_it else request(message, *rest, **named)
+
+        monkeypatch.setattr(second._chassis, "request", fail_to_speak)
+        assert "ZeroDivisionError" in clients[failing].call(Speak, "robot/Speak").msg
+        assert "ZeroDivisionError" in clients[other].call(Speak, "robot/Speak").msg
+        told = capfd.readouterr().err.splitlines()
+    for name, text in ((failing, "a service callback failed"), (other, "a task of the agent")):
+        lines = [each for each in told if text in each]
+        assert len(lines) == 1, "\n".join(told)
+        assert logger_of(name) in lines[0]
+
+
+def test_an_end_that_fails_with_one_robot_stops_the_others(
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with running_fleet(tmp_path, chassis) as fleet:
+        for client in clients.values():
+            drive(client)
+
+        async def fail(_timeout: float) -> None:
+            raise ZeroDivisionError
+
+        monkeypatch.setattr(fleet.agents[0]._chassis, "stop_driving", fail)
+    assert not chassis[ROBOTS[1]].last(TWIST).ListFields()
+    wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
+
+
+@contextmanager
+def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator[Fleet]:
+    """The agents of all robots in this process."""
+    own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
+    file = write(folder, list(ROBOTS), {}, **own)
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context)
+    try:
+        fleet = Fleet(context=context)
+        executor = make_executor(fleet.executor, context)
+        for agent in fleet.agents:
+            executor.add_node(agent.node)
+        spinner = Spinner(executor)
+        try:
+            yield fleet
+        finally:
+            spinner.stop()
+            fleet.close(lambda: executor.spin_once(timeout_sec=0.02))
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_all(
+    fleet: Program,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    number: int,
+) -> None:
+    at_work, driven = ROBOTS
+    goal = task(clients[at_work], mark="A23")
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    drive(clients[driven])
+    assert fleet.end(number) < LIMIT
+    assert not chassis[driven].last(TWIST).ListFields(), "it is stopped"
+    assert not chassis[at_work].counts[TWIST]
+    status, ret = goal.result()
+    assert status == ABORTED
+    assert "stopping" in ret.msg
+    wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
+
+
+def test_a_frozen_chassis_does_not_keep_another_from_being_stopped(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
+    for client in clients.values():
+        drive(client)
+    frozen, other = ROBOTS
+    chassis[frozen].inject("half_open")
+    assert fleet.end() < LIMIT
+    assert not chassis[other].last(TWIST).ListFields()
+
+
+def test_frames_that_cannot_be_told_apart_are_told_of(start_fleet: Callable[..., Program]) -> None:
+    program = start_fleet(frame_prefix="same/")
+    said = [line for line in program.lines if "frame_prefix" in line]
+    assert len(said) == 1
+    assert logger_of(ROBOTS[1]) in said[0]
+
+
+A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
+
+
+@pytest.mark.parametrize(
+    ("robots", "common", "own", "complaints"),
+    [
+        (["/a", "/b"], {}, {"/a": A}, ["/b", "ip", "/b/agent"]),
+        (["/a", "/b"], {"ip": "127.0.0.1"}, {}, ["/a and /b", "127.0.0.1", "ip"]),
+        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "ip": "a b"}}, ["/b", "ip", "a b"]),
+        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "port": "x"}}, ["/b", "port"]),
+        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "executor": "single"}}, ["executor"]),
+        (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "twice"]),
+        (["/a", "/b c"], {}, {"/a": A}, ["b c", "robots"]),
+        (["/a", ""], {}, {"/a": A}, ["''", "robots"]),
+        ([1, 2], {}, {}, ["robots"]),
+        ("/a", {}, {}, ["robots"]),
+    ],
+)
+def test_a_list_that_makes_no_sense_ends_it_with_one_line(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    robots: Any,
+    common: dict[str, Any],
+    own: dict[str, Any],
+    complaints: list[str],
+) -> None:
+    program = start_program("--params-file", str(write(tmp_path, robots, common, **own)))
+    said = program.wait_refused()
+    assert program.process.returncode == 2
+    assert len(said.strip().splitlines()) == 1, said
+    for complaint in complaints:
+        assert complaint in said
+
+
+@pytest.mark.parametrize("robots", [[], [""]])
+def test_an_empty_list_is_one_robot(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    robots: list[str],
+) -> None:
+    port = chassis["/r1"].port
+    file = write(tmp_path, robots, {"ip": "127.0.0.1", "port": port})
+    program = start_program("--params-file", str(file))
+    program.wait_says(f"{logger_of('/woosh_robot')}]: connected to")
+
+
+def test_robots_behind_one_gateway_differ_by_robot_id(
+    start_program: Callable[..., Program], tmp_path: Path, chassis: dict[str, SimulatorThread]
+) -> None:
+    one = {"ip": "127.0.0.1", "port": chassis["/r1"].port}
+    own = {"/a": {"robot_id": 0}, "/b": {"robot_id": 30001}}
+    program = start_program("--params-file", str(write(tmp_path, ["/a", "/b"], one, **own)))
+    for name in own:
+        program.wait_says(f"{logger_of(name)}]: connected to")
+
+
+def test_names_below_the_programs_and_absolute_ones() -> None:
+    assert namespaces(["a", "b/c", "/d"], "/") == {"a": "/a", "b/c": "/b/c", "/d": "/d"}
+    assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
+
+
+def test_example_is_complete(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+) -> None:
+    """config/robots.yaml, with the ports of this test's chassis."""
+    text = (Path(__file__).parents[2] / "config/robots.yaml").read_text()
+    for wanted, simulator in zip(("5480", "5490"), chassis.values(), strict=True):
+        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {simulator.port}", text)
+        assert found == 1
+    file = tmp_path / "robots.yaml"
+    file.write_text(text)
+    program = start_program("--params-file", str(file))
+    for name in ("/r1", "/r2"):
+        program.wait_says(f"{logger_of(name)}]: connected to")
