@@ -6,6 +6,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 from google.protobuf import json_format
@@ -16,7 +17,7 @@ from bench.echo_chassis import scan
 from bench.options import Measured, Options
 from bench.programs import no_collection
 from woosh_robot_agent.convert import converter
-from woosh_robot_agent.link.json_mapping import from_json, to_json
+from woosh_robot_agent.link.json_mapping import to_json
 from woosh_robot_agent.services import ros_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -84,7 +85,9 @@ def conversions(_domain: int, options: Options) -> Measured:
     found = {}
     for name, (message, ros_name) in samples().items():
         body = json.loads(json.dumps(to_json(message, defaults=True)))
-        ours, theirs = ways(body, ros_type(ros_name, "msg"), type(message))
+        ros_class, cls = _ros_class(ros_name), type(message)
+        ours = partial(converter(ros_class, cls).from_json, body)
+        theirs = partial(_library, body, ros_class, cls)
         with no_collection():
             turns = [(timed(ours, options), timed(theirs, options)) for _ in range(_TURNS)]
         mine, other = (statistics.median(times) * 1e6 for times in zip(*turns, strict=True))
@@ -92,25 +95,8 @@ def conversions(_domain: int, options: Options) -> Measured:
     return found
 
 
-def ways(
-    body: Any, ros_class: Any, cls: type[Message]
-) -> tuple[Callable[[], Any], Callable[[], Any]]:
-    """The agent's way from a body to a ROS message, and the library's."""
-    agents = converter(ros_class, cls)
-    direct = getattr(agents, "from_json", None)
-
-    def by_protobuf() -> Any:
-        made = cls()
-        from_json(body, made)
-        return agents.to_ros(made)
-
-    def ours() -> Any:
-        return direct(body)
-
-    def theirs() -> Any:
-        return reflected(json_format.ParseDict(body, cls()), ros_class)
-
-    return (ours if direct else by_protobuf), theirs
+def _library(body: Any, ros_class: Any, cls: type[Message]) -> Any:
+    return reflected(json_format.ParseDict(body, cls()), ros_class)
 
 
 def timed(work: Callable[[], Any], options: Options) -> float:
@@ -122,6 +108,11 @@ def timed(work: Callable[[], Any], options: Options) -> float:
         work()
         count += 1
     return (now - begun) / count
+
+
+@cache
+def _ros_class(name: str) -> Any:
+    return ros_type(name, "msg")
 
 
 def reflected(message: Any, ros_class: Any) -> Any:
@@ -139,7 +130,7 @@ def _copied(value: Any, kind: str) -> Any:
         return [_copied(each, inner) for each in value]
     if "/" not in kind:
         return value
-    ros_class = ros_type(kind, "msg")
+    ros_class = _ros_class(kind)
     if isinstance(value, Message):
         return reflected(value, ros_class)
     return ros_class(value=value)  # an enum

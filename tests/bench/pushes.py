@@ -87,21 +87,22 @@ class Line:
 
     def warm(self, seconds: float) -> None:
         """Return when all have found each other, and then after a while of 100 Hz."""
-        wait_until(lambda: self.push(50.0, 5).share == 1.0, "the pushes", 60.0)
+        wait_until(lambda: self.push(100.0, 3, quiet=0.3).share == 1.0, "the pushes", 60.0)
         self.push(100.0, max(1, int(100 * seconds)))
 
-    def push(self, rate: float, count: int, poll: float = 0.0) -> Row:
+    def push(self, rate: float, count: int, *, poll: float = 0.0, quiet: float = _QUIET) -> Row:
         """Push for a while, and wait until the last has come or nothing comes any more.
 
         Args:
             rate: in Hz.
             count: of pushes.
             poll: s after which subscribers look for the newest; 0 has them take each at once.
+            quiet: s of silence, beside the pushes' own, after which nothing more is waited for.
         """
         first, self._next = self._next, self._next + count
         before = self._cpu()
         for subscriber in self.subscribers:
-            subscriber.tell("take", self._next - 1, _QUIET + 1 / rate, poll)
+            subscriber.tell("take", self._next - 1, quiet + 1 / rate, poll)
         self.chassis.tell("push", rate, first, count)
         told = self.chassis.read()
         came = [subscriber.read() for subscriber in self.subscribers]
@@ -186,7 +187,7 @@ def _highest_rate(made: Line, drops: Callable[[], int], options: Options) -> flo
 
     def kept(rate: float) -> bool:
         before = drops()
-        row = made.push(rate, options.count(int(2 * rate)), _POLL)
+        row = made.push(rate, options.count(int(2 * rate)), poll=_POLL)
         return row.rate >= 0.98 * rate and row.lag <= _LATE and drops() == before
 
     rate = best = _FIRST_RATE
