@@ -16,28 +16,38 @@ from rclpy.qos import QoSProfile
 
 from bench.options import Measured, Options, Spread
 from bench.programs import Program, agent, echo_chassis, no_collection, running
-from woosh_robot_msgs.srv import PoseSpeed
+from woosh_robot_msgs.srv import PoseSpeed, ScannerData
 
 _DELAY = 0.05
 _AT_A_TIME = 10
 
 
 class Caller:
-    """Calls one service of the agent, by an executor of its own in this thread."""
+    """Calls services of the agent, by an executor of its own in this thread.
 
-    def __init__(self, domain: int, srv: Any = PoseSpeed, name: str = "robot/PoseSpeed") -> None:
+    It had best be there before the agent: DDS finds who comes last the soonest.
+    """
+
+    def __init__(self, domain: int) -> None:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node("caller", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._srv: Any = None
+        self._client: Any = None
+
+    def use(self, srv: Any, name: str) -> None:
+        """Call this service from now on; returns when it answers."""
+        if self._client is not None:
+            self._node.destroy_client(self._client)
         self._srv = srv
         self._client = self._node.create_client(
             srv, f"{NAMESPACE}/{name}", qos_profile=QoSProfile(depth=1000)
         )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         wait_until(self._client.service_is_ready, "the service", 30.0)
         # ready as it is, the way back may not be known to the server yet
-        wait_until(lambda: self._call(1.0), "the first answer", 30.0)
+        wait_until(lambda: self._call(0.2), "the first answer", 30.0)
 
     def warm(self, seconds: float) -> None:
         """Call for a while, until both ends know each other and all is in the caches."""
@@ -95,9 +105,9 @@ class Caller:
 
 
 @contextlib.contextmanager
-def calling(domain: int, *service: Any) -> Iterator[Caller]:
+def calling(domain: int) -> Iterator[Caller]:
     """A caller, closed at the end."""
-    caller = Caller(domain, *service)
+    caller = Caller(domain)
     try:
         yield caller
     finally:
@@ -112,8 +122,16 @@ class Trips:
     cpu: float
 
 
-def trips(program: Program, caller: Caller, count: int, options: Options) -> Trips:
-    """Calls one after the other."""
+Service = tuple[Any, str]
+POSE_SPEED: Service = (PoseSpeed, "robot/PoseSpeed")
+SCAN: Service = (ScannerData, "robot/ScannerData")
+
+
+def trips(
+    program: Program, caller: Caller, service: Service, count: int, options: Options
+) -> Trips:
+    """Calls of one service, one after the other."""
+    caller.use(*service)
     caller.warm(1.0 * options.scale)
     with no_collection():
         cpu = program.cpu
@@ -125,11 +143,11 @@ def services(domain: int, options: Options) -> Measured:
     """Calls one after the other, then several at a time to a slow chassis."""
     count = options.count(2000)
     with echo_chassis(domain, options.transport) as (chassis, port):
-        with agent(domain, port, options) as program, calling(domain) as caller:
-            through = trips(program, caller, count, options)
+        with calling(domain) as caller, agent(domain, port, options) as program:
+            through = trips(program, caller, POSE_SPEED, count, options)
             concurrent = _concurrent(chassis, caller, options.count(600))
-        with running("bench.floors.service", domain=domain) as floor, calling(domain) as caller:
-            bare = trips(floor, caller, count, options)
+        with calling(domain) as caller, running("bench.floors.service", domain=domain) as floor:
+            bare = trips(floor, caller, POSE_SPEED, count, options)
     socket = bare_socket(domain, count)
     kinds = {
         "service_rtt": [each.times.median for each in (through, bare, socket)],

@@ -14,10 +14,9 @@ from collections.abc import Sequence
 from harness import own_domain
 
 from bench import machine, pages
-from bench.calls import calling, trips
+from bench.calls import POSE_SPEED, SCAN, calling, trips
 from bench.options import Options, parser, repetitions, scale
 from bench.pushes import line
-from woosh_robot_msgs.srv import ScannerData
 
 LINKS = {
     "WebSocket, JSON": ("websocket", "json"),
@@ -38,13 +37,11 @@ FIGURES = {
 
 def measure(domain: int, options: Options) -> dict[str, float]:
     """All figures of one link."""
-    with line(domain, options) as made:
+    with calling(domain) as caller, line(domain, options) as made:
         (agent,) = made.publishers
         pushed = made.push(100.0, options.count(1000))
-        with calling(domain) as caller:
-            called = trips(agent, caller, options.count(1000), options)
-        with calling(domain, ScannerData, "robot/ScannerData") as caller:
-            scanned = trips(agent, caller, options.count(500), options)
+        called = trips(agent, caller, POSE_SPEED, options.count(1000), options)
+        scanned = trips(agent, caller, SCAN, options.count(500), options)
     return {
         "service_rtt": called.times.median,
         "service_rtt_p99": called.times.p99,

@@ -16,13 +16,12 @@ from dataclasses import astuple, dataclass
 from harness import own_domain
 
 from bench import machine, pages
-from bench.calls import calling, trips
+from bench.calls import SCAN, calling, trips
 from bench.fleet import Fleet, percent, served, ways
 from bench.options import Options, Spread, parser, repetitions
 from bench.options import scale as scale_of
 from bench.programs import agent, echo_chassis
 from bench.pushes import Line, line
-from woosh_robot_msgs.srv import ScannerData
 
 ROBOTS = (1, 2, 5, 10, 15, 20, 30, 40, 60)
 RATES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
@@ -77,7 +76,7 @@ def robots(options: Options) -> Curves:
     for shared, words in ways():
         points = curves.setdefault(words, [])
         with Fleet(options, shared=shared) as fleet:
-            for count in ROBOTS[:2] if options.smoke else ROBOTS:
+            for count in ROBOTS[:1] if options.smoke else ROBOTS:
                 fleet.grow(count - fleet.robots)
                 row = fleet.push()
                 points.append(Point.of(count, percent(row, row.cpu), row.latency))
@@ -91,7 +90,7 @@ def rates(options: Options) -> Curves:
     curves: Curves = {}
     for name, floor in (("agent", False), ("bare publish", True)):
         with own_domain() as domain, line(domain, options, floor=floor, odom=True) as made:
-            sizes = RATES[-2:] if options.smoke else RATES
+            sizes = RATES[-1:] if options.smoke else RATES
             curves[name] = [_at_rate(made, float(rate), options) for rate in sizes]
     return curves
 
@@ -104,14 +103,14 @@ def _at_rate(made: Line, rate: float, options: Options) -> Point:
 def scans(options: Options) -> Curves:
     """Calls of robot/ScannerData, one after the other."""
     points = []
-    for beams in BEAMS[:2] if options.smoke else BEAMS:
+    for beams in BEAMS[:1] if options.smoke else BEAMS:
         with (
             own_domain() as domain,
             echo_chassis(domain, options.transport, "--beams", str(beams)) as (_, port),
+            calling(domain) as caller,
             agent(domain, port, options) as program,
-            calling(domain, ScannerData, "robot/ScannerData") as caller,
         ):
-            called = trips(program, caller, options.count(300), options)
+            called = trips(program, caller, SCAN, options.count(300), options)
         points.append(Point.of(beams, called.cpu / 1000, called.times))
     return {"agent": points}
 
