@@ -29,6 +29,7 @@ class Program:
         # not a pipe: one that nobody reads would block it
         self._said = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._name = " ".join(command)
+        self._stopping = False
         self.started = time.monotonic()
         self.process = module(
             *command,
@@ -52,11 +53,12 @@ class Program:
         if not line:
             self.process.wait()
             self.check()
+            raise RuntimeError(f"{self._name} was stopped before it answered")
         return json.loads(line)
 
     def check(self) -> None:
         """Raise where it has ended, which nobody told it to."""
-        if (status := self.process.poll()) is not None:
+        if (status := self.process.poll()) is not None and not self._stopping:
             raise RuntimeError(f"{self._name} ended with {status}; it said:\n{self.said}")
 
     @property
@@ -89,14 +91,19 @@ class Program:
         """Resident memory in bytes."""
         return rss(self.process.pid)
 
+    def stop(self) -> None:
+        """Tell it to end. It is still to be ended by `end`."""
+        if not self._stopping and self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        self._stopping = True
+
     def end(self) -> None:
         """End it, politely at first."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-            try:
-                self.process.wait(5)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
+        self.stop()
+        try:
+            self.process.wait(5)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout, self._said):
             assert pipe is not None
