@@ -1,1 +1,1 @@
-"""Measurements of the agent's robustness, each printed as a Markdown table: `scripts/bench`."""
+"""Measurements of robustness and speed, each printed as a Markdown table: `scripts/bench`."""

@@ -11,6 +11,8 @@ BENCHES = {
     "faults": "every fault at every point: what the agent answers, and how soon it is back",
     "flood": "clients and a chassis that send too much, and one that answers too slowly",
     "fuzz": "frames, requests and goals that make no sense",
+    "links": "what WebSocket and TCP, JSON and protobuf cost, side by side",
+    "scale": "how the cost grows with robots, rate and size, with plots",
     "soak": "mixed traffic and a fault every now and then, for an hour",
     "speed": "what the agent costs over bare rclpy and a bare socket",
 }

@@ -5,87 +5,111 @@ from __future__ import annotations
 import statistics
 import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from harness import Client, wait_until
+from std_msgs.msg import Bool
 
+from bench.options import Measured, Options
 from bench.programs import agent_command, echo_chassis, running
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-
-if TYPE_CHECKING:
-    from bench.speed import Options
+from woosh_robot_agent.parameters import PARAMETERS
+from woosh_robot_agent.standard.table import STANDARD, Kind
 
 _MIB = 1024 * 1024
+_LOOK_EVERY = 0.02
+"""s between looks for endpoints: a look takes ms of a core that the start needs too."""
+_KINDS = {Kind.SERVICE: "service", Kind.INPUT: "subscription", Kind.LATCHED: "latched"}
 
 
-def idle(domain: int, options: Options) -> dict[str, tuple[float, str]]:
+def entities() -> Iterator[str]:
+    """All that the agent makes by default, as `bench.floors.entities` takes it."""
+    for service in (*QUERIES, *COMMANDS):
+        yield f"service:{service.srv}:{service.name}:0"
+    for topic in TOPICS:
+        yield f"latched:{topic.msg}:{topic.name}:{topic.depth}"
+    for action in ACTIONS:
+        yield f"action:{action.action}:{action.name}:0"
+    off = {each.name for each in PARAMETERS if each.initial is False}
+    for entry in STANDARD:
+        if entry.switch not in off:
+            kind = _KINDS.get(entry.kind, "publisher")
+            yield f"{kind}:{entry.type}:{entry.name}:{entry.depth}"
+
+
+def _commands(port: int, options: Options) -> dict[str, list[str]]:
+    return {
+        "agent": agent_command(port, options),
+        "floor": ["bench.floors.entities", *entities()],
+    }
+
+
+def idle(domain: int, options: Options) -> Measured:
     """Memory and CPU, connected, nobody subscribed, the standard layer on."""
-    with echo_chassis(domain, "--transport", options.transport) as (_, port):
-        commands = {
-            "agent": agent_command(port, options.executor, **options.link),
-            "floor": ["bench.floors.entities", options.executor],
-        }
-        rss, cpu = {}, {}
-        for name, command in commands.items():
+    rss, cpu = {}, {}
+    with echo_chassis(domain, options.transport) as (_, port):
+        for name, command in _commands(port, options).items():
+            watcher = Watcher(domain)
             with running(*command, domain=domain) as program:
-                discovered(domain)
-                threading.Event().wait(3.0 * options.scale)  # the start is over
+                watcher.wait_there(connected=name == "agent")
+                watcher.close()
+                threading.Event().wait(5.0 * options.scale)  # the start is over
                 before, begun = program.cpu, time.monotonic()
                 threading.Event().wait(20.0 * options.scale)
                 cpu[name] = 100 * (program.cpu - before) / (time.monotonic() - begun)
                 rss[name] = program.rss / _MIB
+            gone(domain)
     return {
         "idle_rss": (rss["agent"] / rss["floor"], f"{rss['agent']:.1f} / {rss['floor']:.1f} MiB"),
         "idle_cpu": (cpu["agent"], f"{cpu['agent']:.2f} %, bare {cpu['floor']:.2f} %"),
     }
 
 
-def startup(domain: int, options: Options) -> dict[str, tuple[float, str]]:
-    """From exec until a client sees all endpoints."""
+def startup(domain: int, options: Options) -> Measured:
+    """From exec until a client sees all endpoints, and that the agent is connected."""
     times: dict[str, list[float]] = {"agent": [], "floor": []}
-    with echo_chassis(domain, "--transport", options.transport) as (_, port):
-        commands = {
-            "agent": agent_command(port, options.executor, **options.link),
-            "floor": ["bench.floors.entities", options.executor],
-        }
-        for _ in range(options.count(5)):
-            for name, command in commands.items():
-                watcher = Client(domain)
+    with echo_chassis(domain, options.transport) as (_, port):
+        for _ in range(1 if options.smoke else 5):
+            for name, command in _commands(port, options).items():
+                watcher = Watcher(domain)
                 with running(*command, domain=domain) as program:
-                    wait_until(lambda: all_there(watcher), "the endpoints", 60.0)  # noqa: B023
-                    if name == "agent":
-                        wait_connected(watcher)
+                    watcher.wait_there(connected=name == "agent")
                     times[name].append(time.monotonic() - program.started)
                 watcher.close()
                 gone(domain)
-    agent, floor = (statistics.median(times[name]) for name in ("agent", "floor"))
-    return {"startup": (agent / floor, f"{agent:.2f} / {floor:.2f} s")}
+    ours, bare = (statistics.median(times[name]) for name in ("agent", "floor"))
+    return {"startup": (ours / bare, f"{ours:.2f} / {bare:.2f} s")}
 
 
-def all_there(watcher: Client) -> bool:
-    """Whether every endpoint of the table is discovered."""
-    node = watcher.node
-    services = {name for name, _ in node.get_service_names_and_types()}
-    topics = {name for name, _ in node.get_topic_names_and_types()}
-    return (
-        {watcher.path(each.name) for each in (*QUERIES, *COMMANDS)} <= services
-        and {watcher.path(each.name) for each in TOPICS} <= topics
-        and {watcher.path(f"{each.name}/_action/status") for each in ACTIONS} <= topics
-    )
+class Watcher:
+    """A client that was there before the agent, and sees it come."""
 
+    def __init__(self, domain: int) -> None:
+        self._client = Client(domain)
+        self._connected = self._client.echo(Bool, "connected")
 
-def wait_connected(watcher: Client) -> None:
-    """Return when the agent has its link."""
-    from std_msgs.msg import Bool
+    def wait_there(self, *, connected: bool) -> None:
+        """Return when every endpoint of the table is discovered, and the link is there too."""
+        deadline = time.monotonic() + 60.0
+        while not (self._all_there() and (self._has_link() or not connected)):
+            assert time.monotonic() < deadline, "timed out waiting for the endpoints"
+            threading.Event().wait(_LOOK_EVERY)
 
-    watcher.echo(Bool, "connected").wait(lambda message: message.data)
+    def _has_link(self) -> bool:
+        return any(message.data for message in self._connected.messages)
 
+    def _all_there(self) -> bool:
+        node, path = self._client.node, self._client.path
+        services = {name for name, _ in node.get_service_names_and_types()}
+        topics = {name for name, _ in node.get_topic_names_and_types()}
+        return (
+            {path(each.name) for each in (*QUERIES, *COMMANDS)} <= services
+            and {path(each.name) for each in TOPICS} <= topics
+            and {path(f"{each.name}/_action/status") for each in ACTIONS} <= topics
+        )
 
-def discovered(domain: int) -> None:
-    """Return when a client sees all endpoints; it is gone then."""
-    watcher = Client(domain)
-    wait_until(lambda: all_there(watcher), "the endpoints", 60.0)
-    watcher.close()
+    def close(self) -> None:
+        self._client.close()
 
 
 def gone(domain: int) -> None:

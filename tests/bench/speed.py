@@ -4,11 +4,11 @@ scripts/bench --speed                 all figures, three repetitions
 scripts/bench --speed --json          one JSON object instead of the table
 scripts/bench --speed --only push_cpu convert_pose
 scripts/bench --speed --smoke         a short run without judgement, to see that it works
+scripts/bench --speed --docs          puts the table into docs/speed.md
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import sys
@@ -17,51 +17,68 @@ from dataclasses import dataclass, field
 
 from harness import own_domain
 
-from bench import conversions, latencies, presence
-
-FIGURES: dict[str, tuple[float, float, str]] = {
-    "service_rtt": (2.0, 1.5, "median of a service call / bare service + bare WebSocket"),
-    "service_rtt_p99": (3.0, 2.0, "the same at p99"),
-    "service_cpu": (2.0, 1.3, "agent's CPU per call / bare server + bare client"),
-    "concurrent": (0.90, 0.95, "10 calls at a time, 50 ms each: throughput / ideal"),
-    "push_latency": (1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
-    "push_cpu": (1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
-    "push_max": (0.5, 0.8, "highest rate without loss / bare publish's"),
-    "convert_pose": (1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
-    "convert_scan": (1 / 15, 1 / 25, "scan of 1080 beams, the same"),
-    "convert_info": (1 / 6, 1 / 12, "full RobotInfo, the same"),
-    "idle_rss": (1.35, 1.15, "resident memory / a node with the same entities"),
-    "idle_cpu": (1.0, 0.3, "percent of a core, connected and quiet"),
-    "startup": (2.0, 1.3, "start to connected and discovered / a node with the same entities"),
-}
-"""By name: what must be, what is aimed at, and what it is. For `concurrent` and `push_max` more is
-better, for all others less."""
-_MORE_IS_BETTER = ("concurrent", "push_max")
+from bench import calls, conversions, fleet, machine, pages, presence, pushes
+from bench.options import Measured, Options, parser, repetitions, scale
 
 
-@dataclass
-class Options:
-    """How to measure.
+@dataclass(frozen=True)
+class Wanted:
+    """One figure.
 
     Attributes:
-        executor: the agent's, and that of the floors.
-        scale: share of the usual number of samples.
-        transport, encoding: of the link.
+        must: what it must be; None where it is only told.
+        aim: what it should be.
+        what: what it is.
+        more: whether more is better.
     """
 
-    executor: str = "single"
-    scale: float = 1.0
-    transport: str = "websocket"
-    encoding: str = "json"
+    must: float | None
+    aim: float
+    what: str
+    more: bool = False
 
-    def count(self, usual: int) -> int:
-        """A number of samples."""
-        return max(5, int(usual * self.scale))
+    def verdict(self, value: float) -> str:
+        def reaches(limit: float) -> bool:
+            return value >= limit if self.more else value <= limit
 
-    @property
-    def link(self) -> dict[str, str]:
-        """The agent's parameters for the link."""
-        return {"transport": self.transport, "encoding": self.encoding}
+        if reaches(self.aim):
+            return "aim met"
+        if self.must is None:
+            return f"aim missed by {abs(value / self.aim - 1):.0%}"
+        return "met" if reaches(self.must) else f"missed by {abs(value / self.must - 1):.0%}"
+
+
+FIGURES = {
+    "service_rtt": Wanted(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
+    "service_rtt_p99": Wanted(3.0, 2.0, "the same at p99"),
+    "service_cpu": Wanted(2.0, 1.3, "agent's CPU per call / (bare server + bare client)"),
+    "concurrent": Wanted(0.90, 0.95, "10 calls at a time, 50 ms each: throughput / ideal", True),
+    "push_latency": Wanted(1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
+    "push_cpu": Wanted(1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
+    "push_max": Wanted(0.5, 0.8, "highest rate without loss / bare publish's", True),
+    "convert_pose": Wanted(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
+    "convert_scan": Wanted(1 / 15, 1 / 25, "scan of 1080 beams, the same"),
+    "convert_info": Wanted(1 / 6, 1 / 12, "full RobotInfo, the same"),
+    "idle_rss": Wanted(1.35, 1.15, "resident memory / a node with the same entities"),
+    "idle_cpu": Wanted(1.0, 0.3, "percent of a core, connected and quiet"),
+    "startup": Wanted(
+        2.0, 1.3, "start to connected and discovered / a node with the same entities"
+    ),
+    "fleet": Wanted(None, 60, "robots served at 20 Hz each, the better of the two ways", True),
+}
+
+Measure = Callable[[int, Options], Measured]
+#: What measures which figures: each runs agent and floors one after the other, in one domain.
+MEASURES: tuple[tuple[Measure, tuple[str, ...]], ...] = (
+    (calls.services, ("service_rtt", "service_rtt_p99", "service_cpu", "concurrent")),
+    (pushes.pushes, ("push_latency", "push_cpu", "push_max")),
+    (conversions.conversions, ("convert_pose", "convert_scan", "convert_info")),
+    (presence.idle, ("idle_rss", "idle_cpu")),
+    (presence.startup, ("startup",)),
+    (fleet.fleet, ("fleet",)),
+)
+BEFORE = pages.DOCS / "speed_before.json"
+"""What `--json` gave before the agent was made fast."""
 
 
 @dataclass
@@ -71,13 +88,17 @@ class Figures:
     ratios: dict[str, list[float]] = field(default_factory=dict)
     details: dict[str, list[str]] = field(default_factory=dict)
 
-    def add(self, measured: dict[str, tuple[float, str]]) -> None:
+    def add(self, measured: Measured) -> None:
         for name, (ratio, detail) in measured.items():
             self.ratios.setdefault(name, []).append(ratio)
             self.details.setdefault(name, []).append(detail)
 
     def median(self, name: str) -> float:
         return statistics.median(self.ratios[name])
+
+    def range(self, name: str) -> str:
+        """The smallest and the largest of the repetitions."""
+        return f"{min(self.ratios[name]):.3g} to {max(self.ratios[name]):.3g}"
 
     def detail(self, name: str) -> str:
         """The bare values of the repetition that is the median."""
@@ -86,64 +107,62 @@ class Figures:
         return self.details[name][nearest]
 
 
-Measure = Callable[[int, Options], dict[str, tuple[float, str]]]
-#: What measures which figures: each runs agent and floors one after the other, in one domain.
-MEASURES: tuple[tuple[Measure, tuple[str, ...]], ...] = (
-    (latencies.services, ("service_rtt", "service_rtt_p99", "service_cpu")),
-    (latencies.concurrency, ("concurrent",)),
-    (latencies.pushes, ("push_latency", "push_cpu")),
-    (latencies.push_rates, ("push_max",)),
-    (conversions.conversions, ("convert_pose", "convert_scan", "convert_info")),
-    (presence.idle, ("idle_rss", "idle_cpu")),
-    (presence.startup, ("startup",)),
-)
-
-
 def main(arguments: Sequence[str]) -> int:
     """Measure, and print the table. The exit status does not judge: machines differ."""
-    parser = argparse.ArgumentParser(prog="scripts/bench --speed", description=__doc__)
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--smoke", action="store_true")
-    parser.add_argument("--only", nargs="*", choices=FIGURES, default=list(FIGURES))
-    parser.add_argument("--executor", default="single")
-    parser.add_argument("--transport", default="websocket", choices=("websocket", "tcp"))
-    parser.add_argument("--encoding", default="json", choices=("json", "protobuf"))
-    given = parser.parse_args(arguments)
-    options = Options(given.executor, 0.01 if given.smoke else 1.0, given.transport, given.encoding)
-    figures = Figures()
-    for repetition in range(1 if given.smoke else given.repeat):
-        for measure, names in MEASURES:
-            if not set(names) & set(given.only):
-                continue
-            print(f"{repetition + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
-            with own_domain() as domain:
-                figures.add(measure(domain, options))
+    options = parser("speed", __doc__)
+    options.add_argument("--only", nargs="*", choices=FIGURES, default=list(FIGURES))
+    options.add_argument("--transport", default="websocket", choices=("websocket", "tcp"))
+    options.add_argument("--encoding", default="json", choices=("json", "protobuf"))
+    given = options.parse_args(arguments)
+    figures = measured(
+        Options(given.executor, scale(given), given.transport, given.encoding),
+        repetitions(given),
+        given.only,
+    )
     names = [name for name in FIGURES if name in figures.ratios]
+    found = table(figures, names)
     if given.json:
-        print(json.dumps({name: round(figures.median(name), 4) for name in names}))
+        print(json.dumps({name: float(f"{figures.median(name):.4g}") for name in names}))
     else:
-        print(table(figures, names))
+        print(found)
+    if given.docs:
+        pages.write("figures", f"{machine.described()}; executor `{given.executor}`.\n\n{found}")
     return 0
+
+
+def measured(options: Options, repeat: int, only: Sequence[str]) -> Figures:
+    """All figures that are asked for, and those that come with them."""
+    figures = Figures()
+    for repetition in range(repeat):
+        for measure, names in MEASURES:
+            if set(names) & set(only):
+                print(f"{repetition + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
+                with own_domain() as domain:
+                    figures.add(measure(domain, options))
+    return figures
 
 
 def table(figures: Figures, names: Sequence[str]) -> str:
     """The figures in Markdown."""
+    before = json.loads(BEFORE.read_text()) if BEFORE.exists() else {}
     rows = [
-        "| Figure | Measured | Must | Aim | | What | Medians |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| Figure | Before | Measured | Repetitions | Must | Aim | | What | Agent / floor |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name in names:
-        must, aim, what = FIGURES[name]
-        value = figures.median(name)
-        sign = -1 if name in _MORE_IS_BETTER else 1
-        verdict = "aim met" if sign * value <= sign * aim else "met"
-        if sign * value > sign * must:
-            verdict = f"missed by {abs(value / must - 1):.0%}"
-        rows.append(
-            f"| `{name}` | {value:.3f} | {must:.3f} | {aim:.3f} | {verdict} | {what} "
-            f"| {figures.detail(name)} |"
+        wanted, value = FIGURES[name], figures.median(name)
+        cells = (
+            f"`{name}`",
+            f"{before[name]:.3g}" if name in before else "",
+            f"{value:.3g}",
+            figures.range(name),
+            "" if wanted.must is None else f"{wanted.must:.3g}",
+            f"{wanted.aim:.3g}",
+            wanted.verdict(value),
+            wanted.what,
+            figures.detail(name),
         )
+        rows.append("| " + " | ".join(cells) + " |")
     return "\n".join(rows)
 
 

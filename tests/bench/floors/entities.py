@@ -1,51 +1,56 @@
-"""Floor: a node with as many services, topics and actions as the agent, and nothing behind them."""
+"""Floor: a node with as many services, topics and actions as the agent, and nothing behind them.
+
+    python -m bench.floors.entities KIND:TYPE:NAME:DEPTH...
+
+KIND is service, action, publisher, latched or subscription; DEPTH is the topic's. Nothing of the
+agent is imported here: what that costs is what is measured.
+"""
 
 from __future__ import annotations
 
+import importlib
 import sys
 from typing import Any
 
 import rclpy
 from rclpy.action import ActionServer
 from rclpy.executors import ExternalShutdownException
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from woosh_robot_agent.agent import make_executor
-from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-from woosh_robot_agent.services import ros_type
-from woosh_robot_agent.standard.table import STANDARD, Kind
-from woosh_robot_agent.topics import latched
+FOLDERS = {"service": "srv", "action": "action"}
 
 
-def nothing(*_arguments: Any) -> Any:
-    return None
+def nothing(*_arguments: Any) -> None:
+    pass
 
 
-def main(executor_name: str) -> None:
+def create(node: Any, kind: str, type_name: str, name: str, depth: str) -> None:
+    package, short = type_name.split("/")
+    module = importlib.import_module(f"{package}.{FOLDERS.get(kind, 'msg')}")
+    ros_type = getattr(module, short)
+    qos = QoSProfile(depth=int(depth))
+    if kind == "service":
+        node.create_service(ros_type, name, nothing)
+    elif kind == "action":
+        ActionServer(node, ros_type, name, nothing)
+    elif kind == "subscription":
+        node.create_subscription(ros_type, name, nothing, qos)
+    else:
+        if kind == "latched":
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        node.create_publisher(ros_type, name, qos)
+
+
+def main(entities: list[str]) -> None:
     rclpy.init()
     node = rclpy.create_node("agent", namespace="/woosh_robot")
-    for service in (*QUERIES, *COMMANDS):
-        node.create_service(ros_type(service.srv, "srv"), service.name, nothing)
-    for topic in TOPICS:
-        node.create_publisher(ros_type(topic.msg, "msg"), topic.name, latched(topic.depth))
-    for action in ACTIONS:
-        ActionServer(node, ros_type(action.action, "action"), action.name, nothing)
-    for entry in STANDARD:
-        if entry.switch == "publish_tf":  # off by default
-            continue
-        if entry.kind is Kind.SERVICE:
-            node.create_service(ros_type(entry.type, "srv"), entry.name, nothing)
-        elif entry.kind is Kind.INPUT:
-            node.create_subscription(ros_type(entry.type, "msg"), entry.name, nothing, 1)
-        else:
-            node.create_publisher(ros_type(entry.type, "msg"), entry.name, entry.depth)
-    executor = make_executor(executor_name)
-    executor.add_node(node)
-    try:
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    for entity in entities:
+        create(node, *entity.split(":"))
+    rclpy.spin(node)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    try:
+        main(sys.argv[1:])
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass

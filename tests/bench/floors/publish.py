@@ -12,17 +12,18 @@ import sys
 
 import rclpy
 import websockets
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from woosh_robot_agent.topics import latched
 from woosh_robot_msgs.msg import PoseSpeed
 
+QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _MILEAGE = re.compile(r'"mileage":(\d+)')
 
 
 async def main(url: str) -> None:
     rclpy.init()
     node = rclpy.create_node("agent", namespace="/woosh_robot")
-    publisher = node.create_publisher(PoseSpeed, "robot/PoseSpeed", latched(1))
+    publisher = node.create_publisher(PoseSpeed, "robot/PoseSpeed", QOS)
     message = PoseSpeed()
     topics = {"topics": ["woosh.robot.PoseSpeed"], "sub": True}
     async with websockets.connect(url, compression=None, max_size=None) as socket:

@@ -1,0 +1,37 @@
+"""The machine and the versions that a measurement is true of."""
+
+from __future__ import annotations
+
+import os
+import platform
+from pathlib import Path
+
+import google.protobuf
+import websockets.version
+from ament_index_python.packages import get_package_prefix
+
+
+def described() -> str:
+    """In one line: what else would have to be the same for the same figures."""
+    return ", ".join(
+        (
+            f"{_cpu()} ({os.cpu_count()} cores)",
+            f"Linux {platform.release()}",
+            f"Python {platform.python_version()}",
+            f"ROS 2 {os.environ.get('ROS_DISTRO', 'unknown').capitalize()}, rclpy {_rclpy()}",
+            f"websockets {websockets.version.version}",
+            f"protobuf {google.protobuf.__version__}",
+        )
+    )
+
+
+def _cpu() -> str:
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return " ".join(line.partition(":")[2].split())
+    return platform.processor() or platform.machine()
+
+
+def _rclpy() -> str:
+    manifest = Path(get_package_prefix("rclpy"), "share/rclpy/package.xml").read_text()
+    return manifest.partition("<version>")[2].partition("</version>")[0]
