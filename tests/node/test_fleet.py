@@ -234,6 +234,8 @@ def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator
             executor.add_node(agent.node)
         spinner = Spinner(executor)
         try:
+            for agent in fleet.agents:
+                wait_until(lambda agent=agent: agent._chassis.state.value == "ready", "the link")
             yield fleet
         finally:
             spinner.stop()
