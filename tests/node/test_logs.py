@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
+
+import pytest
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.logging import LoggingSeverity, get_logger
 
 from woosh_robot_agent.logs import RosLogHandler, context_of, log_to_ros, speak_as
 
 
-class Lines:
-    """In the place of rclpy's logger, which writes to the process's stderr."""
+@pytest.fixture
+def lines(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is logged: severity, logger's name, text, and where in the source that was done."""
+    logged: list[Any] = []
 
-    def __init__(self) -> None:
-        self.lines: list[tuple[str, str]] = []
+    def note(severity: Any, name: str, text: str, *place: Any) -> None:
+        logged.append((severity.name, name, text, place))
 
-    def __getattr__(self, severity: str) -> object:
-        return lambda text: self.lines.append((severity, text))
+    monkeypatch.setattr(_rclpy, "rclpy_logging_rcutils_log", note)
+    return logged
 
 
 def say(logger: logging.Logger) -> None:
@@ -26,29 +33,51 @@ def say(logger: logging.Logger) -> None:
         logger.exception("failed")
 
 
-def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole() -> None:
-    lines = Lines()
+def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(
+    lines: list[Any],
+) -> None:
     logger = logging.getLogger("a test of logs")
     logger.propagate = False
     logger.addHandler(RosLogHandler())
-    context_of(lines).run(say, logger)
-    assert lines.lines[0] == ("warning", "the chassis said a\\n\\x1b[31mb")
-    assert lines.lines[1] == ("error", "x" * 2000 + "... (3000 characters)")
-    severity, text = lines.lines[2]
-    assert severity == "error"
+    context_of(get_logger("one")).run(say, logger)
+    assert lines[0][:3] == ("WARN", "one", "the chassis said a\\n\\x1b[31mb")
+    assert lines[1][:3] == ("ERROR", "one", "x" * 2000 + "... (3000 characters)")
+    severity, _, text, _ = lines[2]
+    assert severity == "ERROR"
     assert text.startswith("failed\nTraceback (most recent call last):\n")
     assert text.endswith("ZeroDivisionError: once")
 
 
-def test_each_context_has_its_speaker_and_a_line_comes_once() -> None:
+def test_each_context_has_its_speaker_and_a_line_comes_once(lines: list[Any]) -> None:
     log_to_ros()
     log_to_ros()
     logger = logging.getLogger("woosh_robot_agent.a_test")
-    one, other = Lines(), Lines()
+    one, other = get_logger("one"), get_logger("other")
     context = context_of(one)
     context.run(logger.info, "1")
     context_of(other).run(logger.info, "2")
     context.run(speak_as, other)
     context.run(logger.info, "3")
-    assert one.lines == [("info", "1")]
-    assert other.lines == [("info", "2"), ("info", "3")]
+    assert [line[:3] for line in lines] == [
+        ("INFO", "one", "1"),
+        ("INFO", "other", "2"),
+        ("INFO", "other", "3"),
+    ]
+
+
+def test_a_line_says_where_in_the_source_it_comes_from(lines: list[Any]) -> None:
+    logger = logging.getLogger("a test of logs")
+    context_of(get_logger("one")).run(say, logger)
+    function, path, line = lines[0][3]
+    assert (function, path) == ("say", __file__)
+    assert line == say.__code__.co_firstlineno + 1
+
+
+def test_what_is_below_the_loggers_level_is_left_out(lines: list[Any]) -> None:
+    log_to_ros()
+    quiet = get_logger("quiet")
+    quiet.set_level(LoggingSeverity.WARN)
+    logger = logging.getLogger("woosh_robot_agent.a_test")
+    for level in (logging.DEBUG, logging.INFO, logging.WARNING, logging.CRITICAL):
+        context_of(quiet).run(logger.log, level, "x")
+    assert [line[0] for line in lines] == ["WARN", "ERROR"]
