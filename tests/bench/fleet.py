@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +19,6 @@ from harness import own_domain
 from bench.options import Measured, Options
 from bench.programs import Program, agent_command, echo_chassis, running
 from bench.pushes import Line, Row, subscribing
-from woosh_robot_agent.parameters import PARAMETERS
 
 RATE = 20.0
 TOGETHER = 5
@@ -29,11 +27,6 @@ MOST = 120
 _IN_A_DOMAIN = 20
 """On the loopback, ROS finds no more than 32 participants in a domain."""
 _SECONDS = 5.0
-
-
-def can_share() -> bool:
-    """Whether this agent serves several robots in one process."""
-    return any(parameter.name == "robots" for parameter in PARAMETERS)
 
 
 @dataclass
@@ -152,8 +145,8 @@ def most(options: Options, *, shared: bool) -> tuple[int, str]:
     """The most robots that are served, and what they took."""
     best, said = 0, "none"
     with Fleet(options, shared=shared) as fleet:
-        while fleet.robots < (2 if options.smoke else MOST):
-            fleet.grow(2 if options.smoke else TOGETHER)
+        while fleet.robots < (1 if options.smoke else MOST):
+            fleet.grow(1 + shared if options.smoke else TOGETHER)
             row = fleet.push()
             if not served(row):
                 row = fleet.push()  # a hiccup is not the limit
@@ -177,15 +170,12 @@ def percent(row: Row, cpu: float) -> float:
     return 100 * cpu / row.seconds
 
 
-def ways() -> Iterator[tuple[bool, str]]:
-    """Whether several robots share a process, and that in words."""
-    yield False, "one process a robot"
-    if can_share():
-        yield True, f"{TOGETHER} in one process"
+WAYS = {"one process a robot": False, f"{TOGETHER} in one process": True}
+"""In words: whether several robots share a process."""
 
 
 def fleet(_domain: int, options: Options) -> Measured:
     """The larger of both numbers, so that there is one to compare."""
-    found = {words: most(options, shared=shared) for shared, words in ways()}
+    found = {words: most(options, shared=shared) for words, shared in WAYS.items()}
     said = "; ".join(f"{words}: {count} robots, {how}" for words, (count, how) in found.items())
     return {"fleet": (max(count for count, _ in found.values()), said)}

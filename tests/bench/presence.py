@@ -11,12 +11,13 @@ from harness import Client, wait_until
 from std_msgs.msg import Bool
 
 from bench.options import Measured, Options
-from bench.programs import agent_command, echo_chassis, running
+from bench.programs import Program, agent_command, echo_chassis, running
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.standard.table import STANDARD, Kind
 
 _MIB = 1024 * 1024
+_STARTS = 5
 _LOOK_EVERY = 0.02
 """s between looks for endpoints: a look takes ms of a core that the start needs too."""
 _KINDS = {Kind.SERVICE: "service", Kind.INPUT: "subscription", Kind.LATCHED: "latched"}
@@ -44,41 +45,36 @@ def _commands(port: int, options: Options) -> dict[str, list[str]]:
     }
 
 
-def idle(domain: int, options: Options) -> Measured:
-    """Memory and CPU, connected, nobody subscribed, the standard layer on."""
+def presence(domain: int, options: Options) -> Measured:
+    """From exec until all is there, some times; then, of the last, what it takes to be idle."""
+    starts: dict[str, list[float]] = {"agent": [], "floor": []}
     rss, cpu = {}, {}
     with echo_chassis(domain, options.transport) as (_, port):
-        for name, command in _commands(port, options).items():
-            watcher = Watcher(domain)
-            with running(*command, domain=domain) as program:
-                watcher.wait_there(connected=name == "agent")
-                watcher.close()
-                threading.Event().wait(5.0 * options.scale)  # the start is over
-                before, begun = program.cpu, time.monotonic()
-                threading.Event().wait(20.0 * options.scale)
-                cpu[name] = 100 * (program.cpu - before) / (time.monotonic() - begun)
-                rss[name] = program.rss / _MIB
-            gone(domain)
-    return {
-        "idle_rss": (rss["agent"] / rss["floor"], f"{rss['agent']:.1f} / {rss['floor']:.1f} MiB"),
-        "idle_cpu": (cpu["agent"], f"{cpu['agent']:.2f} %, bare {cpu['floor']:.2f} %"),
-    }
-
-
-def startup(domain: int, options: Options) -> Measured:
-    """From exec until a client sees all endpoints, and that the agent is connected."""
-    times: dict[str, list[float]] = {"agent": [], "floor": []}
-    with echo_chassis(domain, options.transport) as (_, port):
-        for _ in range(1 if options.smoke else 5):
+        for turn in reversed(range(1 if options.smoke else _STARTS)):
             for name, command in _commands(port, options).items():
                 watcher = Watcher(domain)
                 with running(*command, domain=domain) as program:
                     watcher.wait_there(connected=name == "agent")
-                    times[name].append(time.monotonic() - program.started)
-                watcher.close()
+                    starts[name].append(time.monotonic() - program.started)
+                    watcher.close()
+                    if turn == 0:
+                        cpu[name], rss[name] = _idle(program, options)
                 gone(domain)
-    ours, bare = (statistics.median(times[name]) for name in ("agent", "floor"))
-    return {"startup": (ours / bare, f"{ours:.2f} / {bare:.2f} s")}
+    ours, bare = (statistics.median(starts[name]) for name in ("agent", "floor"))
+    return {
+        "idle_rss": (rss["agent"] / rss["floor"], f"{rss['agent']:.1f} / {rss['floor']:.1f} MiB"),
+        "idle_cpu": (cpu["agent"], f"{cpu['agent']:.2f} %, bare {cpu['floor']:.2f} %"),
+        "startup": (ours / bare, f"{ours:.2f} / {bare:.2f} s"),
+    }
+
+
+def _idle(program: Program, options: Options) -> tuple[float, float]:
+    """CPU in percent of a core and memory in MiB, with nobody subscribed."""
+    threading.Event().wait(5.0 * options.scale)  # the start is over
+    before, begun = program.cpu, time.monotonic()
+    threading.Event().wait(20.0 * options.scale)
+    percent = 100 * (program.cpu - before) / (time.monotonic() - begun)
+    return percent, program.rss / _MIB
 
 
 class Watcher:

@@ -17,7 +17,7 @@ from harness import own_domain
 
 from bench import machine, pages
 from bench.calls import SCAN, calling, trips
-from bench.fleet import Fleet, percent, served, ways
+from bench.fleet import WAYS, Fleet, percent, served
 from bench.options import Options, Spread, parser, repetitions
 from bench.options import scale as scale_of
 from bench.programs import agent, echo_chassis
@@ -73,7 +73,7 @@ class Plot:
 def robots(options: Options) -> Curves:
     """Robots at 20 Hz, in processes of their own and several in one, as long as they are served."""
     curves: Curves = {}
-    for shared, words in ways():
+    for words, shared in WAYS.items():
         points = curves.setdefault(words, [])
         with Fleet(options, shared=shared) as fleet:
             for count in ROBOTS[:1] if options.smoke else ROBOTS:

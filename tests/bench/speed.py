@@ -73,8 +73,7 @@ MEASURES: tuple[tuple[Measure, tuple[str, ...]], ...] = (
     (calls.services, ("service_rtt", "service_rtt_p99", "service_cpu", "concurrent")),
     (pushes.pushes, ("push_latency", "push_cpu", "push_max")),
     (conversions.conversions, ("convert_pose", "convert_scan", "convert_info")),
-    (presence.idle, ("idle_rss", "idle_cpu")),
-    (presence.startup, ("startup",)),
+    (presence.presence, ("idle_rss", "idle_cpu", "startup")),
     (fleet.fleet, ("fleet",)),
 )
 BEFORE = pages.DOCS / "speed_before.json"
