@@ -146,33 +146,36 @@ def outcome(begun: Future[T], timeout: float) -> T:
 
 
 class Reply:
-    """The answer to one service call, sent once, by whichever thread has it."""
+    """The answer to one service call, sent once, by whichever thread has it.
 
-    def __init__(self, response_class: Any, send: Callable[[Any, Any], None]) -> None:
+    Args:
+        response_class: class of the answer.
+        send: sends an answer to the one whom a header names.
+        header: whom to answer.
+    """
+
+    def __init__(self, response_class: Any, send: Callable[[Any, Any], None], header: Any) -> None:
         self._response_class = response_class
         self._send = send
+        self._header = header
         self._lock = threading.Lock()
-        self._header: Any = None
-        self._response: Any = None
-
-    def bind(self, header: Any) -> None:
-        """Whom to answer; called by the executor right after the callback."""
-        with self._lock:
-            self._header = header
-            ready = self._response is not None
-        if ready:
-            self._deliver()
+        self._sent = False
 
     def send(self, response: Any) -> None:
         """Answer the call. A second answer is a mistake of ours; it is logged and not sent."""
         with self._lock:
-            if self._response is not None:
-                _LOG.error("a service call was answered twice: %r", response)
-                return
-            self._response = response
-            ready = self._header is not None
-        if ready:
-            self._deliver()
+            again, self._sent = self._sent, True
+        if again:
+            _LOG.error("a service call was answered twice: %r", response)
+            return
+        try:
+            try:
+                self._send(response, self._header)
+            except (UnicodeError, AssertionError) as error:  # rclpy could not convert it
+                _LOG.exception("an answer could not be sent: %a", response)
+                self._send(self._failure(error), self._header)
+        except (InvalidHandle, _rclpy.RCLError) as error:
+            _LOG.debug("the client has gone before its answer: %s", error)
 
     def fail(self, error: BaseException) -> None:
         """Answer for want of anything better: a mistake of ours kept the real answer away."""
@@ -184,22 +187,13 @@ class Reply:
             response.msg = f"the agent failed: {error!a}; please report this"
         return response
 
-    def _deliver(self) -> None:
-        try:
-            try:
-                self._send(self._response, self._header)
-            except (UnicodeError, AssertionError) as error:  # rclpy could not convert it
-                _LOG.exception("an answer could not be sent: %a", self._response)
-                self._send(self._failure(error), self._header)
-        except (InvalidHandle, _rclpy.RCLError) as error:
-            _LOG.debug("the client has gone before its answer: %s", error)
-
 
 class DeferredService:
     """A service whose callback returns at once and whose answer is sent later, from any thread.
 
-    The executor passes the callback's result and the request's header to `send_response`; that is
-    where the header is caught.
+    The executor passes on what the callback returns, and whom to answer, to `send_response`. So the
+    callback returns the request itself, and calls are served in `send_response`: as the last thing
+    that the executor does, so that the link's thread, which wakes for it, gets Python's lock.
 
     Args:
         node: owner of the service.
@@ -214,38 +208,37 @@ class DeferredService:
         self._srv_type = srv_type
         self._handle = handle
         self._speak = partial(speak_as, node.get_logger())
-        self._service = node.create_service(srv_type, name, self._called, qos_profile=SERVICE_QOS)
+        self._service = node.create_service(srv_type, name, _request, qos_profile=SERVICE_QOS)
         self._send_now = self._service.send_response
-        self._service.send_response = self._bind
+        self._service.send_response = self._serve_all
 
-    def _called(self, request: Any, _response: Any) -> Reply:
+    def _serve_all(self, request: Any, header: Any) -> None:
+        """Serve a call, and what waits besides.
+
+        An executor may look at all its entities for each single call. With that, calls come faster
+        than they are taken, until DDS drops the oldest of them.
+        """
         self._speak()
-        reply = self._serve(request)
-        self._take_more()
-        return reply
+        deadline = time.monotonic() + _TURN
+        while header is not None:
+            served = request, header
+            request, header = self._take() if time.monotonic() < deadline else (None, None)
+            self._serve(*served)
 
-    def _serve(self, request: Any) -> Reply:
-        reply = Reply(self._srv_type.Response, self._send_now)
+    def _take(self) -> tuple[Any, Any]:
+        """The next call's request and header, or two times None."""
+        handle = self._service.handle
+        with handle:
+            return handle.service_take_request(self._srv_type.Request) or (None, None)
+
+    def _serve(self, request: Any, header: Any) -> None:
+        reply = Reply(self._srv_type.Response, self._send_now, header)
         try:
             self._handle(request, reply)
         except Exception as error:  # one that escaped would end the executor
             _LOG.exception("a service callback failed")
             reply.fail(error)
-        return reply
 
-    def _take_more(self) -> None:
-        """Take what waits besides: an executor looks at all its entities for each single call.
 
-        With that, calls come faster than they are taken, until DDS drops the oldest of them.
-        """
-        deadline = time.monotonic() + _TURN
-        handle, request_class = self._service.handle, self._srv_type.Request
-        while time.monotonic() < deadline:
-            with handle:
-                request, header = handle.service_take_request(request_class) or (None, None)
-            if header is None:
-                return
-            self._serve(request).bind(header)
-
-    def _bind(self, reply: Reply, header: Any) -> None:
-        reply.bind(header)
+def _request(request: Any, _response: Any) -> Any:
+    return request

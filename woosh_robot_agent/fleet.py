@@ -97,7 +97,6 @@ def _node(name: str, namespace: str, options: dict[str, Any]) -> ParameterNode:
     defaults = {
         "ip": "",  # no address is every robot's
         "frame_prefix": f"{frames}/" if frames else "",  # /tf is for all of them
-        "executor": "events",  # what the other looks at for each call grows with the robots
     }
     try:
         # a remapping of the node's own counts for more than one that was given to the program

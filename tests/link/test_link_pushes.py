@@ -308,20 +308,21 @@ async def test_of_a_state_the_newest_stay_and_of_the_counted_as_many_as_fit() ->
     queue = PushQueue({"counted": 20}, dropped)
     seen: list[tuple[str, int]] = []
     fits = []
-    for number in range(30):
+    sent = LATEST_DEPTH + 20
+    for number in range(sent):
         for name in ("state", "counted"):
             item = (name, number)
             fits.append(queue.put(name, lambda item=item: seen.append(item)))  # type: ignore[misc]
-    assert dropped == {"state": 30 - LATEST_DEPTH, "counted": 10}
+    assert dropped == {"state": 20, "counted": LATEST_DEPTH}
     assert fits.count(False) == sum(dropped.values())
     await taken(queue, LATEST_DEPTH + 20)
-    assert [n for name, n in seen if name == "state"] == list(range(30 - LATEST_DEPTH, 30))
-    assert [n for name, n in seen if name == "counted"] == list(range(10, 30))
+    assert [n for name, n in seen if name == "state"] == list(range(20, sent))
+    assert [n for name, n in seen if name == "counted"] == list(range(LATEST_DEPTH, sent))
     assert seen == sorted(seen, key=lambda one: (one[1], one[0] == "counted"))
     queue.put("state", lambda: seen.clear())
     await taken(queue, 1)  # and there is room again
     assert not seen
-    assert dropped["state"] == 30 - LATEST_DEPTH
+    assert dropped["state"] == 20
 
 
 @aio

@@ -159,7 +159,7 @@ def test_mistake_in_a_callback_is_answered_and_ends_nothing(simulator, busy_agen
 
 
 class TestReply:
-    """Whichever comes first, the header or the response; never twice."""
+    """An answer is sent once."""
 
     @pytest.fixture
     def sent(self) -> list[Any]:
@@ -167,22 +167,12 @@ class TestReply:
 
     @pytest.fixture
     def reply(self, sent: list[Any]) -> Reply:
-        return Reply(Speak.Response, lambda response, header: sent.append((response.msg, header)))
+        def send(response: Any, header: Any) -> None:
+            sent.append((response.msg, header))
 
-    def test_header_first(self, reply, sent):
-        reply.bind("header")
-        assert not sent
-        reply.send(Speak.Response(msg="a"))
-        assert sent == [("a", "header")]
-
-    def test_response_first(self, reply, sent):
-        reply.send(Speak.Response(msg="a"))
-        assert not sent
-        reply.bind("header")
-        assert sent == [("a", "header")]
+        return Reply(Speak.Response, send, "header")
 
     def test_second_response_is_a_mistake(self, reply, sent, logs):
-        reply.bind("header")
         reply.send(Speak.Response(msg="a"))
         reply.fail(RuntimeError("b"))
         assert sent == [("a", "header")]
@@ -195,7 +185,6 @@ class TestReply:
             response.msg.encode()
             sent.append((response.ok, header))
 
-        reply = Reply(Speak.Response, send)
-        reply.bind("header")
+        reply = Reply(Speak.Response, send, "header")
         reply.send(Speak.Response(ok=True, msg="\ud800"))
         assert sent == [(False, "header")]

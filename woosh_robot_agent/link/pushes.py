@@ -6,8 +6,9 @@ import asyncio
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
-LATEST_DEPTH = 10
-"""Pushes of one state that may wait; beyond it the newest ones stay."""
+LATEST_DEPTH = 50
+"""Pushes of one state that may wait; beyond it the newest ones stay. So many are what comes at 3000
+Hz while another program has the core."""
 
 
 class PushQueue:
