@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import rclpy
-from harness import NAMESPACE, wait_until
+from harness import NAMESPACE, own_domain, wait_until
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
-from bench.options import Measured, Options, Spread
+from bench.options import TURNS, Measured, Options, Spread
 from bench.programs import Program, agent, echo_chassis, no_collection, running
 from woosh_robot_msgs.srv import PoseSpeed, ScannerData
 
@@ -31,7 +31,7 @@ class Caller:
     def __init__(self, domain: int) -> None:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node("caller", context=self._context)
+        self._node = rclpy.create_node(f"caller_{domain}", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._srv: Any = None
@@ -127,48 +127,98 @@ POSE_SPEED: Service = (PoseSpeed, "robot/PoseSpeed")
 SCAN: Service = (ScannerData, "robot/ScannerData")
 
 
+class Called:
+    """A program that is called from time to time; what it took is added up.
+
+    Args:
+        program: which one.
+        caller: who calls it; it uses the service already.
+    """
+
+    def __init__(self, program: Program, caller: Caller) -> None:
+        self._program = program
+        self._caller = caller
+        self._times: list[float] = []
+        self._cpu = 0.0
+
+    def call(self, count: int) -> None:
+        """Call it so many times, one after the other, and some before that do not count."""
+        with no_collection():
+            self._caller.calls(max(1, count // 10))
+            cpu = self._program.cpu
+            self._times += self._caller.calls(count)
+            self._cpu += self._program.cpu - cpu
+
+    @property
+    def trips(self) -> Trips:
+        """All of it."""
+        return Trips(Spread.of(self._times), self._cpu / len(self._times) * 1e6)
+
+
 def trips(
     program: Program, caller: Caller, service: Service, count: int, options: Options
 ) -> Trips:
     """Calls of one service, one after the other."""
     caller.use(*service)
     caller.warm(1.0 * options.scale)
-    with no_collection():
-        cpu = program.cpu
-        times = caller.calls(count)
-        return Trips(Spread.of(times), (program.cpu - cpu) / count * 1e6)
+    called = Called(program, caller)
+    called.call(count)
+    return called.trips
+
+
+class Socket:
+    """The floor of the link: requests and answers over a WebSocket, and nothing else."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._times: list[float] = []
+        self._cpu = 0.0
+
+    def call(self, count: int) -> None:
+        """Ask so many times, one after the other, and some before that do not count."""
+        self._program.tell(count)
+        result = self._program.read()
+        self._times += result["times"]
+        self._cpu += result["cpu"]
+
+    @property
+    def trips(self) -> Trips:
+        """All of it."""
+        return Trips(Spread.of(self._times), self._cpu / len(self._times) * 1e6)
 
 
 def services(domain: int, options: Options) -> Measured:
-    """Calls one after the other, then several at a time to a slow chassis."""
-    count = options.count(2000)
-    with echo_chassis(domain, options.transport) as (chassis, port):
-        with calling(domain) as caller, agent(domain, port, options) as program:
-            through = trips(program, caller, POSE_SPEED, count, options)
-            concurrent = _concurrent(chassis, caller, options.count(600))
-        with calling(domain) as caller, running("bench.floors.service", domain=domain) as floor:
-            bare = trips(floor, caller, POSE_SPEED, count, options)
-    socket = bare_socket(domain, count)
-    kinds = {
-        "service_rtt": [each.times.median for each in (through, bare, socket)],
-        "service_rtt_p99": [each.times.p99 for each in (through, bare, socket)],
-        "service_cpu": [each.cpu for each in (through, bare, socket)],
+    """Calls one after the other, agent and floors by turns; then several at a time."""
+    with (
+        calling(domain) as caller,
+        echo_chassis(domain, options.transport) as (chassis, port),
+        agent(domain, port, options) as program,
+        own_domain() as other,
+        calling(other) as bare_caller,
+        running("bench.floors.service", domain=other) as floor,
+        echo_chassis(other, "websocket") as (_, bare_port),
+        running("bench.floors.websocket", f"ws://127.0.0.1:{bare_port}", domain=other) as socket,
+    ):
+        for each in (caller, bare_caller):
+            each.use(*POSE_SPEED)
+            each.warm(1.0 * options.scale)
+        ours, bare, wire = Called(program, caller), Called(floor, bare_caller), Socket(socket)
+        for _ in range(TURNS):
+            for called in (ours, bare, wire):
+                called.call(options.count(2000 // TURNS))
+        concurrent = _concurrent(chassis, caller, options.count(600))
+    through, floors = ours.trips, (bare.trips, wire.trips)
+    return {
+        "service_rtt": _over(through.times.median, [each.times.median for each in floors]),
+        "service_rtt_p99": _over(through.times.p99, [each.times.p99 for each in floors]),
+        "service_cpu": _over(through.cpu, [each.cpu for each in floors]),
+        "concurrent": concurrent,
     }
-    found = {
-        name: (a / (b + c), f"{a:.0f} / ({b:.0f} + {c:.0f}) µs")
-        for name, (a, b, c) in kinds.items()
-        for name, (a, b, c) in kinds.items()
-    }
-    return {**found, "concurrent": concurrent}
 
 
-def bare_socket(domain: int, count: int) -> Trips:
-    """The floor of the link: requests and answers over a WebSocket, and nothing else."""
-    with echo_chassis(domain, "websocket") as (_, port):
-        url = f"ws://127.0.0.1:{port}"
-        with running("bench.floors.websocket", url, str(count), domain=domain) as socket:
-            result = socket.read()
-    return Trips(Spread.of(result["times"]), result["cpu"] / count * 1e6)
+def _over(ours: float, floors: list[float]) -> tuple[float, str]:
+    bare = " + ".join(f"{each:.0f}" for each in floors)
+    return ours / sum(floors), f"{ours:.0f} / ({bare}) µs"
 
 
 def _concurrent(chassis: Program, caller: Caller, count: int) -> tuple[float, str]:

@@ -11,6 +11,8 @@ from woosh_robot_agent.parameters import EXECUTORS
 
 Measured = dict[str, tuple[float, str]]
 """Figures of one repetition, by name: the value, and the bare ones that it comes from."""
+TURNS = 5
+"""How often agent and floor take turns in a repetition: no machine is equally fast all the time."""
 _US = 1e6
 _SMOKE = 0.01
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import NAMESPACE, Client, wait_until
+from harness import NAMESPACE, Client, own_domain, wait_until
 from rclpy.qos import QoSProfile
 
-from bench.options import Measured, Options, Spread
+from bench.options import TURNS, Measured, Options, Spread
 from bench.programs import Program, agent, echo_chassis, running
 
 TOPIC = "robot/PoseSpeed"
@@ -45,6 +45,20 @@ class Row:
     cpu: float
     chassis_cpu: float
     subscriber_cpu: float
+
+    @classmethod
+    def together(cls, rows: Sequence[Row]) -> Row:
+        """Rows of the same topics as one."""
+        return cls(
+            sent={number: at for row in rows for number, at in row.sent.items()},
+            came={
+                topic: {number: at for row in rows for number, at in row.came[topic].items()}
+                for topic in rows[0].came
+            },
+            cpu=sum(row.cpu for row in rows),
+            chassis_cpu=sum(row.chassis_cpu for row in rows),
+            subscriber_cpu=sum(row.subscriber_cpu for row in rows),
+        )
 
     @property
     def seconds(self) -> float:
@@ -162,14 +176,19 @@ def subscribing(domain: int, *namespaces: str) -> Iterator[Program]:
 
 
 def pushes(domain: int, options: Options) -> Measured:
-    """PoseSpeed at 100 Hz, and the highest rate. odom is off: the floor has none."""
-    rows, best = [], []
-    for floor in (False, True):
-        with line(domain, options, floor=floor) as made:
-            rows.append(made.push(100.0, options.count(1000)))
-            with _no_drops() if floor else _drops(domain) as drops:
-                best.append(_highest_rate(made, drops, options))
-    ours, bare = rows
+    """PoseSpeed at 100 Hz by turns, and the highest rate. odom is off: the floor has none."""
+    with (
+        own_domain() as other,
+        line(domain, options) as agents,
+        line(other, options, floor=True) as floors,
+        _drops(domain) as drops,
+    ):
+        turns = [
+            (agents.push(100.0, count), floors.push(100.0, count))
+            for count in [options.count(1000 // TURNS)] * TURNS
+        ]
+        best = _highest_rate(agents, drops, options), _highest_rate(floors, lambda: 0, options)
+    ours, bare = (Row.together(rows) for rows in zip(*turns, strict=True))
     return {
         "push_latency": (
             ours.latency.median / bare.latency.median,
@@ -201,12 +220,6 @@ def _highest_rate(made: Line, drops: Callable[[], int], options: Options) -> flo
         if options.smoke:
             break
     return best or _FIRST_RATE / _STEP
-
-
-@contextlib.contextmanager
-def _no_drops() -> Iterator[Callable[[], int]]:
-    """The floor publishes whatever comes."""
-    yield lambda: 0
 
 
 @contextlib.contextmanager

@@ -15,19 +15,23 @@ import websockets
 REQUEST = '{"type":"woosh.robot.PoseSpeed","body":{},"sn":%d,"timestamp":1700000000000}'
 
 
-async def main(url: str, count: int) -> None:
-    times = []
+async def main(url: str) -> None:
+    number = 0
     async with websockets.connect(url, compression=None, max_size=None) as socket:
-        for number in range(1, count + 100):
-            if number == 100:  # warm
-                cpu = time.process_time()
-                times.clear()
-            begun = time.perf_counter()
-            await socket.send(REQUEST % number)
-            await socket.recv()
-            times.append(time.perf_counter() - begun)
-    print(json.dumps({"times": times, "cpu": time.process_time() - cpu}))
+        for line in sys.stdin:
+            count = int(line)
+            times = []
+            for left in range(count + max(1, count // 10), 0, -1):
+                if left == count:  # warm
+                    cpu = time.process_time()
+                    times.clear()
+                number += 1
+                begun = time.perf_counter()
+                await socket.send(REQUEST % number)
+                await socket.recv()
+                times.append(time.perf_counter() - begun)
+            print(json.dumps({"times": times, "cpu": time.process_time() - cpu}), flush=True)
 
 
 if __name__ == "__main__":
-    asyncio.run(main(sys.argv[1], int(sys.argv[2])))
+    asyncio.run(main(sys.argv[1]))
