@@ -55,33 +55,32 @@ def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
 
 
 def list_of(field: Any) -> Callable[[Any], list[Any]]:
-    """What reads a list of such values; null keeps its place there."""
-    _, read = scalar(field)
+    """What looks whether a value is a list; null keeps its place there."""
     blank = blank_of(field)
 
-    def read_list(values: Any) -> list[Any]:
+    def checked(values: Any) -> list[Any]:
         if type(values) is not list:
             raise TypeError("not a list")
-        return [blank if value is None else read(value) for value in values]
+        return [blank if value is None else value for value in values] if None in values else values
 
-    return read_list
+    return checked
 
 
 def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
     """What reads a list of numbers, or bytes, as an array with the typecode `code`."""
     if field.type == FieldDescriptor.TYPE_BYTES:
         return scalar(field)[1]
-    read_list = list_of(field)
+    checked, (_, read) = list_of(field), scalar(field)
 
-    def read_array(values: Any) -> Any:
+    def read_each(values: Any) -> Any:
+        return array(code, [read(value) for value in checked(values)])
+
+    def read_floats(values: Any) -> Any:
         try:
             if type(values) is list:
                 return array(code, values)  # the usual case: numbers, nothing else
         except (TypeError, OverflowError):
             pass
-        return array(code, read_list(values))
+        return read_each(values)
 
-    def read_integers(values: Any) -> Any:
-        return array(code, read_list(values))
-
-    return read_array if code in "fd" else read_integers
+    return read_floats if code in "fd" else read_each

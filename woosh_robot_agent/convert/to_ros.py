@@ -41,7 +41,7 @@ class Origin(ABC):
 
     @abstractmethod
     def scalars(self, source: Source, field: Any) -> str:
-        """The expression of the list of such in `v`."""
+        """The expression of an iterable of such in `v`."""
 
     @abstractmethod
     def numbers(self, source: Source, field: Any, code: str) -> str:
@@ -93,7 +93,7 @@ class _Json(Origin):
         return f"v if {usual} else {source.bind(read)}(v)"
 
     def scalars(self, source: Source, field: Any) -> str:
-        return f"{source.bind(list_of(field))}(v)"
+        return f"[{self.scalar(source, field)} for v in {source.bind(list_of(field))}(v)]"
 
     def numbers(self, source: Source, field: Any, code: str) -> str:
         return f"{source.bind(array_reader(field, code))}(v)"
@@ -177,12 +177,21 @@ def _list(source: Source, items: str, field: Any, origin: Origin) -> tuple[str, 
         make = source.bind(maker(class_of(items), message_class(field), origin))
         return "[]", f"[{make}(item) for item in {origin.messages(source)}]"
     if field.enum_type is not None:
-        enum = source.bind(class_of(items))
-        return "[]", f"[{enum}(value=item) for item in {origin.scalars(source, field)}]"
+        enum = source.bind(_enum_maker(class_of(items)))
+        return "[]", f"[{enum}(item) for item in {origin.scalars(source, field)}]"
     if items == "string":
-        return "[]", origin.scalars(source, field)
+        return "[]", f"[*{origin.scalars(source, field)}]"
     code = ARRAY_CODES[items]
     return f"{source.bind(array)}('{code}')", origin.numbers(source, field, code)
+
+
+@cache
+def _enum_maker(ros_class: Any) -> Make:
+    source = Source("make(v)")
+    made = New(source, "e", ros_class)
+    made.set("value", "v")
+    source.add("return e")
+    return source.compile()
 
 
 def _objects(values: Any) -> Any:
