@@ -248,8 +248,12 @@ DANGEROUS = re.compile(
     r"|yaml\.((unsafe_|full_)?load(_all)?|(Unsafe|Full)?Loader)"
 )
 PERMITTED = {
-    ("convert.py", "exec"): "converters are made from descriptors and ROS types, at the start",
-    ("convert.py", "importlib.import_module"): "the ROS types of the table and of their fields",
+    (
+        "convert/source.py",
+        "exec",
+    ): "converters are made from descriptors and ROS types, nothing else",
+    ("convert/mapping.py", "importlib.import_module"): "the ROS types of fields of the table's",
+    ("convert/json_values.py", "ctypes"): "c_float rounds a number to 32 bits",
     ("services.py", "importlib.import_module"): "the ROS types of the table",
     ("protos.py", "importlib.import_module"): "the package's own protobuf modules",
     ("link/json_mapping.py", "ctypes"): "c_float rounds a number to 32 bits",

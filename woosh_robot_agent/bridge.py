@@ -29,6 +29,8 @@ _LOG = logging.getLogger(__name__)
 SERVICE_QOS = QoSProfile(depth=10_000)
 """Of all services, those of actions too: what DDS cannot keep, calls and answers alike, is lost and
 nobody learns of it. So many are 5 s of 2,000 calls/s; DDS asks for what it missed every 3 s."""
+_GONE = (InvalidHandle, _rclpy.RCLError)
+"""What sending raises when nobody is there any more."""
 _TURN = 0.005
 """s for which calls of one service are taken before it is the turn of the others."""
 
@@ -171,10 +173,12 @@ class Reply:
         try:
             try:
                 self._send(response, self._header)
-            except (UnicodeError, AssertionError) as error:  # rclpy could not convert it
+            except _GONE:
+                raise
+            except Exception as error:  # rclpy could not convert it
                 _LOG.exception("an answer could not be sent: %a", response)
                 self._send(self._failure(error), self._header)
-        except (InvalidHandle, _rclpy.RCLError) as error:
+        except _GONE as error:
             _LOG.debug("the client has gone before its answer: %s", error)
 
     def fail(self, error: BaseException) -> None:
@@ -222,8 +226,10 @@ class DeferredService:
         deadline = time.monotonic() + _TURN
         while header is not None:
             served = request, header
-            request, header = self._take() if time.monotonic() < deadline else (None, None)
-            self._serve(*served)
+            try:
+                request, header = self._take() if time.monotonic() < deadline else (None, None)
+            finally:
+                self._serve(*served)
 
     def _take(self) -> tuple[Any, Any]:
         """The next call's request and header, or two times None."""

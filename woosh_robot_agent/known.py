@@ -54,19 +54,24 @@ class LastKnown:
 
     def get(self, name: str) -> Message | None:
         """The last value of the type called `name`, or None."""
+        self._read()
+        return self._values.get(name)
+
+    def remember(self, said: Message | Body) -> None:
+        """Keep an answer or a push of the chassis. It is read when somebody looks."""
+        name = said.type if isinstance(said, Body) else full_name(said)
+        if name == _INFO:  # it may lack what an earlier one has
+            self._read()
+        self._unread.pop(name, None)
+        self._unread[name] = said
+
+    def _read(self) -> None:
         unread, self._unread = self._unread, {}
         for said in unread.values():
             try:
                 self._apply(said.message() if isinstance(said, Body) else said)
             except FrameError:  # the body has told of it
                 continue
-        return self._values.get(name)
-
-    def remember(self, said: Message | Body) -> None:
-        """Keep an answer or a push of the chassis. It is read when somebody looks."""
-        name = said.type if isinstance(said, Body) else full_name(said)
-        self._unread.pop(name, None)
-        self._unread[name] = said
 
     def _apply(self, message: Message) -> None:
         """Take a value, and keep RobotInfo and its parts in step."""

@@ -150,10 +150,8 @@ def _each(
             outcome(begun, max(until - time.monotonic(), 0.0))
             succeeded.append(agent)
         except (LinkError, TimeoutError) as error:
-            agent.node.get_logger().error(f"{what}: {error or 'it took too long'}")
-        except (
-            Exception
-        ):  # a mistake of ours with one robot: the others must be stopped all the same
+            agent.node.get_logger().error(f"{what}: {str(error) or 'it took too long'}")
+        except Exception:  # a mistake of ours with one robot: the others must be stopped as well
             speak_as(agent.node.get_logger())
             _LOG.exception("%s failed", what)
     return succeeded

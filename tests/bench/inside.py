@@ -15,7 +15,7 @@ from collections import Counter
 from dataclasses import fields
 from typing import Any
 
-from woosh_robot_agent import agent, node
+from woosh_robot_agent import agent, fleet, node
 
 MOST_TYPES = 40
 """Types of which the objects are counted, those with the most first."""
@@ -24,8 +24,8 @@ MOST_TYPES = 40
 class Watched(node.Agent):
     """The agent, with a thread that answers for it."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         threading.Thread(target=self._answer, name="watch", daemon=True).start()
 
     def _answer(self) -> None:
@@ -55,5 +55,5 @@ def _objects() -> dict[str, int]:
 
 
 if __name__ == "__main__":
-    node.Agent = Watched  # type: ignore[misc]
+    fleet.Agent = Watched  # type: ignore[misc]
     sys.exit(agent.main())

@@ -15,7 +15,7 @@ from harness import own_domain
 
 from bench import machine, pages
 from bench.calls import POSE_SPEED, SCAN, calling, trips
-from bench.options import Options, parser, repetitions, scale
+from bench.options import Options, parsed, parser, repetitions, scale
 from bench.pushes import line
 
 LINKS = {
@@ -56,7 +56,7 @@ def measure(domain: int, options: Options) -> dict[str, float]:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure, and print the table."""
-    given = parser("links", __doc__).parse_args(arguments)
+    given = parsed(parser("links", __doc__), arguments)
     found: dict[str, list[dict[str, float]]] = {name: [] for name in LINKS}
     for repetition in range(repetitions(given)):
         for name, (transport, encoding) in LINKS.items():

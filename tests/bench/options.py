@@ -66,6 +66,16 @@ def parser(name: str, description: str | None, repeat: int = 3) -> argparse.Argu
     return made
 
 
+def parsed(made: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace:
+    """What was asked for; ends the program where that makes no sense."""
+    given = made.parse_args(arguments)
+    if given.repeat < 1:
+        made.error("--repeat must be 1 or more")
+    if given.docs and given.smoke:
+        made.error("--docs wants figures that mean something, not those of --smoke")
+    return given
+
+
 def repetitions(given: argparse.Namespace) -> int:
     return 1 if given.smoke else int(given.repeat)
 

@@ -128,7 +128,7 @@ def main(arguments: Sequence[str]) -> int:
     """Measure, and print the tables."""
     options = parser("scale", __doc__)
     options.add_argument("--only", nargs="*", choices=PLOTS, default=list(PLOTS))
-    given = options.parse_args(arguments)
+    given = parsed(options, arguments)
     if given.docs:
         import bench.plots as plots  # now: without matplotlib it must not fail at the end
     texts, values = [], {}

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from harness import own_domain
 
 from bench import calls, conversions, fleet, machine, pages, presence, pushes
-from bench.options import Measured, Options, parser, repetitions, scale
+from bench.options import Measured, Options, parsed, parser, repetitions, scale
 
 
 @dataclass(frozen=True)
@@ -109,10 +109,17 @@ class Figures:
 def main(arguments: Sequence[str]) -> int:
     """Measure, and print the table. The exit status does not judge: machines differ."""
     options = parser("speed", __doc__)
-    options.add_argument("--only", nargs="*", choices=FIGURES, default=list(FIGURES))
+    options.add_argument("--only", nargs="+", choices=FIGURES, default=list(FIGURES))
     options.add_argument("--transport", default="websocket", choices=("websocket", "tcp"))
     options.add_argument("--encoding", default="json", choices=("json", "protobuf"))
-    given = options.parse_args(arguments)
+    given = parsed(options, arguments)
+    plain = (given.transport, given.encoding, set(given.only)) == (
+        "websocket",
+        "json",
+        set(FIGURES),
+    )
+    if given.docs and not (plain and given.repeat >= 3):
+        options.error("--docs wants all figures, three repetitions, and the default link")
     figures = measured(
         Options(given.executor, scale(given), given.transport, given.encoding),
         repetitions(given),

@@ -120,14 +120,13 @@ def test_frames_and_parameters_are_its_own(fleet: Program, clients: dict[str, Cl
         ).values
         found[name] = (values[0].string_value, list(values[1].string_array_value))
     assert found == {ROBOTS[0]: ("r1/", NAMES), ROBOTS[1]: ("hall/r2/", NAMES)}
-    names = {f"{n[1]}/{n[0]}".replace("//", "/") for n in _nodes(clients["/r1"])}
-    assert {name for name in names if name.endswith("agent")} == {
-        f"{name}/agent" for name in ROBOTS
-    }
+    wanted = {f"{name}/agent" for name in ROBOTS}
+    wait_until(lambda: _agents(clients["/r1"]) == wanted, "the names of the nodes")
 
 
-def _nodes(client: Client) -> list[tuple[str, str]]:
-    return list(client.node.get_node_names_and_namespaces())
+def _agents(client: Client) -> set[str]:
+    nodes = client.node.get_node_names_and_namespaces()
+    return {f"{space}/{name}" for name, space in nodes if name == "agent"}
 
 
 def test_a_lost_chassis_is_the_one_robots_loss(

@@ -46,6 +46,13 @@ def test_robot_info_that_comes_after_a_part_replaces_it():
     assert said.known.get(BATTERY) == Battery(power=50)
 
 
+def test_robot_info_that_lacks_a_part_leaves_the_one_before():
+    said = Said()
+    said.push(INFO, battery={"power": 50})
+    said.push(INFO, robotId=7)
+    assert said.known.get(BATTERY) == Battery(power=50)
+
+
 def test_order_counts_however_often_nobody_looked():
     said = Said()
     said.push(INFO, battery={"power": 1})

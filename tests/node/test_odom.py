@@ -18,9 +18,11 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
+from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
 from woosh_ros_msgs.action import StepControl
 from woosh_ros_msgs.msg import StepControlStep
 
@@ -218,6 +220,32 @@ def test_a_standing_robot_goes_on_at_the_rate(start, client):
     stamps = [m.header.stamp.sec + m.header.stamp.nanosec / 1e9 for m in odom.messages]
     gaps = sorted(b - a for a, b in pairwise(stamps))
     assert gaps[len(gaps) // 2] == pytest.approx(0.02, abs=0.01)
+
+
+@pytest.mark.parametrize("field", ["x", "theta", "linear"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_report_that_is_no_pose_is_skipped(slow_simulator, start, client, logs, field, value):
+    start()
+    odom = odoms(client)
+    odom.wait(lambda m: True)
+    info = client.call(PoseSpeedQuery, "robot/PoseSpeed").info
+    good = PoseSpeed(map_id=info.map_id)
+    good.pose.x, good.pose.y, good.pose.theta = info.pose.x, info.pose.y, info.pose.theta
+    bad = PoseSpeed(map_id=info.map_id)
+    setattr(bad.twist if field == "linear" else bad.pose, field, value)
+    slow_simulator.push(bad)
+    slow_simulator.push(bad)
+    wait_until(lambda: any("is no pose" in text for text in told(logs)), "the warning")
+    slow_simulator.push(good)
+    odom.wait_count(len(odom.messages) + 5)
+    for message in list(odom.messages):
+        assert plane(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
+        assert message.twist.twist.linear.x == 0.0
+    assert sum("is no pose" in text for text in told(logs)) == 1
+
+
+def told(logs: Any) -> list[str]:
+    return [r.getMessage() for r in list(logs.messages) if r.levelname == "WARNING"]
 
 
 def test_covariance(start, client):

@@ -178,6 +178,18 @@ class TestReply:
         assert sent == [("a", "header")]
         assert [record.levelname for record in logs.messages] == ["ERROR"]
 
+    @pytest.mark.parametrize("error", [OverflowError, TypeError, SystemError])
+    def test_whatever_keeps_a_response_from_being_sent_is_answered(self, error, logs):
+        sent: list[Any] = []
+
+        def send(response: Any, header: Any) -> None:
+            if response.ok:
+                raise error("too large")
+            sent.append((response.msg, header))
+
+        Reply(Speak.Response, send, "header").send(Speak.Response(ok=True))
+        assert [(error.__name__ in text, header) for text, header in sent] == [(True, "header")]
+
     def test_response_that_cannot_be_sent_is_replaced(self, logs):
         sent: list[Any] = []
 

@@ -49,7 +49,7 @@ def test_a_program_that_dies_is_shown_with_what_it_said() -> None:
     with (
         pytest.raises(RuntimeError, match=r"ended with 1; it said:\n(?s:.*)ConnectionRefused"),
         own_domain() as domain,
-        running("bench.floors.websocket", "ws://127.0.0.1:1", "5", domain=domain) as program,
+        running("bench.floors.websocket", "ws://127.0.0.1:1", domain=domain) as program,
     ):
         program.read()
 

@@ -68,14 +68,13 @@ class Body:
         """
         if isinstance(self._value, bytes):
             return from_message(self.message())
-        if self._error is not None:
-            raise self._error
         try:
             return from_json({} if self._value is None else self._value)
         except FieldError as error:
             self._fail(FrameError("body", f"{self.type}: {error}"))
 
     def _fail(self, error: FrameError) -> NoReturn:
-        self._error = error
-        self._tell_bad(error)
+        if self._error is None:
+            self._error = error
+            self._tell_bad(error)
         raise error from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 from typing import Any
 
@@ -10,6 +11,7 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry as OdometryMsg
 
 from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.link.once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.standard.audience import Audience
@@ -18,6 +20,7 @@ from woosh_robot_agent.standard.odometry import Odometry
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.settings import StandardSettings
 
+_LOG = logging.getLogger(__name__)
 #: s after which a robot that reports nothing does not move; it reports every 0.05 s if it does.
 _SILENT_S = 0.25
 
@@ -33,6 +36,7 @@ class Odom(Part):
     def __init__(self, host: Host) -> None:
         self._host = host
         self._odometry = Odometry()
+        self._log = LogOnce(_LOG)
         settings = host.settings()
         self._audience = Audience(host)
         self._odom = self._audience.publisher("odom") if settings.enable_odom else None
@@ -73,10 +77,14 @@ class Odom(Part):
         self._odometry.placed(asyncio.get_running_loop().time())
 
     def _pushed(self, report: PoseSpeed) -> None:
+        pose, twist = report.pose, report.twist
+        numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
+        if not all(map(math.isfinite, numbers)):  # one would stay in all that is added to it
+            self._log.warn("not finite", f"skipped a PoseSpeed that is no pose for odom: {numbers}")
+            return
+        self._log.clear()
         now = asyncio.get_running_loop().time()
-        self._odometry.update(
-            Plane.of(report.pose), report.twist.linear, report.twist.angular, report.map_id, now
-        )
+        self._odometry.update(Plane.of(pose), twist.linear, twist.angular, report.map_id, now)
         self._received, self._known = now, True
         # a bit early counts: pushes that come at just this rate must all go out
         if self._due(now, self._passed_on, 0.7):
