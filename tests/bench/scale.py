@@ -18,7 +18,7 @@ from harness import own_domain
 from bench import machine, pages
 from bench.calls import SCAN, calling, trips
 from bench.fleet import WAYS, Fleet, percent, served
-from bench.options import Options, Spread, parser, repetitions
+from bench.options import Options, Spread, parsed, parser, repetitions
 from bench.options import scale as scale_of
 from bench.programs import agent, echo_chassis
 from bench.pushes import Line, line
