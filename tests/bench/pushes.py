@@ -183,6 +183,7 @@ def pushes(domain: int, options: Options) -> Measured:
         line(other, options, floor=True) as floors,
         _drops(domain) as drops,
     ):
+        drops()  # who looks at /diagnostics is known before anything is timed
         turns = [
             (agents.push(100.0, count), floors.push(100.0, count))
             for count in [options.count(1000 // TURNS)] * TURNS
