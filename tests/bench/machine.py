@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
+from importlib import metadata
 from pathlib import Path
 
 import google.protobuf
@@ -33,5 +35,8 @@ def _cpu() -> str:
 
 
 def _rclpy() -> str:
+    """Its release; that from PyPI has a number of its own."""
+    with contextlib.suppress(metadata.PackageNotFoundError):
+        return metadata.version("ros-rclpy")
     manifest = Path(get_package_prefix("rclpy"), "share/rclpy/package.xml").read_text()
     return manifest.partition("<version>")[2].partition("</version>")[0]
