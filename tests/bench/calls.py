@@ -127,8 +127,26 @@ POSE_SPEED: Service = (PoseSpeed, "robot/PoseSpeed")
 SCAN: Service = (ScannerData, "robot/ScannerData")
 
 
-class Called:
-    """A program that is called from time to time; what it took is added up.
+class _Taken:
+    """What calls took, added up."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._cpu = 0.0
+
+    def add(self, times: list[float], cpu: float) -> None:
+        """Some more calls, each in s, and the CPU time of all of them in s."""
+        self._times += times
+        self._cpu += cpu
+
+    @property
+    def trips(self) -> Trips:
+        """All of them."""
+        return Trips(Spread.of(self._times), self._cpu / len(self._times) * 1e6)
+
+
+class Called(_Taken):
+    """A program that is called from time to time.
 
     Args:
         program: which one.
@@ -136,23 +154,16 @@ class Called:
     """
 
     def __init__(self, program: Program, caller: Caller) -> None:
+        super().__init__()
         self._program = program
         self._caller = caller
-        self._times: list[float] = []
-        self._cpu = 0.0
 
     def call(self, count: int) -> None:
         """Call it so many times, one after the other, and some before that do not count."""
         with no_collection():
             self._caller.calls(max(1, count // 10))
             cpu = self._program.cpu
-            self._times += self._caller.calls(count)
-            self._cpu += self._program.cpu - cpu
-
-    @property
-    def trips(self) -> Trips:
-        """All of it."""
-        return Trips(Spread.of(self._times), self._cpu / len(self._times) * 1e6)
+            self.add(self._caller.calls(count), self._program.cpu - cpu)
 
 
 def trips(
@@ -166,25 +177,18 @@ def trips(
     return called.trips
 
 
-class Socket:
+class Socket(_Taken):
     """The floor of the link: requests and answers over a WebSocket, and nothing else."""
 
     def __init__(self, program: Program) -> None:
+        super().__init__()
         self._program = program
-        self._times: list[float] = []
-        self._cpu = 0.0
 
     def call(self, count: int) -> None:
         """Ask so many times, one after the other, and some before that do not count."""
         self._program.tell(count)
         result = self._program.read()
-        self._times += result["times"]
-        self._cpu += result["cpu"]
-
-    @property
-    def trips(self) -> Trips:
-        """All of it."""
-        return Trips(Spread.of(self._times), self._cpu / len(self._times) * 1e6)
+        self.add(result["times"], result["cpu"])
 
 
 def services(domain: int, options: Options) -> Measured:

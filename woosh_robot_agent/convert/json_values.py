@@ -54,9 +54,8 @@ def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
     return f"type(v) is int and {least} <= v <= {most}", read_integer
 
 
-def list_of(field: Any) -> Callable[[Any], list[Any]]:
-    """What looks whether a value is a list; null keeps its place there."""
-    blank = blank_of(field)
+def list_of(blank: Any) -> Callable[[Any], list[Any]]:
+    """What looks whether a value is a list; `blank` takes the place of null there."""
 
     def checked(values: Any) -> list[Any]:
         if type(values) is not list:
@@ -70,7 +69,7 @@ def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
     """What reads a list of numbers, or bytes, as an array with the typecode `code`."""
     if field.type == FieldDescriptor.TYPE_BYTES:
         return scalar(field)[1]
-    checked, (_, read) = list_of(field), scalar(field)
+    checked, (_, read) = list_of(blank_of(field)), scalar(field)
 
     def read_each(values: Any) -> Any:
         return array(code, [read(value) for value in checked(values)])
@@ -80,7 +79,7 @@ def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
             if type(values) is list:
                 return array(code, values)  # the usual case: numbers, nothing else
         except (TypeError, OverflowError):
-            pass
+            pass  # null among them, or a number as text: one by one
         return read_each(values)
 
     return read_floats if code in "fd" else read_each

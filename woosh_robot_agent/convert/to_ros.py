@@ -20,7 +20,7 @@ from woosh_robot_agent.convert.mapping import (
 )
 from woosh_robot_agent.convert.new import New
 from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.link.json_mapping import is_repeated, json_names
+from woosh_robot_agent.link.json_mapping import blank_of, is_repeated, json_names
 
 Make = Callable[[Any], Any]
 
@@ -93,13 +93,13 @@ class _Json(Origin):
         return f"v if {usual} else {source.bind(read)}(v)"
 
     def scalars(self, source: Source, field: Any) -> str:
-        return f"[{self.scalar(source, field)} for v in {source.bind(list_of(field))}(v)]"
+        return f"[{self.scalar(source, field)} for v in {source.bind(list_of(blank_of(field)))}(v)]"
 
     def numbers(self, source: Source, field: Any, code: str) -> str:
         return f"{source.bind(array_reader(field, code))}(v)"
 
     def messages(self, source: Source) -> str:
-        return f"{source.bind(_objects)}(v)"
+        return f"{source.bind(list_of({}))}(v)"
 
 
 PROTO = _Proto()
@@ -192,10 +192,3 @@ def _enum_maker(ros_class: Any) -> Make:
     made.set("value", "v")
     source.add("return e")
     return source.compile()
-
-
-def _objects(values: Any) -> Any:
-    """The objects of a JSON list; null stands for one with nothing in it."""
-    if type(values) is not list:
-        raise TypeError("not a list")
-    return [{} if value is None else value for value in values] if None in values else values
