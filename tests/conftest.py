@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
 try:
-    import harness
+    from tests import harness
 except ModuleNotFoundError as error:  # the link's tests also run where there is no ROS
     if error.name not in ("rclpy",):
         raise
-    collect_ignore = ["node", "test_interfaces.py"]
+    collect_ignore = ["node", "robustness", "test_benchmarks.py", "test_interfaces.py"]
 else:
     from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 

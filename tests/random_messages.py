@@ -11,7 +11,7 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor as Field
 
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 
 WIDTHS = {"int8": 8, "uint8": 8, "uint16": 16, "int32": 32, "uint32": 32, "int64": 64, "uint64": 64}
 PROTO_INTS = {
@@ -71,7 +71,7 @@ def random_ros(rng: random.Random, cls: Any) -> Any:
 
 def _ros_value(rng: random.Random, kind: str) -> Any:
     if "/" in kind:
-        return random_ros(rng, ros_type(kind, "msg"))
+        return random_ros(rng, class_of(kind, "msg"))
     if kind == "boolean":
         return rng.random() < 0.5
     if kind == "string":
@@ -137,7 +137,7 @@ def random_proto(rng: random.Random, cls: Any, ros_class: Any) -> Any:
     message = cls()
     types = ros_class.get_fields_and_field_types()
     for group in cls.DESCRIPTOR.oneofs:
-        inner = ros_type(types[group.name], "msg").get_fields_and_field_types()
+        inner = class_of(types[group.name], "msg").get_fields_and_field_types()
         chosen = rng.choice([None, *group.fields])
         if chosen is not None:
             _fill(rng, message, chosen, inner[chosen.name])
@@ -162,7 +162,7 @@ def _fill(rng: random.Random, message: Any, field: Any, kind: str) -> None:
 def _proto_value(rng: random.Random, field: Any, kind: str) -> Any:
     if field.message_type is not None:
         cls = message_type(field.message_type.full_name)
-        return random_proto(rng, cls, ros_type(kind, "msg"))
+        return random_proto(rng, cls, class_of(kind, "msg"))
     if field.type == Field.TYPE_BYTES:
         return rng.randbytes(rng.randint(0, 9))
     if field.cpp_type in PROTO_INTS:

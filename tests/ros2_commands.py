@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 
 NAMESPACE = "/woosh_robot/"
 
@@ -47,7 +47,7 @@ class Command:
     @property
     def cls(self) -> Any:
         package, kind, short = self.type.split("/")
-        return ros_type(f"{package}/{short}", kind)
+        return class_of(f"{package}/{short}", kind)
 
 
 def parse(line: str) -> Command:
@@ -90,6 +90,6 @@ except ImportError:  # not on PyPI; the same rules for what these messages hold
             setattr(msg, name, new)
 
     def _filled(kind: str, values: Any) -> Any:
-        message = ros_type(kind, "msg")()
+        message = class_of(kind, "msg")()
         set_message_fields(message, values)
         return message

@@ -6,7 +6,7 @@ from typing import Any
 
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 
 ENDPOINTS = (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS)
 
@@ -14,22 +14,22 @@ ENDPOINTS = (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS)
 def field_class(part: Any, name: str = "") -> Any:
     """The message class of a field, of the only one where no name is given."""
     types = part.get_fields_and_field_types()
-    return ros_type(types[name] if name else next(iter(types.values())), "msg")
+    return class_of(types[name] if name else next(iter(types.values())), "msg")
 
 
 def _pairs() -> dict[str, tuple[Any, Any]]:
     found = []
     for query in QUERIES:
-        found.append((field_class(ros_type(query.srv, "srv").Response), query.request))
+        found.append((field_class(class_of(query.srv, "srv").Response), query.request))
     for command in COMMANDS:
-        srv = ros_type(command.srv, "srv")
+        srv = class_of(command.srv, "srv")
         found.append((field_class(srv.Request, "arg"), command.request))
         if command.answer:
             found.append((field_class(srv.Response, "ret"), command.answer))
     for topic in TOPICS:
-        found.append((ros_type(topic.msg, "msg"), topic.push))
+        found.append((class_of(topic.msg, "msg"), topic.push))
     for action in ACTIONS:
-        cls = ros_type(action.action, "action")
+        cls = class_of(action.action, "action")
         found.append((field_class(cls.Goal), action.arg))
         found += [(field_class(part), action.feedback) for part in (cls.Feedback, cls.Result)]
     return {name: (cls, message_type(name)) for cls, name in found}

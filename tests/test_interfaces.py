@@ -116,11 +116,11 @@ def compare_class(cls: Any, facts: dict[str, list[str]]) -> None:
         if default:
             assert value == int(default[0]), (cls, name)
         elif "/" in ros_type and not ros_type.endswith("[]"):
-            assert isinstance(value, class_of(ros_type)), (cls, name)
+            assert isinstance(value, ros_class(ros_type)), (cls, name)
         else:
             assert not value, (cls, name)
 
 
-def class_of(ros_type: str) -> Any:
+def ros_class(ros_type: str) -> Any:
     package, short = ros_type.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), short)

@@ -13,9 +13,9 @@ import yaml
 
 pytest.importorskip("rclpy")
 
-import launch_stub
 from ament_index_python.packages import PackageNotFoundError
 
+from tests import launch_stub
 from woosh_robot_agent import parameters
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.standard.table import BY_NAME

@@ -14,7 +14,7 @@ from typing import Any
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity, get_logger
 
-from woosh_robot_agent.link.once import shown
+from woosh_robot_agent.link.log_once import shown
 
 _LONGEST = 2000
 """Characters of a message, tracebacks apart."""

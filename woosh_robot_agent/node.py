@@ -9,15 +9,16 @@ from typing import Any
 
 from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
-from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
 from woosh_robot_agent.logs import context_of, log_to_ros, speak_as
+from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
-from woosh_robot_agent.standard.host import Host
 from woosh_robot_agent.standard.layer import StandardLayer
+from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.topics import Topics
 
 _LOG = logging.getLogger(__name__)
@@ -59,25 +60,30 @@ class Agent:
         self._own_thread = None if thread else used
         self._thread = LinkThread(used, context_of(self.node.get_logger()))
         self._chassis = ChassisClient(config=self.settings.link)
+        self._gate = MotionGate(self._chassis)
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
         self._topics = Topics(self.node, self._chassis)  # first: what it cannot read, nobody gets
         known = LastKnown(self._chassis)
-        self._services = Services(self.node, self._thread, self._chassis, known, requests)
+        self._services = Services(
+            self.node, self._thread, self._chassis, self._gate, known, requests
+        )
         self._actions = Actions(
             self.node,
             self._thread,
             self._chassis,
+            self._gate,
             known,
             requests,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
         self._standard = StandardLayer(
-            Host(
+            PartContext(
                 self.node,
                 self._thread,
                 self._chassis,
+                self._gate,
                 known,
                 requests,
                 self._actions,
@@ -131,7 +137,7 @@ def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
 
 def _stop_driving(agents: Sequence[Agent]) -> list[Agent]:
     def stop(agent: Agent) -> Coroutine[Any, Any, None]:
-        return agent._chassis.stop_driving(_STOP_TIMEOUT)
+        return agent._gate.stop_driving(_STOP_TIMEOUT)
 
     return _each(agents, "stop of the robot", stop, 2 * _STOP_TIMEOUT)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 from functools import partial
 from typing import Any
@@ -12,7 +11,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.convert import BadFieldError, Converter, converter, filled
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
-from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import (
     Body,
     ChassisClient,
@@ -20,18 +19,14 @@ from woosh_robot_agent.link import (
     LinkError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.ros_types import class_of
 
 _LOG = logging.getLogger(__name__)
-
-
-def ros_type(name: str, kind: str) -> Any:
-    """The class of a ROS type, e.g. `woosh_robot_msgs/Twist` of kind `srv`."""
-    package, short = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), short)
 
 
 class Services:
@@ -41,6 +36,7 @@ class Services:
         node: owner of the services.
         thread: runs the link.
         chassis: to be used in the link's thread only.
+        gate: passes commands on.
         known: answers queries while the chassis does not.
         requests: makes the chassis's messages of the callers'.
 
@@ -53,6 +49,7 @@ class Services:
         node: Any,
         thread: LinkThread,
         chassis: ChassisClient,
+        gate: MotionGate,
         known: LastKnown,
         requests: RequestMaker,
     ) -> None:
@@ -62,7 +59,7 @@ class Services:
             handler = _QueryHandler(query, thread, chassis, known, requests)
             self._servers.append(DeferredService(node, handler.srv, query.name, handler.handle))
         for command in COMMANDS:
-            server = _CommandHandler(command, thread, chassis, requests)
+            server = _CommandHandler(command, thread, chassis, gate, requests)
             self._servers.append(DeferredService(node, server.srv, command.name, server.handle))
 
 
@@ -77,7 +74,7 @@ class _QueryHandler:
         known: LastKnown,
         requests: RequestMaker,
     ) -> None:
-        self.srv = ros_type(endpoint.srv, "srv")
+        self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._thread = thread
         self._chassis = chassis
@@ -87,7 +84,7 @@ class _QueryHandler:
         self._proto = message_type(endpoint.request)
         # the response's only field: info, nav_path or plan_path
         ((self._field, field_type),) = self.srv.Response.get_fields_and_field_types().items()
-        self._convert = converter(ros_type(field_type, "msg"), self._proto)
+        self._convert = converter(class_of(field_type, "msg"), self._proto)
         self._takes_arg = "arg" in self.srv.Request.get_fields_and_field_types()
 
     def handle(self, request: Any, reply: Reply) -> None:
@@ -146,19 +143,25 @@ class _CommandHandler:
     """Passes a command to the chassis, and its answer back, untouched."""
 
     def __init__(
-        self, endpoint: Command, thread: LinkThread, chassis: ChassisClient, requests: RequestMaker
+        self,
+        endpoint: Command,
+        thread: LinkThread,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        requests: RequestMaker,
     ) -> None:
-        self.srv = ros_type(endpoint.srv, "srv")
+        self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._thread = thread
         self._chassis = chassis
+        self._gate = gate
         self._requests = requests
         arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
-        self._convert = converter(ros_type(arg_type, "msg"), message_type(endpoint.request))
+        self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
         self._convert_ret: Converter | None = None
         if endpoint.answer:
             ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
-            self._convert_ret = converter(ros_type(ret_type, "msg"), message_type(endpoint.answer))
+            self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
 
     def handle(self, request: Any, reply: Reply) -> None:
         try:
@@ -170,7 +173,7 @@ class _CommandHandler:
 
     async def _answer(self, message: Message, reply: Reply) -> None:
         try:
-            answer = await self._chassis.request(message)
+            answer = await self._gate.request(message)
         except ConnectionLostError as error:
             reply.send(self._response(False, self._lost(error)))
             return

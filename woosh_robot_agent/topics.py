@@ -11,11 +11,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.known import parts_of
+from woosh_robot_agent.last_known import parts_of
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 
 
 def latched(depth: int) -> QoSProfile:
@@ -35,7 +35,7 @@ class Topics:
         self._publish = {}
         chassis.on_snapshot(self._snapshot)
         for topic in TOPICS:
-            msg = ros_type(topic.msg, "msg")
+            msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
             publisher = node.create_publisher(msg, topic.name, latched(topic.depth))
             convert = converter(msg, proto_class)

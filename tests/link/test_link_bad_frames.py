@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 import websockets
-from link_peer import TIMEOUT, Packed, Peer, aio, eventually, soon
 
+from tests.link.link_peer import TIMEOUT, Packed, Peer, aio, eventually, soon
 from woosh_robot_agent.link import ConnectionLostError
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 OLD = int(websockets.__version__.split(".")[0]) < 14

@@ -9,12 +9,12 @@ import pytest
 from google.protobuf import json_format
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from link_messages import messages, table_types
 
-from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.json_codec import JsonCodec
-from woosh_robot_agent.link.json_mapping import FieldError, from_json
-from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from tests.link.link_messages import messages, table_types
+from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json
+from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.protos import message_types

@@ -8,7 +8,8 @@ import time
 from typing import Any
 
 import pytest
-from link_peer import (
+
+from tests.link.link_peer import (
     INFO,
     TIMEOUT,
     Peer,
@@ -22,20 +23,19 @@ from link_peer import (
     states,
     turns,
 )
-
 from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
     LinkState,
     NotConnectedError,
 )
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.connection import Connection
-from woosh_robot_agent.link.json_codec import JsonCodec
-from woosh_robot_agent.link.losses import Losses
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
+from woosh_robot_agent.link.timeouts import within
 from woosh_robot_agent.link.transports import open_transport
-from woosh_robot_agent.link.within import within
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 

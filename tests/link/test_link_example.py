@@ -7,7 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
-from link_peer import Frame, Peer, Wire, aio
+
+from tests.link.link_peer import Frame, Peer, Wire, aio
 
 PAGE = Path(__file__).parents[2] / "docs/link_protocol.md"
 

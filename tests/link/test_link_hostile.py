@@ -11,13 +11,13 @@ import tracemalloc
 from typing import Any
 
 import pytest
-from link_peer import Packed, Peer, RawServer, aio, error_of, eventually, soon
 
+from tests.link.link_peer import Packed, Peer, RawServer, aio, error_of, eventually, soon
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.json_codec import JsonCodec
-from woosh_robot_agent.link.once import LogOnce, shown
-from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.log_once import LogOnce, shown
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.protos import message_types
@@ -117,7 +117,7 @@ def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
 def test_numbers_as_text_are_bounded_whatever_the_interpreter_says(limit: str) -> None:
     """Turning a million digits into an integer takes Python many seconds."""
     program = (
-        "from woosh_robot_agent.link.json_mapping import FieldError, from_json\n"
+        "from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "for text in ('9' * 20_000_000, '-' + '0' * 20_000_000, '9' * 4000):\n"
         "    try:\n"
@@ -139,8 +139,8 @@ def test_deep_nesting_with_protobufs_own_python() -> None:
         "from google.protobuf.internal import api_implementation\n"
         "if api_implementation.Type() != 'python':\n"
         "    raise SystemExit(0)\n"
-        "from woosh_robot_agent.link.frames import FrameError\n"
-        "from woosh_robot_agent.link.protobuf_codec import ProtobufCodec\n"
+        "from woosh_robot_agent.link.codecs.frames import FrameError\n"
+        "from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "codec = ProtobufCodec()\n"
         "frame = codec.decode(codec.encode('woosh.robot.PoseSpeed', PoseSpeed()))\n"

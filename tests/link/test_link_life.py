@@ -8,7 +8,8 @@ import time
 from typing import Any
 
 import pytest
-from link_peer import (
+
+from tests.link.link_peer import (
     INFO,
     TIMEOUT,
     Frame,
@@ -26,7 +27,6 @@ from link_peer import (
     states,
     turns,
 )
-
 from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,

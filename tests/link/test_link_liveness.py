@@ -7,7 +7,8 @@ import time
 from typing import Any
 
 import pytest
-from link_peer import (
+
+from tests.link.link_peer import (
     INFO,
     TIMEOUT,
     Frame,
@@ -19,7 +20,6 @@ from link_peer import (
     soon,
     states,
 )
-
 from woosh_robot_agent.link import (
     ConnectionLostError,
 )

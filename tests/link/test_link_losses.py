@@ -6,16 +6,16 @@ import asyncio
 import logging
 
 import pytest
-from link_peer import Peer, aio, eventually, soon
 
+from tests.link.link_peer import Peer, aio, eventually, soon
 from woosh_robot_agent.link import (
     RequestTimeoutError,
     SupersededError,
     TooManyRequestsError,
+    drop_log,
     latest,
-    losses,
 )
-from woosh_robot_agent.link.losses import Losses
+from woosh_robot_agent.link.drop_log import Losses
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 
@@ -25,7 +25,7 @@ CODE = "woosh.robot.count.StatusCode"
 @pytest.fixture(autouse=True)
 def told(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.link")
-    monkeypatch.setattr(losses, "QUIET", 0.2)
+    monkeypatch.setattr(drop_log, "QUIET", 0.2)
 
 
 def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]]:
@@ -105,7 +105,7 @@ async def test_unanswered_requests_are_counted() -> None:
 
 @aio
 async def test_a_close_tells_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
-    losses.QUIET = 60.0
+    drop_log.QUIET = 60.0
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         waiting = asyncio.ensure_future(client.request(Speak()))
         await (await peer.wire()).next("woosh.robot.Speak")
@@ -132,7 +132,7 @@ async def test_a_spell_lasts_while_losses_come_and_the_next_is_told_again(
         await eventually(
             lambda: sum(int(t.split()[0]) for _, t in about(caplog, "that is over")) == 10
         )
-        if longest < losses.QUIET / 2:  # else this machine itself made pauses
+        if longest < drop_log.QUIET / 2:  # else this machine itself made pauses
             first, second = (text for _, text in about(caplog, "thing"))
             assert first == "things get lost"
             assert second.startswith("10 things were lost in ")

@@ -9,10 +9,21 @@ from typing import Any
 
 import pytest
 from google.protobuf.any_pb2 import Any as AnyMessage
-from link_peer import INFO, TIMEOUT, Frame, Packed, Peer, Wire, aio, eventually, soon, turns
 
+from tests.link.link_peer import (
+    INFO,
+    TIMEOUT,
+    Frame,
+    Packed,
+    Peer,
+    Wire,
+    aio,
+    eventually,
+    soon,
+    turns,
+)
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.pushes import LATEST_DEPTH, PushQueue
+from woosh_robot_agent.link.push_queue import LATEST_DEPTH, PushQueue
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc

@@ -7,7 +7,8 @@ import logging
 from typing import Any
 
 import pytest
-from link_peer import (
+
+from tests.link.link_peer import (
     INFO,
     TIMEOUT,
     Frame,
@@ -20,7 +21,6 @@ from link_peer import (
     soon,
     turns,
 )
-
 from woosh_robot_agent.link import (
     Answer,
     Body,
@@ -30,8 +30,8 @@ from woosh_robot_agent.link import (
     RequestTimeoutError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.frames import Envelope
-from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.frames import Envelope
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchControlMode, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, RobotState
 

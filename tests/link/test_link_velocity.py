@@ -7,8 +7,8 @@ import math
 from typing import Any
 
 import pytest
-from link_peer import TIMEOUT, Frame, Peer, Wire, aio, soon, turns
 
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, soon, turns
 from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,

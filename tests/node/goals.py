@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from harness import Client, GoalClient
 
-from woosh_robot_agent.link.json_codec import JsonCodec
+from tests.harness import Client, GoalClient
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 
 import rclpy
-from harness import wait_until
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from tests.harness import wait_until
 from woosh_robot_agent.testing import spinning
 from woosh_robot_msgs.msg import Mode as ModeMsg
 from woosh_robot_msgs.srv import PoseSpeed

@@ -6,7 +6,9 @@ import math
 from collections.abc import Callable
 
 import pytest
-from goals import (
+
+from tests.harness import Client, GoalClient, wait_until
+from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
     CANCEL,
@@ -26,8 +28,6 @@ from goals import (
     step,
     step_goal,
 )
-from harness import Client, GoalClient, wait_until
-
 from woosh_common_msgs.msg import Pose2D
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction

@@ -7,7 +7,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from goals import (
+
+from tests.harness import Client, wait_until
+from tests.node.goals import (
     ABORTED,
     ACTION_ORDER,
     CANCELED,
@@ -24,8 +26,6 @@ from goals import (
     slow_down,
     task,
 )
-from harness import Client, wait_until
-
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing

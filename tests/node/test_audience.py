@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
-from harness import Client, Collector, RunningAgent, wait_until
 from nav_msgs.msg import Odometry
 from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from tests.harness import Client, Collector, RunningAgent, wait_until
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
 

@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 import pytest
 from action_msgs.srv import CancelGoal
-from goals import (
+
+from tests.harness import Client, GoalClient, RunningAgent, wait_until
+from tests.node.goals import (
     ABORTED,
     ACTION_ORDER,
     CALL_ACTION,
@@ -31,8 +33,6 @@ from goals import (
     step,
     task,
 )
-from harness import Client, GoalClient, RunningAgent, wait_until
-
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.simulator import SimulatorThread

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Twist, TwistStamped
-from goals import CANCELED, SUCCEEDED, short_task, step
-from harness import Client, wait_until
 from std_srvs.srv import Trigger
 
+from tests.harness import Client, wait_until
+from tests.node.goals import CANCELED, SUCCEEDED, short_task, step
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
 from woosh_robot_agent.pb.util import task_pb2 as util_task

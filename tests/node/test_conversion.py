@@ -12,15 +12,15 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from random_messages import carried, random_proto, random_ros
 from rclpy.serialization import deserialize_message, serialize_message
-from table import PAIRS
 
+from tests.random_messages import carried, random_proto, random_ros
+from tests.table import PAIRS
 from woosh_common_msgs.msg import Pose2D
 from woosh_nav_msgs.msg import Path, PlanPath
 from woosh_robot_agent.convert import BadFieldError, converter
-from woosh_robot_agent.link.json_codec import JsonCodec
-from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_msgs.msg import ChangeNavPath, ExecTask, PoseSpeed, ScannerData, Speak
 from woosh_ros_msgs.msg import CallAction, MoveBase

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 import yaml
-from goals import slow_down
-from harness import Client, wait_until
-from ros2_commands import documented
 
+from tests.harness import Client, wait_until
+from tests.node.goals import slow_down
+from tests.ros2_commands import documented
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_msgs.srv import ExecTask, PlanPath, RobotWiFi, SetIdentity, Setting
 

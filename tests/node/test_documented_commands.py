@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 import yaml
-from harness import Client, wait_until
-from ros2_commands import Command, documented, parse
 
-from woosh_robot_agent.services import ros_type
+from tests.harness import Client, wait_until
+from tests.ros2_commands import Command, documented, parse
+from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_msgs.msg import DeviceStateSoftwareBit as Software
 from woosh_robot_msgs.msg import PoseSpeed
@@ -138,7 +138,7 @@ def echo(client: Client, name: str) -> Any:
     """Subscribe as the tool does, to the type that the graph names."""
     types = wait_until(lambda: dict(client.node.get_topic_names_and_types()).get(client.path(name)))
     package, _, short = types[0].split("/")
-    return client.echo(ros_type(f"{package}/{short}", "msg"), name)
+    return client.echo(class_of(f"{package}/{short}", "msg"), name)
 
 
 def call(robot: Robot, command: Command) -> None:

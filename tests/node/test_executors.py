@@ -7,7 +7,9 @@ import logging
 from collections.abc import Callable
 
 import pytest
-from goals import (
+
+from tests.harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
+from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
     CANCELED,
@@ -24,8 +26,6 @@ from goals import (
     step,
     task,
 )
-from harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
-
 from woosh_robot_agent.actions.run import REPLACED, STOPPING
 from woosh_robot_agent.agent import _spin_once
 from woosh_robot_agent.parameters import EXECUTORS

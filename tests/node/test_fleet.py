@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
-from goals import ABORTED, EXECUTING, SUCCEEDED, task
-from harness import Client, Program, Spinner, wait_until
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
-from test_process import LIMIT, TWIST, drive
 
+from tests.harness import Client, Program, Spinner, wait_until
+from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, task
+from tests.node.test_process import LIMIT, TWIST, drive
 from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.fleet import Fleet, namespaces
 from woosh_robot_agent.link import LinkConfig

@@ -6,7 +6,9 @@ import dataclasses
 from collections.abc import Callable
 
 import pytest
-from goals import (
+
+from tests.harness import Client, GoalClient, RunningAgent, wait_until
+from tests.node.goals import (
     ABORTED,
     ACTION_ORDER,
     CALL_ACTION,
@@ -20,8 +22,6 @@ from goals import (
     step,
     task,
 )
-from harness import Client, GoalClient, RunningAgent, wait_until
-
 from woosh_robot_agent.actions import doubt
 from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed

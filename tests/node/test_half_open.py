@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from goals import ABORTED, EXEC_TASK, EXECUTING, lift3, step, task
-from harness import Client, RunningAgent, wait_future, wait_until
 
+from tests.harness import Client, RunningAgent, wait_future, wait_until
+from tests.node.goals import ABORTED, EXEC_TASK, EXECUTING, lift3, step, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import Speak

@@ -12,16 +12,16 @@ import sys
 from typing import Any
 
 import pytest
-from random_messages import random_proto
 from rclpy.serialization import deserialize_message, serialize_message
-from table import PAIRS
 
+from tests.random_messages import random_proto
+from tests.table import PAIRS
 from woosh_map_msgs.msg import SceneDataEasy
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.converter import Converter
 from woosh_robot_agent.convert.to_proto import filler
 from woosh_robot_agent.convert.to_ros import maker
-from woosh_robot_agent.link.json_mapping import FieldError, from_json, to_json
+from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json, to_json
 from woosh_robot_agent.protos import message_type
 
 ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "30"))

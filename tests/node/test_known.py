@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Body
-from woosh_robot_agent.link.frames import Envelope, FrameError
-from woosh_robot_agent.link.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.frames import Envelope, FrameError
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo, RobotState
 
 INFO = "woosh.robot.RobotInfo"

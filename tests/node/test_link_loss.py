@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from goals import (
+
+from tests.harness import Client, GoalClient, RunningAgent, wait_until
+from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
     CANCELED,
@@ -25,8 +27,6 @@ from goals import (
     step,
     task,
 )
-from harness import Client, GoalClient, RunningAgent, wait_until
-
 from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from goals import SUCCEEDED, step
-from harness import Client, Collector, RunningAgent
 from rclpy.executors import SingleThreadedExecutor
 
+from tests.harness import Client, Collector, RunningAgent
+from tests.node.goals import SUCCEEDED, step
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode
 

@@ -10,14 +10,14 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from goals import SUCCEEDED
-from harness import Client, wait_until
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from tests.harness import Client, wait_until
+from tests.node.goals import SUCCEEDED
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.standard.plane import Plane

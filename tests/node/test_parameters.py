@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from goals import EXEC_TASK, EXECUTING, SUCCEEDED, step, task
-from harness import Client, RunningAgent, wait_until
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -18,6 +16,8 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
+from tests.harness import Client, RunningAgent, wait_until
+from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, step, task
 from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_msgs.srv import Mode, Speak

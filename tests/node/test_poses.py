@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from harness import Client, wait_until
 from std_srvs.srv import Trigger
 
+from tests.harness import Client, wait_until
 from woosh_robot_agent.simulator import SimulatorThread
 
 CALL_ACTION = "woosh.ros.CallAction"

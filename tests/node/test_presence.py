@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from random_messages import blank, item_type
-from table import PAIRS
 
+from tests.random_messages import blank, item_type
+from tests.table import PAIRS
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 
 
 def _with_presence() -> dict[str, tuple[Any, Any]]:
@@ -25,7 +25,7 @@ def _with_presence() -> dict[str, tuple[Any, Any]]:
         for field in proto.DESCRIPTOR.fields:
             if field.message_type and field.name in types:
                 kind = item_type(types[field.name]) or types[field.name]
-                waiting.append((ros_type(kind, "msg"), message_type(field.message_type.full_name)))
+                waiting.append((class_of(kind, "msg"), message_type(field.message_type.full_name)))
     return found
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from goals import ABORTED, EXECUTING, lift3, step, task
-from harness import TIMEOUT, Client, Program, wait_until
 
+from tests.harness import TIMEOUT, Client, Program, wait_until
+from tests.node.goals import ABORTED, EXECUTING, lift3, step, task
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg

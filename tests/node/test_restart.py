@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from goals import EXEC_TASK, EXECUTING, SUCCEEDED, short_task, task
-from harness import TIMEOUT, Client, Program, wait_until
 
+from tests.harness import TIMEOUT, Client, Program, wait_until
+from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, short_task, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg

@@ -8,11 +8,11 @@ import threading
 from typing import Any
 
 import pytest
-from harness import wait_until
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
+from tests.harness import wait_until
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
 from woosh_robot_agent.pb.util.common_pb2 import Vector3
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread

@@ -9,15 +9,15 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from harness import wait_future, wait_until
-from random_messages import blank, carried, item_type, random_proto, random_ros
 from rclpy.task import Future
-from table import field_class
 
+from tests.harness import wait_future, wait_until
+from tests.random_messages import blank, carried, item_type, random_proto, random_ros
+from tests.table import field_class
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 from woosh_robot_msgs.msg import InitRobot as InitRobotMsg
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.msg import SwitchControlMode as ControlModeMsg
@@ -27,7 +27,7 @@ SPEAK = "woosh.robot.Speak"
 
 
 def srv_of(command: Any) -> Any:
-    return ros_type(command.srv, "srv")
+    return class_of(command.srv, "srv")
 
 
 def arg_class(command: Any) -> Any:
@@ -126,7 +126,7 @@ def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
         if (of or kind) in kinds:
             yield where
         elif "/" in kind:
-            yield from leaves(ros_type(of or kind, "msg"), kinds, where + ".")
+            yield from leaves(class_of(of or kind, "msg"), kinds, where + ".")
 
 
 def message_with(cls: Any, path: str, value: Any) -> Any:
@@ -136,7 +136,7 @@ def message_with(cls: Any, path: str, value: Any) -> Any:
     name = step.removesuffix("[0]")
     kind = cls.get_fields_and_field_types()[name]
     if rest:
-        value = message_with(ros_type(item_type(kind) or kind, "msg"), rest, value)
+        value = message_with(class_of(item_type(kind) or kind, "msg"), rest, value)
     setattr(message, name, [value] if item_type(kind) else value)
     return message
 

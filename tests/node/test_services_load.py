@@ -7,8 +7,8 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from harness import Client, wait_future, wait_until
 
+from tests.harness import Client, wait_future, wait_until
 from woosh_robot_agent.bridge import Reply
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_msgs.msg import Speak as SpeakMsg

@@ -8,15 +8,15 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from harness import RunningAgent, wait_until
-from random_messages import blank
-from table import field_class
 
+from tests.harness import RunningAgent, wait_until
+from tests.random_messages import blank
+from tests.table import field_class
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotState
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Battery as BatterySrv
 from woosh_robot_msgs.srv import NavPath, PlanPath, RobotInfo
@@ -39,7 +39,7 @@ def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
 
 def ask(client: Any, query: Any) -> Any:
     """The only field of a query's response."""
-    response = client.call(ros_type(query.srv, "srv"), query.name)
+    response = client.call(class_of(query.srv, "srv"), query.name)
     (name,) = response.get_fields_and_field_types()
     return getattr(response, name)
 
@@ -66,7 +66,7 @@ def test_each_gives_what_the_chassis_answers_now(simulator, agent, client):
 
     simulator.intercept(see)
     for query in QUERIES:
-        cls = field_class(ros_type(query.srv, "srv").Response)
+        cls = field_class(class_of(query.srv, "srv").Response)
         pack = converter(cls, message_type(query.request)).to_proto
         asked = simulator.counts[query.request]
         for count in (1, 2):

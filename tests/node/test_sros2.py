@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import shutil
 import subprocess
 import sys
@@ -13,8 +12,8 @@ from typing import Any
 from xml.etree import ElementTree as xml
 
 import pytest
-from harness import Client, RunningAgent, wait_until
 
+from tests.harness import Client, RunningAgent, wait_until
 from woosh_robot_agent import security
 from woosh_robot_agent.testing import AgentProcess, running_chassis
 
@@ -135,13 +134,10 @@ def test_agent_and_client_under_sros2(
             agent.wait_connected()
             done = subprocess.run(
                 [
-                    *(sys.executable, Path(__file__).with_name("secured_client.py")),
+                    *(sys.executable, "-m", "tests.node.secured_client"),
                     *("--ros-args", "--enclave", "/woosh_robot/client"),
                 ],
-                env={
-                    **os.environ,
-                    "PYTHONPATH": f"{ROOT / 'tests'}:{os.environ.get('PYTHONPATH', '')}",
-                },
+                cwd=ROOT,
                 capture_output=True,
                 text=True,
                 timeout=60,

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Twist
-from harness import Client, RunningAgent, wait_until
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
+from tests.harness import Client, RunningAgent, wait_until
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.standard.settings import PARAMETERS, StandardSettings
 from woosh_robot_agent.standard.table import STANDARD, Kind

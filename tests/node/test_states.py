@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PolygonStamped
-from goals import short_task
-from harness import wait_until
 from nav_msgs.msg import OccupancyGrid, Path
 from PIL import Image
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
+from tests.harness import wait_until
+from tests.node.goals import short_task
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D

@@ -6,10 +6,10 @@ import threading
 import time
 from typing import Any
 
-from goals import ABORTED, short_task, step, step_goal, task
-from harness import RunningAgent, wait_future, wait_until
 from std_srvs.srv import Trigger
 
+from tests.harness import RunningAgent, wait_future, wait_until
+from tests.node.goals import ABORTED, short_task, step, step_goal, task
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist

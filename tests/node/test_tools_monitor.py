@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from goals import SUCCEEDED, step
-from harness import NAMESPACE, wait_until
 
+from tests.harness import NAMESPACE, wait_until
+from tests.node.goals import SUCCEEDED, step
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from goals import COMPLETED, SUCCEEDED, short_task
-from harness import wait_until
 
+from tests.harness import wait_until
+from tests.node.goals import COMPLETED, SUCCEEDED, short_task
 from woosh_robot_agent.tools.recording import Frame, read
 from woosh_robot_msgs.msg import Mode as ModeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg

@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 from google.protobuf.message import Message
-from harness import wait_until
-from random_messages import random_proto
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from tests.harness import wait_until
+from tests.random_messages import random_proto
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 from woosh_robot_msgs.msg import Battery as BatteryMsg
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
@@ -75,7 +75,7 @@ def holding(info: RobotInfo) -> Callable[[Any], Any]:
 
 
 def echo_all(client: Any) -> dict[str, Any]:
-    return {topic.push: client.echo(ros_type(topic.msg, "msg"), topic.name) for topic in TOPICS}
+    return {topic.push: client.echo(class_of(topic.msg, "msg"), topic.name) for topic in TOPICS}
 
 
 def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
@@ -122,7 +122,7 @@ def test_first_values_come_from_robot_info(connect, client, push, simulator):
         short = topic.name.partition("/")[2]
         if short in QUIET:
             continue
-        first = client.echo(ros_type(topic.msg, "msg"), topic.name).wait_count(1)[0]
+        first = client.echo(class_of(topic.msg, "msg"), topic.name).wait_count(1)[0]
         field = "".join(f"_{c.lower()}" if c.isupper() else c for c in short).lstrip("_")
         said = RobotState(state=info.state) if short == "RobotState" else getattr(info, field)
         assert first == converter(type(first), type(said)).to_ros(said), topic.name
@@ -136,7 +136,7 @@ def test_each_push_once_and_in_order(connect, client, push):
     sent: dict[str, list[Any]] = {topic.push: [] for topic in TOPICS}
     for _ in range(4):
         for topic in TOPICS:
-            cls = ros_type(topic.msg, "msg")
+            cls = class_of(topic.msg, "msg")
             message = random_proto(rng, message_type(topic.push), cls)
             push(message)
             sent[topic.push].append(converter(cls, type(message)).to_ros(message))

@@ -7,9 +7,9 @@ import time
 from typing import Any
 
 import pytest
-from goals import EXECUTING, task
-from harness import Client, RunningAgent, wait_future, wait_until
 
+from tests.harness import Client, RunningAgent, wait_future, wait_until
+from tests.node.goals import EXECUTING, task
 from woosh_robot_agent.link import latest
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 import yaml
-from sim_wire import JsonClient, TcpClient
 
+from tests.simulator.sim_wire import JsonClient, TcpClient
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 

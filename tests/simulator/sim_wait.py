@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from sim_wire import TIMEOUT
+from tests.simulator.sim_wire import TIMEOUT
 
 
 def wait_until(condition: Callable[[], Any], what: str = "") -> Any:

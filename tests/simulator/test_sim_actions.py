@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from sim_wire import Json, JsonClient
 
+from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 
 CALL = "woosh.ros.CallAction"

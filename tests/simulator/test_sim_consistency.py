@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from sim_wire import Json, JsonClient
 
+from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 
 # Setter, its body, the state that shows it, the part of RobotInfo, what the state must hold.

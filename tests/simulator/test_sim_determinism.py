@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from google.protobuf import json_format
-from sim_wire import Json, JsonClient
 
+from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis

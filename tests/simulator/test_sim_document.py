@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from sim_wire import Json, JsonClient
 
+from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 R = "woosh.robot."

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from sim_wire import JsonClient
 
+from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.geometry import Point, Pose

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from sim_wait import wait_until
-from sim_wire import JsonClient, TcpClient, packed, subscription
 
+from tests.simulator.sim_wait import wait_until
+from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 import pytest
-from sim_wait import wait_until
-from sim_wire import JsonClient, TcpClient, subscription
 
+from tests.simulator.sim_wait import wait_until
+from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 POSE_SPEED = "woosh.robot.PoseSpeed"

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import pytest
 import websockets
 from google.protobuf.message import DecodeError
-from sim_wire import JsonClient, TcpClient, body_of, packed, subscription
 from websockets.exceptions import ConnectionClosed
 
+from tests.simulator.sim_wire import JsonClient, TcpClient, body_of, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread

@@ -8,10 +8,10 @@ import socket
 from collections import Counter
 
 import pytest
-from sim_wait import wait_until
-from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from websockets.exceptions import ConnectionClosed
 
+from tests.simulator.sim_wait import wait_until
+from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import (
     FaultError,

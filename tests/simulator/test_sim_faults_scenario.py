@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sim_wait import wait_until
-from sim_wire import JsonClient
-from test_sim_program import PROGRAM, running
 
+from tests.simulator.sim_wait import wait_until
+from tests.simulator.sim_wire import JsonClient
+from tests.simulator.test_sim_program import PROGRAM, running
 from woosh_robot_agent.simulator import (
     FaultError,
     Scenario,

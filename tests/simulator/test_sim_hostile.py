@@ -7,8 +7,8 @@ import logging
 import time
 
 import pytest
-from sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 
+from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, server
 

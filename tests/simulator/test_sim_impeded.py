@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from sim_wire import Json, JsonClient, pass_time
 
+from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from sim_wire import JsonClient, TcpClient
-from test_sim_program import running
 from websockets.exceptions import ConnectionClosed
 
+from tests.simulator.sim_wire import JsonClient, TcpClient
+from tests.simulator.test_sim_program import running
 from woosh_robot_agent.simulator.__main__ import main
 
 MODE = "woosh.robot.Mode"

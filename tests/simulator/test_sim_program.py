@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sim_wire import JsonClient, TcpClient, subscription
 
+from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes

@@ -7,8 +7,8 @@ import json
 from typing import Any
 
 import pytest
-from sim_wire import JsonClient
 
+from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 
 # Where an empty request is not a sensible one.

@@ -8,8 +8,8 @@ import socket
 from collections.abc import Iterable
 
 import pytest
-from sim_wire import JsonClient, TcpClient, packed, subscription
 
+from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
 from woosh_robot_agent.simulator import (
     Outgoing,

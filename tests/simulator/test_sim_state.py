@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
-from sim_wire import Json, JsonClient, pass_time
 
+from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 PROC, MODE = "woosh.robot.TaskProc", "woosh.robot.Mode"

@@ -6,8 +6,8 @@ import math
 from itertools import pairwise
 
 import pytest
-from sim_wire import Json, JsonClient, pass_time
 
+from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
 
 PROC = "woosh.robot.TaskProc"

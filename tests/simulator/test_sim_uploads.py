@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from sim_wire import Json, JsonClient
 
+from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.simulator import SimulatorThread, uploads
 from woosh_robot_agent.simulator.refused import Refused

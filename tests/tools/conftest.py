@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from waiting import aio, eventually
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
+from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState, RequestTimeoutError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, TaskProc

@@ -17,13 +17,14 @@ from woosh_robot_agent.actions.tasks import FreshIds, TaskRun
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import ACTIONS
-from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.requests import RequestMaker
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 
 
 class Actions:
@@ -33,6 +34,7 @@ class Actions:
         node: owner of the servers.
         thread: runs the link and the goals.
         chassis: to be used in the link's thread only.
+        gate: passes commands on.
         known: what the chassis last said.
         requests: makes the chassis's messages of the clients'.
         link_timeout: gives the s for which a goal stays open without a link.
@@ -44,6 +46,7 @@ class Actions:
         node: Any,
         thread: LinkThread,
         chassis: ChassisClient,
+        gate: MotionGate,
         known: LastKnown,
         requests: RequestMaker,
         link_timeout: Callable[[], float],
@@ -59,7 +62,7 @@ class Actions:
         self.servers: list[GoalServer] = []
         ids = FreshIds()
         for action in ACTIONS:
-            action_class = ros_type(action.action, "action")
+            action_class = class_of(action.action, "action")
             arg, fb = (
                 converter(_field_class(part, name), message_type(proto_name))
                 for part, name, proto_name in (
@@ -70,7 +73,9 @@ class Actions:
             runs = Runs()
             self._runs.append(runs)
             to_proto = partial(requests.make, arg)
-            context = Context(chassis, runs, link_timeout, to_proto, requests.empty, fb.to_ros)
+            context = Context(
+                chassis, gate, runs, link_timeout, to_proto, requests.empty, fb.to_ros
+            )
             make = (
                 partial(
                     CallActionRun,
@@ -148,4 +153,4 @@ class Actions:
 
 
 def _field_class(part: Any, name: str) -> Any:
-    return ros_type(part.get_fields_and_field_types()[name], "msg")
+    return class_of(part.get_fields_and_field_types()[name], "msg")

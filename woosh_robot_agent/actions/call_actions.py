@@ -117,7 +117,7 @@ class CallActionRun(GoalRun):
         """Such a goal ends with the answer, and leaves the running goal in charge."""
         self.took.set_result(False)
         try:
-            answer = await self.chassis.request(self.make_request())
+            answer = await self.gate.request(self.make_request())
         except LinkError as error:
             return self.aborted(str(error))
         if not answer.ok:

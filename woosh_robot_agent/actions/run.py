@@ -33,6 +33,7 @@ from woosh_robot_agent.link import (
     LinkState,
     RequestTimeoutError,
 )
+from woosh_robot_agent.motion.gate import MotionGate
 
 _LOG = logging.getLogger(__name__)
 
@@ -82,6 +83,7 @@ class Context:
 
     Attributes:
         chassis: the link, in whose thread all of this runs.
+        gate: passes commands on.
         runs: the action's open goals.
         link_timeout: gives the s for which a goal stays open without a link.
         to_proto: makes the chassis's message of the goal's `arg`.
@@ -90,6 +92,7 @@ class Context:
     """
 
     chassis: ChassisClient
+    gate: MotionGate
     runs: Runs
     link_timeout: Callable[[], float]
     to_proto: Callable[[Any], Message]
@@ -115,6 +118,7 @@ class GoalRun(ABC):
     def __init__(self, goal: Goal, context: Context) -> None:
         self.goal = goal
         self.chassis = context.chassis
+        self.gate = context.gate
         self.runs = context.runs
         self.link_timeout = context.link_timeout()
         self.to_proto = context.to_proto
@@ -363,7 +367,7 @@ class GoalRun(ABC):
 
     async def _start(self, request: Message) -> None:
         try:  # the answer comes by the tap, in its place among the reports
-            await self.chassis.request(request, tap=lambda answer: self.post(Answered(answer)))
+            await self.gate.request(request, tap=lambda answer: self.post(Answered(answer)))
         except Exception as error:
             self.post(Answered(error))
 
@@ -398,7 +402,7 @@ class GoalRun(ABC):
         while self._cancel_due:  # again, if the client asked again meanwhile
             self._cancel_due = False
             try:
-                answer = await self.chassis.request(self.make_cancel())
+                answer = await self.gate.request(self.make_cancel())
             except LinkError as error:
                 self._cancel_due = True
                 _LOG.warning(

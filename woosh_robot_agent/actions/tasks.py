@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.actions.events import End, Report
 from woosh_robot_agent.actions.run import Context, GoalRun
 from woosh_robot_agent.actions.server import Goal, Outcome
-from woosh_robot_agent.known import LastKnown
+from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, task_pb2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-from functools import cache
 from typing import Any
 
 from woosh_robot_agent.protos import message_type
@@ -63,13 +61,6 @@ def item_type(ros_type: str) -> str | None:
     if not ros_type.startswith("sequence<"):
         return None
     return ros_type[len("sequence<") : -1]
-
-
-@cache
-def class_of(ros_type: str) -> Any:
-    """The message class of a ROS type, e.g. `woosh_common_msgs/Pose2D`."""
-    package, name = ros_type.split("/")
-    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def message_class(field: Any) -> Any:

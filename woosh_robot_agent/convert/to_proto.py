@@ -13,7 +13,6 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor
 
 from woosh_robot_agent.convert.mapping import (
-    class_of,
     item_type,
     message_class,
     oneofs,
@@ -21,6 +20,7 @@ from woosh_robot_agent.convert.mapping import (
     presence_bits,
 )
 from woosh_robot_agent.convert.source import Source
+from woosh_robot_agent.ros_types import class_of
 
 _FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 

@@ -11,7 +11,6 @@ from typing import Any
 from woosh_robot_agent.convert.json_values import array_reader, list_of, scalar
 from woosh_robot_agent.convert.mapping import (
     ARRAY_CODES,
-    class_of,
     item_type,
     message_class,
     oneofs,
@@ -20,7 +19,8 @@ from woosh_robot_agent.convert.mapping import (
 )
 from woosh_robot_agent.convert.new import New
 from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.link.json_mapping import blank_of, is_repeated, json_names
+from woosh_robot_agent.link.codecs.json_mapping import blank_of, is_repeated, json_names
+from woosh_robot_agent.ros_types import class_of
 
 Make = Callable[[Any], Any]
 

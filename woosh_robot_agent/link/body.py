@@ -7,8 +7,8 @@ from typing import Any, NoReturn, TypeVar
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.json_mapping import FieldError
+from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.codecs.json_mapping import FieldError
 from woosh_robot_agent.protos import message_types
 
 T = TypeVar("T")

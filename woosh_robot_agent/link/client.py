@@ -16,8 +16,12 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.backoff import Backoff
 from woosh_robot_agent.link.body import Body
+from woosh_robot_agent.link.codecs.frames import Codec
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.connection import Answer, Connection
+from woosh_robot_agent.link.drop_log import Losses
 from woosh_robot_agent.link.errors import (
     ConnectionLostError,
     HandshakeError,
@@ -25,17 +29,13 @@ from woosh_robot_agent.link.errors import (
     NotConnectedError,
     SupersededError,
 )
-from woosh_robot_agent.link.frames import Codec
-from woosh_robot_agent.link.json_codec import JsonCodec
 from woosh_robot_agent.link.latest import LatestWins
-from woosh_robot_agent.link.losses import Losses
-from woosh_robot_agent.link.once import LogOnce, shown
-from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.log_once import LogOnce, shown
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
+from woosh_robot_agent.link.timeouts import drop, within
 from woosh_robot_agent.link.transports import TransportClosedError, open_transport
 from woosh_robot_agent.link.wheels import may_move, takes_wheels
-from woosh_robot_agent.link.within import drop, within
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_types

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.body import Body
+from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import LinkConfig
+from woosh_robot_agent.link.drop_log import Losses
 from woosh_robot_agent.link.errors import (
     ConnectionLostError,
     LinkError,
@@ -22,13 +24,11 @@ from woosh_robot_agent.link.errors import (
     SupersededError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
 from woosh_robot_agent.link.liveness import Liveness
-from woosh_robot_agent.link.losses import Losses
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
+from woosh_robot_agent.link.timeouts import drop
 from woosh_robot_agent.link.transports import Transport, TransportClosedError
-from woosh_robot_agent.link.within import drop
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name

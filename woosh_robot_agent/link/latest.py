@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.errors import SupersededError
-from woosh_robot_agent.link.within import within
+from woosh_robot_agent.link.timeouts import within
 
 T = TypeVar("T")
 

@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from woosh_robot_agent.link.errors import ConnectionLostError, RequestTimeoutError
+from woosh_robot_agent.link.timeouts import within
 from woosh_robot_agent.link.transports import Transport
-from woosh_robot_agent.link.within import within
 
 _IDLE_SHARE = 0.4
 """Share of the limit that may pass in silence before the other end is asked for a sign of life."""

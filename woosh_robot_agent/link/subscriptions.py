@@ -10,11 +10,11 @@ from functools import partial
 from typing import Any
 
 from woosh_robot_agent.link.body import Body
+from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.connection import Answer
-from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.losses import Losses
-from woosh_robot_agent.link.once import LogOnce, shown
-from woosh_robot_agent.link.pushes import PushQueue
+from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.log_once import LogOnce, shown
+from woosh_robot_agent.link.push_queue import PushQueue
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc

@@ -13,9 +13,9 @@ from typing import Any, Protocol
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
 from websockets.frames import Opcode
 
+from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.config import LinkConfig
-from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.within import drop, settle, within
+from woosh_robot_agent.link.timeouts import drop, settle, within
 
 _ClientSocket: Any
 _ws_connect: Any

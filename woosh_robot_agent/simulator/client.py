@@ -8,9 +8,9 @@ from collections import deque
 from functools import partial
 from typing import NamedTuple
 
-from woosh_robot_agent.link.frames import Codec
-from woosh_robot_agent.link.json_codec import JsonCodec
-from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.codecs.frames import Codec
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.transports import Transport, TransportClosedError
 from woosh_robot_agent.simulator.hooks import Encoded, Outgoing
 

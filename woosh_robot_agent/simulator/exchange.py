@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, FrameError
+from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import Codec
+from woosh_robot_agent.link.codecs.frames import Codec
 from woosh_robot_agent.link.transports import Transport
 
 #: Writes something to a connection where an ordinary frame would be sent.

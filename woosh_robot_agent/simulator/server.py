@@ -11,7 +11,7 @@ from types import TracebackType
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import FrameError
+from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.transports import Transport, TransportClosedError, WebSocketTransport
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.client import Client

@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
 
-from woosh_robot_agent.standard.host import Host
+from woosh_robot_agent.standard.part_context import PartContext
 
 _LOOK_S = 0.1
 """s between two looks for subscribers, where the middleware does not tell of them."""
@@ -21,10 +21,10 @@ class Audience:
     nothing.
 
     Args:
-        host: see `Host`.
+        host: see `PartContext`.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self._publishers: list[Any] = []
         self._changed = asyncio.Event()

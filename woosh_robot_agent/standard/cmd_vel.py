@@ -11,9 +11,9 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.time import Time
 
 from woosh_robot_agent.link import LinkError, LinkState, SupersededError
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.wheels import Wheels
 
 _LOG = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ class CmdVel(Part):
         driving: whether the last velocity that was sent was not zero.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self.driving = False
         self._log = LogOnce(_LOG)
@@ -112,7 +112,7 @@ class CmdVel(Part):
 
     def _has_to_stop(self) -> bool:
         """Whether a zero has something to stop that was asked for here."""
-        if self._host.chassis.driving or self._waiting is not None:
+        if self._host.gate.driving or self._waiting is not None:
             return True
         return self.driving and not (self._host.actions.running_goals or self._wheels.user)
 
@@ -157,7 +157,7 @@ class CmdVel(Part):
     def _send_due(self) -> None:
         if self._waiting is not None:
             self._send(self._waiting)
-        elif self._host.chassis.driving:
+        elif self._host.gate.driving:
             self._send(Twist())
         else:  # a task or an action has had the wheels since: a zero would stop that
             self.driving = False
@@ -172,7 +172,7 @@ class CmdVel(Part):
 
     async def _request(self, command: Twist) -> None:
         try:
-            answer = await self._host.chassis.request(self._host.requests.address(command))
+            answer = await self._host.gate.request(self._host.requests.address(command))
         except SupersededError as error:  # everyday business while the chassis is slow
             _LOG.debug("cmd_vel: %s", error)
         except LinkError as error:

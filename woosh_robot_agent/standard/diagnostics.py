@@ -16,7 +16,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_located, is_taskable, objections
 from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.part_context import Part, PartContext
 
 _RATE_HZ = 1.0
 _INFO = full_name(RobotInfo)
@@ -166,7 +166,7 @@ def codes_status(info: RobotInfo) -> Status:
 class Diagnostics(Part):
     """Publishes the statuses at 1 Hz. They cost the chassis nothing: nothing is asked for them."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self._audience = Audience(host)
         self._publisher = self._audience.publisher("/diagnostics")

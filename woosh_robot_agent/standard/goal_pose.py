@@ -13,8 +13,8 @@ from woosh_robot_agent.bridge import Reply
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.protos import full_name
-from woosh_robot_agent.services import ros_type
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import plane_in
 
@@ -29,9 +29,9 @@ class GoalPose(Part):
     the log, as RViz waits for no answer. All of it runs in the executor's thread.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
-        self._action = ros_type(_MOVE_BASE.action, "action")
+        self._action = class_of(_MOVE_BASE.action, "action")
         self._client = ActionClient(host.node, self._action, _MOVE_BASE.name)
         self._newest = 0
         self._handle: Any = None

@@ -12,11 +12,11 @@ from typing import Any
 from nav_msgs.msg import OccupancyGrid
 
 from woosh_robot_agent.link import LinkError, LinkState
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import pose_of
 
@@ -44,7 +44,7 @@ class Grid(Part):
     A map can have many MiB, so it is not asked for before. What did not work is tried again.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self._log = LogOnce(_LOG)
         self._audience = Audience(host)

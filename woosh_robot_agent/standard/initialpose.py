@@ -8,7 +8,7 @@ from typing import Any
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.stamped import plane_in
 
 _LOG = logging.getLogger(__name__)
@@ -17,7 +17,7 @@ _LOG = logging.getLogger(__name__)
 class InitialPose(Part):
     """Does SetRobotPose for each initialpose. Its sender gets no answer, so the log tells."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         host.subscribe("initialpose", self._asked)
 

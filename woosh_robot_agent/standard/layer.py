@@ -11,9 +11,9 @@ from woosh_robot_agent.standard.cmd_vel import CmdVel
 from woosh_robot_agent.standard.diagnostics import Diagnostics
 from woosh_robot_agent.standard.goal_pose import GoalPose
 from woosh_robot_agent.standard.grid import Grid
-from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.initialpose import InitialPose
 from woosh_robot_agent.standard.odom import Odom
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.scan import Scan
 from woosh_robot_agent.standard.states import (
     Connected,
@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 _PAUSE_S = 1.0
 
 #: What makes each part, with the parameters of which any switches it on.
-PARTS: tuple[tuple[Callable[[Host], Part], tuple[str, ...]], ...] = (
+PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (Odom, ("enable_odom", "publish_tf")),
     (Scan, ("enable_scan", "publish_tf")),
     (battery_part, ("enable_battery_state",)),
@@ -49,7 +49,7 @@ class StandardLayer:
         host: what they share.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self._parts = list(_parts(host))
 
@@ -70,7 +70,7 @@ async def _keep_running(part: Part) -> None:
             await asyncio.sleep(_PAUSE_S)
 
 
-def _parts(host: Host) -> Iterator[Part]:
+def _parts(host: PartContext) -> Iterator[Part]:
     settings = host.settings()
     cmd_vel: CmdVel | None = None
     for make, switches in PARTS:

@@ -11,12 +11,12 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry as OdometryMsg
 
 from woosh_robot_agent.link import LinkState
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.odometry import Odometry
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.settings import StandardSettings
 
@@ -33,7 +33,7 @@ class Odom(Part):
     then. With `publish_tf`, `map` -> `odom` -> `base_link` goes out with each odom, with its stamp.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self._odometry = Odometry()
         self._log = LogOnce(_LOG)

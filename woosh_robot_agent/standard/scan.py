@@ -12,11 +12,11 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import LaserScan
 
 from woosh_robot_agent.link import LinkError, LinkState
-from woosh_robot_agent.link.once import LogOnce
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
 from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.host import Host, Part
 from woosh_robot_agent.standard.odom import transforms
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.plane import Plane
 
 _LOG = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ class Scan(Part):
     out on /tf_static with `publish_laser_tf`; for that it is asked once on each new link.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._host = host
         self._log = LogOnce(_LOG)
         settings = host.settings()

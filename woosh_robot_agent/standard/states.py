@@ -13,11 +13,11 @@ from nav_msgs.msg import Path
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
-from woosh_robot_agent.known import is_part_of_info, parts_of
+from woosh_robot_agent.last_known import is_part_of_info, parts_of
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.part_context import Part, PartContext
 from woosh_robot_agent.standard.plane import Plane
 from woosh_robot_agent.standard.stamped import stamped
 
@@ -30,7 +30,7 @@ _CHARGE = {
 }
 
 
-def battery_state(host: Host, battery: Battery) -> BatteryState:
+def battery_state(host: PartContext, battery: Battery) -> BatteryState:
     """The battery; what the chassis does not measure is NaN."""
     nan = math.nan
     message = BatteryState(
@@ -52,7 +52,7 @@ def battery_state(host: Host, battery: Battery) -> BatteryState:
     return message
 
 
-def plan(host: Host, nav_path: NavPath) -> Path:
+def plan(host: PartContext, nav_path: NavPath) -> Path:
     """The path that is driven, in the map's frame; empty when there is none."""
     stamp, frame = host.now(), host.frame("map")
     message = Path(poses=[stamped(Plane.of(pose), frame, stamp) for pose in nav_path.path.poses])
@@ -61,7 +61,7 @@ def plan(host: Host, nav_path: NavPath) -> Path:
     return message
 
 
-def footprint(host: Host, model: Model) -> PolygonStamped:
+def footprint(host: PartContext, model: Model) -> PolygonStamped:
     """The outline in use, in the robot's frame."""
     message = PolygonStamped()
     message.header.stamp = host.now()
@@ -74,7 +74,7 @@ class _State(Part):
     """Publishes a message of the chassis in another form: the first value, and each push.
 
     Args:
-        host: see `Host`.
+        host: see `PartContext`.
         name: the topic.
         cls: the chassis's message.
         convert: makes the one of the other.
@@ -84,10 +84,10 @@ class _State(Part):
 
     def __init__(
         self,
-        host: Host,
+        host: PartContext,
         name: str,
         cls: type[Message],
-        convert: Callable[[Host, Any], Any],
+        convert: Callable[[PartContext, Any], Any],
         rate: float = 0.0,
     ) -> None:
         self._host = host
@@ -135,17 +135,17 @@ class _State(Part):
         self._publisher.publish(self._convert(self._host, message))
 
 
-def battery_part(host: Host) -> _State:
+def battery_part(host: PartContext) -> _State:
     """Makes the part that publishes battery_state."""
     return _State(host, "battery_state", Battery, battery_state)
 
 
-def plan_part(host: Host) -> _State:
+def plan_part(host: PartContext) -> _State:
     """Makes the part that publishes plan."""
     return _State(host, "plan", NavPath, plan)
 
 
-def footprint_part(host: Host) -> _State:
+def footprint_part(host: PartContext) -> _State:
     """Makes the part that publishes footprint."""
     return _State(host, "footprint", Model, footprint, rate=_FOOTPRINT_HZ)
 
@@ -153,7 +153,7 @@ def footprint_part(host: Host) -> _State:
 class Connected(Part):
     """Publishes whether the link is ready, when that changes and at the start."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: PartContext) -> None:
         self._publisher = host.publisher("connected")
         self._last: bool | None = None
         host.chassis.on_state(self._changed)

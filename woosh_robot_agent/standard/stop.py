@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 from woosh_robot_agent.standard.cmd_vel import CmdVel
-from woosh_robot_agent.standard.host import Host, Part
+from woosh_robot_agent.standard.part_context import Part, PartContext
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 2.0
@@ -49,11 +49,11 @@ class Stop(Part):
     refuses to cancel what is not running is no failure.
 
     Args:
-        host: see `Host`.
+        host: see `PartContext`.
         cmd_vel: is silenced until its sender pauses, if there is one.
     """
 
-    def __init__(self, host: Host, cmd_vel: CmdVel | None) -> None:
+    def __init__(self, host: PartContext, cmd_vel: CmdVel | None) -> None:
         self._host = host
         self._cmd_vel = cmd_vel
         self._service = host.service("stop", self._asked)
@@ -64,13 +64,13 @@ class Stop(Part):
     async def _stop(self, reply: Reply) -> None:
         if self._cmd_vel is not None:
             self._cmd_vel.silence()
-        chassis, address = self._host.chassis, self._host.requests.address
-        chassis.withdraw_motion(_STOPPED, _HOLD_S)
+        gate, address = self._host.gate, self._host.requests.address
+        gate.withdraw(_STOPPED, _HOLD_S)
         orders = [("velocity zero", Twist()), *cancels()]
         # each goes before all that waits: the last of these is asked first
         answers = await asyncio.gather(
             *(
-                chassis.request(address(message), _TIMEOUT_S, first=True)
+                gate.request(address(message), _TIMEOUT_S, first=True)
                 for _, message in reversed(orders)
             ),
             return_exceptions=True,

@@ -13,11 +13,11 @@ from enum import Enum
 from typing import NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.json_codec import JsonCodec
-from woosh_robot_agent.link.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.timeouts import within
 from woosh_robot_agent.link.transports import Transport, TransportClosedError, open_transport
-from woosh_robot_agent.link.within import within
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name

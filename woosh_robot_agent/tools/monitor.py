@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.live import Live
 
-from woosh_robot_agent.link.within import within
+from woosh_robot_agent.link.timeouts import within
 from woosh_robot_agent.tools.keys import keys
 from woosh_robot_agent.tools.link_source import LinkSource
 from woosh_robot_agent.tools.options import add_link_options, link_config

@@ -13,7 +13,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription

@@ -8,8 +8,8 @@ import logging
 from dataclasses import dataclass, field
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.timeouts import drop, within
 from woosh_robot_agent.link.transports import Listener
-from woosh_robot_agent.link.within import drop, within
 from woosh_robot_agent.tools.recording import Side, Writer
 from woosh_robot_agent.tools.wiretap import DelimitedEar, Ear, UnreadableError, WebSocketEar
 

@@ -8,8 +8,8 @@ import logging
 from collections import Counter
 from functools import partial
 
+from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.transports import (
     Listener,
     Transport,

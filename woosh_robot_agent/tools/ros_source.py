@@ -22,7 +22,7 @@ from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
-from woosh_robot_agent.services import ros_type
+from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.view import LinkReport, View
 from woosh_robot_agent.topics import latched
 
@@ -132,12 +132,12 @@ class RosSource:
         self._loop = asyncio.get_running_loop()
         node = self._node
         for topic in TOPICS:
-            self._listen(topic.name, ros_type(topic.msg, "msg"), topic.push, latched(topic.depth))
+            self._listen(topic.name, class_of(topic.msg, "msg"), topic.push, latched(topic.depth))
         for action in ACTIONS:
             if action.member:  # the other one reports what the topic says, too
-                self._follow(action.name, ros_type(action.action, "action"), action.feedback)
+                self._follow(action.name, class_of(action.action, "action"), action.feedback)
         node.create_subscription(Bool, "connected", self._on_connected, latched(1))
-        srv = ros_type(_INFO.srv, "srv")
+        srv = class_of(_INFO.srv, "srv")
         client = node.create_client(srv, _INFO.name)
         self._info = _Question(client, srv.Request(), _PATIENCE, self._on_info)
         node.create_timer(_LOOK_EVERY, self._look)

@@ -11,7 +11,7 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.frames import Codec, FrameError
+from woosh_robot_agent.link.codecs.frames import Codec, FrameError
 from woosh_robot_agent.link.transports import Transport, varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_type

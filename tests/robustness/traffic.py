@@ -1,0 +1,278 @@
+"""What a busy user of the agent does, with a record of what became of each thing that it asked.
+
+Every command carries a mark of its own (a text, a task id, a velocity, an angle), so that the
+chassis's record tells which of them it got, and how often.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from google.protobuf.message import Message
+
+from tests.harness import Client
+from woosh_map_msgs.srv import SceneDataEasy
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_msgs.action import ExecTask
+from woosh_robot_msgs.msg import Sound as SoundMsg
+from woosh_robot_msgs.msg import Speak as SpeakMsg
+from woosh_robot_msgs.msg import Twist as TwistMsg
+from woosh_robot_msgs.srv import (
+    Battery,
+    Mode,
+    PoseSpeed,
+    RobotInfo,
+    SetSound,
+    Speak,
+    StatusCodes,
+    TaskProc,
+    Twist,
+)
+from woosh_ros_msgs.action import LiftControl, StepControl
+from woosh_ros_msgs.msg import StepControlStep
+
+QUERIES = (
+    (Mode, "robot/Mode"),
+    (PoseSpeed, "robot/PoseSpeed"),
+    (Battery, "robot/Battery"),
+    (RobotInfo, "robot/RobotInfo"),
+    (TaskProc, "robot/TaskProc"),
+    (StatusCodes, "robot/StatusCodes"),
+    (SceneDataEasy, "map/SceneDataEasy"),
+)
+START = (4.23, -6.67, -0.26)
+"""Where the simulated robot starts, in m and rad: the tasks stay near it."""
+Mark = tuple[str, Any]
+"""Short name of a message type, and what tells a command from all others of the type."""
+_AS_OFTEN_AS_NEEDED = 1_000_000
+_EXECUTE = 1
+_ROTATE = 2
+
+
+@dataclass
+class Call:
+    """One call of a service: what for people, and its answer's future."""
+
+    what: str
+    future: Any
+
+
+@dataclass
+class TrackedGoal:
+    """One goal from its sending on; changed in the client's executor only, as rclpy wants it.
+
+    Attributes:
+        what: for people, with the mark.
+        cancel_mark: by which its cancel is known at the chassis.
+        cancels: times that its client asked to cancel it.
+        result: the future of its end, once it is accepted.
+        error: what went wrong with ROS itself, empty if nothing did.
+    """
+
+    what: str
+    cancel_mark: Mark
+    cancels: int = 0
+    handle: Any = None
+    result: Any = None
+    error: str = ""
+
+    def accepted(self, future: Any) -> None:
+        self.handle = future.result()
+        if not self.handle.accepted:
+            self.error = "it was not accepted"
+            return
+        self.result = self.handle.get_result_async()
+        if self.cancels:
+            self.handle.cancel_goal_async()
+
+    def cancel(self) -> None:
+        self.cancels += 1
+        if self.handle is not None and self.handle.accepted:
+            self.handle.cancel_goal_async()
+
+    @property
+    def done(self) -> bool:
+        return bool(self.error) or (self.result is not None and self.result.done())
+
+
+class Surplus:
+    """Notes answers to calls that were answered before; rclpy would drop them without a word."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+        self._watched: set[Any] = set()
+
+    def watch(self, service: Any) -> None:
+        """Watch one rclpy client from now on."""
+        if service in self._watched:
+            return
+        self._watched.add(service)
+        expect = service.get_pending_request
+
+        def expect_once(sequence: int) -> Any:
+            try:
+                return expect(sequence)
+            except KeyError:
+                self.found.append(f"{service.srv_name}, call {sequence}")
+                raise
+
+        service.get_pending_request = expect_once
+
+
+class Traffic:
+    """The traffic of one scenario.
+
+    Args:
+        client: asks the agent.
+        surplus: watches the answers.
+        marks: makes the marks, each only once in a chassis's life.
+
+    Attributes:
+        calls: all calls of services.
+        goals: all goals.
+        asked: how often each command may reach the chassis, by message type and mark.
+    """
+
+    def __init__(self, client: Client, surplus: Surplus, marks: Iterator[int]) -> None:
+        self.calls: list[Call] = []
+        self.goals: list[TrackedGoal] = []
+        self.asked: Counter[Mark] = Counter()
+        self._client = client
+        self._surplus = surplus
+        self._marks = marks
+
+    # What it can do; each returns at once
+
+    def query(self, rng: random.Random) -> None:
+        """Ask for a state."""
+        self._call(*rng.choice(QUERIES))
+
+    def speak(self, _rng: random.Random | None = None) -> Call:
+        """Have it say something that nobody said before."""
+        text = f"say {next(self._marks)}"
+        return self._call(Speak, "robot/Speak", SpeakMsg(text=text), ("Speak", text))
+
+    def set_sound(self, rng: random.Random) -> None:
+        """Change a setting."""
+        arg = SoundMsg(volume=rng.randint(0, 100))
+        self._call(SetSound, "setting/Sound", arg, ("Sound", ""))
+
+    def twist(self, _rng: random.Random | None = None) -> None:
+        """Have it creep at a speed that nobody asked for before."""
+        mark = next(self._marks)
+        linear = round((-1) ** mark * (0.01 + mark % 40_000 * 1e-6), 6)
+        self._call(Twist, "robot/Twist", TwistMsg(linear=linear), ("Twist", linear))
+
+    def task(self, rng: random.Random) -> None:
+        """Have it go a short way."""
+        mark = next(self._marks)
+        goal = _short_task(rng.uniform(0.2, 1.5), mark)
+        self._goal(ExecTask, "robot/ExecTask", goal, ("ExecTask", mark), ("ActionOrder", ""))
+
+    def step(self, rng: random.Random) -> None:
+        """Have it turn, by an angle that nobody asked for before."""
+        angle = round(rng.randint(3, 30) / 10 + next(self._marks) % 90_000 * 1e-6, 6)
+        marks = [("CallAction", (what, angle)) for what in ("execute", "cancel")]
+        self._goal(StepControl, "ros/StepControl", _turn(angle), *marks)
+
+    def lift(self, rng: random.Random) -> None:
+        """Move the lift."""
+        marks = [("CallAction", (what, "lift")) for what in ("execute", "cancel")]
+        self._goal(LiftControl, "ros/LiftControl", _lift(rng.randint(1, 2)), *marks)
+
+    def cancel(self, rng: random.Random) -> None:
+        """Cancel one of the goals that are under way."""
+        if self.open_goals:
+            self.cancel_goal(rng.choice(self.open_goals))
+
+    def cancel_goal(self, goal: TrackedGoal) -> None:
+        """Cancel a goal. The wish stands until it has got through, however often that takes."""
+        self.asked[goal.cancel_mark] = _AS_OFTEN_AS_NEEDED
+        self._client.executor.create_task(goal.cancel)
+
+    # What became of it
+
+    @property
+    def open_calls(self) -> list[Call]:
+        return [call for call in self.calls if not call.future.done()]
+
+    @property
+    def open_goals(self) -> list[TrackedGoal]:
+        return [goal for goal in self.goals if not goal.done]
+
+    def _call(self, srv: Any, name: str, arg: Any = None, mark: Mark | None = None) -> Call:
+        service = self._client.service(srv, name)
+        self._surplus.watch(service)
+        request = srv.Request()
+        if arg is not None:
+            request.arg = arg
+        if mark is not None:
+            self.asked[mark] += 1
+        call = Call(name if mark is None else f"{name} {mark[1]}", service.call_async(request))
+        self.calls.append(call)
+        return call
+
+    def _goal(self, action: Any, name: str, goal: Any, start: Mark, cancel: Mark) -> None:
+        self.asked[start] += 1
+        tracked = TrackedGoal(f"{name} {start[1]}", cancel)
+        self.goals.append(tracked)
+        client = self._client.action(action, name)
+        self._client.executor.create_task(
+            lambda: client.send_goal_async(goal).add_done_callback(tracked.accepted)
+        )
+
+
+def marks_of(message: Message) -> list[Mark]:
+    """By what a command that the chassis got is known in `Traffic.asked`; none for others."""
+    kind = message.DESCRIPTOR.name
+    if isinstance(message, pack.Speak):
+        return [(kind, message.text)]
+    if isinstance(message, pack.ExecTask):
+        return [(kind, message.task_id)]
+    if isinstance(message, pack.Twist):  # a stop is nobody's: the agent may send it for safety
+        return [(kind, round(message.linear, 6))] if message.linear else []
+    if isinstance(message, CallAction):
+        what = "execute" if _command(message).action == _EXECUTE else "cancel"
+        steps = message.step_control.steps
+        return [(kind, (what, round(steps[0].value, 6) if steps else "lift"))]
+    if isinstance(message, pack.ActionOrder | setting.Sound):
+        return [(kind, "")]
+    return []
+
+
+def _command(call: CallAction) -> Any:
+    return getattr(call, str(call.WhichOneof("action")))
+
+
+def _short_task(ahead: float, task_id: int) -> Any:
+    goal = ExecTask.Goal()
+    goal.arg.task_id = task_id
+    x, y, theta = START
+    goal.arg.pose.x = x + ahead * math.cos(theta)
+    goal.arg.pose.y = y + ahead * math.sin(theta)
+    goal.arg.pose.theta = theta
+    goal.arg.has_field = goal.arg.POSE_FIELD_SET
+    return goal
+
+
+def _turn(angle: float) -> Any:
+    goal = StepControl.Goal()
+    goal.arg.action.value = _EXECUTE
+    step = StepControlStep(value=angle, speed=0.5)
+    step.mode.value = _ROTATE
+    goal.arg.steps = [step]
+    return goal
+
+
+def _lift(mode: int) -> Any:
+    goal = LiftControl.Goal()
+    goal.arg.action.value = _EXECUTE
+    goal.arg.execute_mode.value = mode
+    return goal

@@ -1,0 +1,1 @@
+"""Encodings of the frames: JSON text and protobuf bytes."""

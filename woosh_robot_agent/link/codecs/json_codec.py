@@ -1,0 +1,131 @@
+"""The envelope as one JSON object in a text frame: what real chassis are known to speak."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, usable_type
+from woosh_robot_agent.link.codecs.json_mapping import (
+    LONGEST_NUMBER,
+    FieldError,
+    from_json,
+    to_json,
+)
+
+_BAD_INTEGER = (ValueError, TypeError, OverflowError)
+_MOST_PARTS = 1_000_000
+"""Objects, lists and names in a frame: two bytes on the wire can take a hundred of memory."""
+
+
+class JsonCodec:
+    """Frames as JSON text.
+
+    Args:
+        defaults: write fields at their default too, as the chassis does; a client need not.
+    """
+
+    def __init__(self, *, defaults: bool = False) -> None:
+        self._defaults = defaults
+
+    def encode(
+        self,
+        type_name: str,
+        body: Message | None,
+        *,
+        sn: int = 0,
+        ok: bool | None = None,
+        msg: str = "",
+        timestamp: int | None = None,
+    ) -> str:
+        """See `Codec.encode`."""
+        frame: dict[str, Any] = {
+            "type": type_name,
+            "body": {} if body is None else to_json(body, defaults=self._defaults),
+        }
+        if ok is not None:
+            frame["ok"] = ok
+            frame["msg"] = msg
+        if sn:
+            frame["sn"] = sn
+        if timestamp is not None:
+            frame["timestamp"] = timestamp
+        return json.dumps(frame, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+    def decode(self, data: str | bytes) -> Envelope:
+        """See `Codec.decode`."""
+        try:
+            text = data if isinstance(data, str) else data.decode()
+            _check_parts(text)
+            frame = json.loads(text)
+        except UnicodeDecodeError as error:
+            raise FrameError("utf-8", f"not UTF-8: {error}") from None
+        except (ValueError, RecursionError) as error:
+            raise FrameError("json", f"not JSON: {error}") from None
+        if not isinstance(frame, dict):
+            raise FrameError("envelope", f"not a JSON object but {type(frame).__name__}")
+        ok = frame.get("ok")
+        try:
+            sn = _integer(frame.get("sn")) or 0
+        except _BAD_INTEGER as error:
+            raise FrameError("envelope", f"sn is no integer: {error}") from None
+        try:
+            timestamp = _integer(frame.get("timestamp"))
+        except _BAD_INTEGER:  # nobody acts upon it
+            timestamp = None
+        type_name = frame.get("type")
+        type_name = usable_type(_text(type_name)) if isinstance(type_name, str) else ""
+        if not type_name and not sn:  # an answer is found by its sn, so it may lack the type
+            raise FrameError("envelope", "no type")
+        return Envelope(
+            type=type_name,
+            body=frame.get("body"),
+            ok=None if ok is None else ok in (True, "true"),
+            msg=_text(frame.get("msg")),
+            sn=sn,
+            timestamp=timestamp,
+        )
+
+    def body(self, envelope: Envelope, cls: type[M]) -> M:
+        """See `Codec.body`."""
+        message = cls()
+        if envelope.body is not None:
+            try:
+                from_json(envelope.body, message)
+            except FieldError as error:
+                raise FrameError("body", f"{envelope.type}: {error}") from None
+        return message
+
+
+def _check_parts(text: str) -> None:
+    if len(text) > _MOST_PARTS:
+        parts = text.count("{") + text.count("[") + text.count(":")
+        if parts > _MOST_PARTS:
+            raise FrameError(
+                "oversize", f"{parts} objects, lists and names in one frame, over {_MOST_PARTS}"
+            )
+
+
+def _integer(value: Any) -> int | None:
+    if value is None:
+        return None
+    if isinstance(value, str) and len(value) > LONGEST_NUMBER:
+        raise ValueError("it is too long for a number")
+    if isinstance(value, bool):
+        raise TypeError("a boolean")
+    number = int(value)
+    if isinstance(value, float) and number != value:
+        raise ValueError("it has a fraction")
+    return number
+
+
+def _text(value: object) -> str:
+    """A text of the envelope; what is none is not worth losing an answer for."""
+    if not isinstance(value, str):
+        return str(value) if isinstance(value, int | float) else ""
+    if value.isascii():
+        return value
+    # JSON can hold half a surrogate pair, which no log and no ROS message takes
+    return value.encode("utf-8", "replace").decode()
