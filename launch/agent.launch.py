@@ -1,10 +1,10 @@
-"""The agent alone.
+"""Start the agent.
 
     ros2 launch woosh_robot_agent agent.launch.py ip:=172.20.8.74
 
-Arguments: ip and port of the chassis, namespace, and params_file (config/agent.yaml shows all
-parameters). What is given here counts for more than the file; what is not is the file's. With a
-list of robots in the file, as in config/robots.yaml, one process serves all of them.
+Arguments: ip and port of the chassis, namespace, and params_file (config/agent.yaml lists all
+parameters). Arguments override the file. If the file has a list of robots, as config/robots.yaml
+does, one process serves all of them.
 """
 
 from pathlib import Path
@@ -22,12 +22,12 @@ def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "ip", default_value="", description="Address of the chassis; empty: params_file's"
+                "ip", default_value="", description="Address of the chassis; default: from params_file"
             ),
             DeclareLaunchArgument(
                 "port",
                 default_value="",
-                description="Its port, 0 the usual one; empty: params_file's",
+                description="Port of the chassis, 0 for the standard port; default: from params_file",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the agent"
@@ -35,7 +35,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "params_file",
                 default_value=str(CONFIG / "agent.yaml"),
-                description="File with the other parameters",
+                description="Parameter file",
             ),
             OpaqueFunction(function=_agent),
         ]

@@ -1,11 +1,11 @@
-"""A robot with transforms: the agent with /tf, and the robot's model where it can be published.
+"""Start the agent with transforms, and publish the robot model.
 
     ros2 launch woosh_robot_agent bringup.launch.py ip:=172.20.8.74
 
-Arguments: as agent.launch.py; frame_prefix, for several robots that share /tf, else params_file's;
-urdf, a model of your own. Without robot_state_publisher (apt install
-ros-jazzy-robot-state-publisher) there is no model, and the agent itself says where the laser is, if
-the robot's firmware tells it.
+Arguments: those of agent.launch.py; frame_prefix, for several robots that share /tf (default: from
+params_file); urdf, your own model. If robot_state_publisher is not installed (apt install
+ros-jazzy-robot-state-publisher), no model is published, and the agent publishes the pose of the
+laser if the robot's firmware reports it.
 """
 
 import re
@@ -24,19 +24,19 @@ from launch_ros.actions import Node
 
 CONFIG = Path(get_package_share_directory("woosh_robot_agent"), "config")
 WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
-"""What stands for one name, and for any number of them, where a parameter file names nodes."""
+"""Wildcards in the node names of a parameter file, as regular expressions."""
 
 
 def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "ip", default_value="", description="Address of the chassis; empty: params_file's"
+                "ip", default_value="", description="Address of the chassis; default: from params_file"
             ),
             DeclareLaunchArgument(
                 "port",
                 default_value="",
-                description="Its port, 0 the usual one; empty: params_file's",
+                description="Port of the chassis, 0 for the standard port; default: from params_file",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the robot"
@@ -44,17 +44,17 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "frame_prefix",
                 default_value="",
-                description="Put before every frame, e.g. r1/; empty: params_file's",
+                description="Prefix of every frame, e.g. r1/; default: from params_file",
             ),
             DeclareLaunchArgument(
                 "params_file",
                 default_value=str(CONFIG / "agent.yaml"),
-                description="File with the agent's other parameters",
+                description="Parameter file of the agent",
             ),
             DeclareLaunchArgument(
                 "urdf",
                 default_value=str(CONFIG / "woosh_base.urdf"),
-                description="Model of the robot",
+                description="Robot model",
             ),
             OpaqueFunction(function=_nodes),
         ]
@@ -78,7 +78,7 @@ def _nodes(context):
             {
                 **{name: kind(given[name]) for name, kind in kinds.items() if given[name]},
                 "publish_tf": True,
-                # the model says it
+                # the model contains the pose of the laser
                 "publish_laser_tf": not with_model,
             },
         ],
@@ -94,7 +94,7 @@ def _nodes(context):
         parameters=[
             {
                 "robot_description": Path(given["urdf"]).read_text(),
-                # frames of one robot hang together only if both say the same
+                # the agent and the model must use the same prefix
                 "frame_prefix": given["frame_prefix"]
                 or _in_file(Path(given["params_file"]), node, "frame_prefix"),
             }
@@ -105,7 +105,7 @@ def _nodes(context):
 
 
 def _in_file(path, node, parameter):
-    """What a file says of a node, or ""; as in rclpy the last section that fits counts."""
+    """Return a node's parameter from a file, or ""; as in rclpy the last matching section wins."""
     found = ""
     for name, values in _sections(yaml.safe_load(path.read_text()) or {}):
         pattern = "".join(WILDCARDS.get(part, f"/{re.escape(part)}") for part in name)
@@ -115,7 +115,7 @@ def _in_file(path, node, parameter):
 
 
 def _sections(tree, above=()):
-    """Every section of a parameter file: its name, split at the slashes, and its parameters."""
+    """Yield each section of a parameter file: its name, split at the slashes, and its parameters."""
     for key, below in tree.items():
         if key == "ros__parameters":
             yield above, below

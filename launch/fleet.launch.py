@@ -1,9 +1,9 @@
-"""Several robots, each with an agent in a namespace of its own and a prefix for its frames.
+"""Start several robots, each with its own agent process, namespace and frame prefix.
 
     ros2 launch woosh_robot_agent fleet.launch.py robots:=my_robots.yaml
 
-config/fleet.yaml shows the file: a list of robots with name and ip, and if need be port, namespace
-(the name by default), frame_prefix (the name and a slash by default), params_file and urdf.
+config/fleet.yaml is an example of the file: a list of robots with name and ip, and optionally port,
+namespace (default: the name), frame_prefix (default: the name and a slash), params_file and urdf.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ DEFAULTS = {
     "params_file": str(SHARE / "config" / "agent.yaml"),
     "urdf": str(SHARE / "config" / "woosh_base.urdf"),
 }
-"""Given for each robot: what bringup.launch.py is not given it takes from the robot before."""
+"""Passed for each robot, because an included file inherits arguments set for the one before."""
 KEYS = {"name", "ip", "namespace", "frame_prefix", *DEFAULTS}
 
 
@@ -49,18 +49,18 @@ def _robots(context):
 
 
 def fleet(path):
-    """All arguments of bringup.launch.py for each robot; ValueError says what is wrong."""
+    """Return the arguments of bringup.launch.py for each robot; raise ValueError for a bad file."""
     robots = yaml.safe_load(path.read_text())
     if not isinstance(robots, dict) or not isinstance(robots.get("robots"), list):
-        raise ValueError(f"{path} has no list of robots: see config/fleet.yaml")
+        raise ValueError(f"{path} has no list `robots`; see config/fleet.yaml for an example")
     found = []
     for robot in robots["robots"]:
         if not isinstance(robot, dict) or not {"name", "ip"} <= set(robot) <= KEYS:
-            raise ValueError(f"{path}: a robot has name and ip, perhaps {sorted(KEYS)}: {robot}")
+            raise ValueError(f"{path}: each robot needs name and ip, and may have only the keys {sorted(KEYS)}, not {robot}")
         given = {key: value for key, value in robot.items() if key != "name"}
         name = robot["name"]
         found.append({**DEFAULTS, "namespace": name, "frame_prefix": f"{name}/", **given})
     names = [each["namespace"] for each in found]
     if len(set(names)) < len(names):
-        raise ValueError(f"{path}: two robots share a namespace: {names}")
+        raise ValueError(f"{path}: two robots have the same namespace; give each its own: {names}")
     return found

@@ -1,10 +1,9 @@
-"""A simulated chassis on this machine, and the agent with all that bringup.launch.py starts.
+"""Start a simulated chassis on this machine, and everything that bringup.launch.py starts.
 
     ros2 launch woosh_robot_agent sim.launch.py
 
-Arguments: namespace, frame_prefix, params_file and urdf as in bringup.launch.py; port of the
-simulated chassis, which counts for more than params_file's; speed, how much faster than real time
-it runs.
+Arguments: namespace, frame_prefix, params_file and urdf as in bringup.launch.py; port, the port of
+the simulated chassis, which overrides params_file; speed, the simulation speed (1 is real time).
 """
 
 from pathlib import Path
@@ -29,7 +28,7 @@ def generate_launch_description():
                 "port", default_value="5480", description="Port of the simulated chassis"
             ),
             DeclareLaunchArgument(
-                "speed", default_value="1", description="How much faster time runs, 1 to 100"
+                "speed", default_value="1", description="Simulation speed, 1 to 100; 1 is real time"
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the robot"
@@ -37,19 +36,19 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "frame_prefix",
                 default_value="",
-                description="Put before every frame, e.g. r1/; empty: params_file's",
+                description="Prefix of every frame, e.g. r1/; default: from params_file",
             ),
             DeclareLaunchArgument(
                 "params_file",
                 default_value=str(CONFIG / "agent.yaml"),
-                description="File with the agent's other parameters",
+                description="Parameter file of the agent",
             ),
             DeclareLaunchArgument(
                 "urdf",
                 default_value=str(CONFIG / "woosh_base.urdf"),
-                description="Model of the robot",
+                description="Robot model",
             ),
-            # no ROS node: it would not know the arguments that ROS gives to nodes
+            # a plain process: the simulator does not understand ROS arguments
             ExecuteProcess(
                 cmd=[
                     str(SIMULATOR),
