@@ -1,15 +1,15 @@
-# Included at each project() of the workspace by scripts/setup: makes the first build of the
-# interface packages several times as fast. A plain `colcon build` does without.
+# scripts/setup includes this file in each project() of the workspace. It speeds up the first build of
+# the interface packages several times. A plain `colcon build` works without it.
 find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
 
-# There is no rclcpp on PyPI: nobody could use the C++ side of the messages there.
+# PyPI has no rclcpp, so nothing could use the C++ code of the messages.
 if(WOOSH_WITHOUT_CPP)
   list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 endif()
 
-# Each of these is many small files that include the same headers: compile them a dozen at a time.
-# (The other libraries repeat names from file to file.)
+# These libraries consist of many small files with the same headers: compile twelve at a time. The other
+# libraries define the same names in several files.
 function(woosh_unity_build)
   foreach(kind rosidl_typesupport_c rosidl_typesupport_fastrtps_c rosidl_typesupport_introspection_c
       rosidl_typesupport_cpp rosidl_typesupport_fastrtps_cpp rosidl_generator_py)
@@ -19,6 +19,6 @@ function(woosh_unity_build)
     endif()
   endforeach()
 endfunction()
-if("$ENV{ROS_DISTRO}" STREQUAL "jazzy") # the one whose generated code is known to allow it
+if("$ENV{ROS_DISTRO}" STREQUAL "jazzy") # its generated code is known to allow it
   cmake_language(DEFER CALL woosh_unity_build)
 endif()

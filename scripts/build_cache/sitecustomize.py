@@ -1,8 +1,8 @@
-"""Remembers parsed interface files, across packages, generators and checkouts.
+"""Cache of parsed interface files, shared by packages, generators and checkouts.
 
-scripts/setup puts this folder on the PYTHONPATH while it builds. Seven generators each parse every
-interface file again, by a slow parser: that is most of the time of a build that ccache helps with.
-Python imports a module of this name at each start.
+scripts/setup puts this folder on the PYTHONPATH during the build, and Python imports a module with this
+name at every start. Each of seven generators parses every interface file with a slow parser, which takes
+most of the time of a build with a warm ccache.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ def install():
             content = parse(text, png_file=png_file)
             with tempfile.NamedTemporaryFile(dir=folder, delete=False) as new:
                 pickle.dump(content, new)
-            os.replace(new.name, file)  # another generator may be doing the same
+            os.replace(new.name, file)  # atomic, because another generator may write the same file
             return content
 
     parser.parse_idl_string = remembered
