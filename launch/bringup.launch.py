@@ -31,7 +31,9 @@ def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "ip", default_value="", description="Address of the chassis; default: from params_file"
+                "ip",
+                default_value="",
+                description="Address of the chassis; default: from params_file",
             ),
             DeclareLaunchArgument(
                 "port",

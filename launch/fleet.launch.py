@@ -56,7 +56,10 @@ def fleet(path):
     found = []
     for robot in robots["robots"]:
         if not isinstance(robot, dict) or not {"name", "ip"} <= set(robot) <= KEYS:
-            raise ValueError(f"{path}: each robot needs name and ip, and may have only the keys {sorted(KEYS)}, not {robot}")
+            raise ValueError(
+                f"{path}: each robot needs name and ip, and may have only the keys "
+                f"{sorted(KEYS)}, not {robot}"
+            )
         given = {key: value for key, value in robot.items() if key != "name"}
         name = robot["name"]
         found.append({**DEFAULTS, "namespace": name, "frame_prefix": f"{name}/", **given})
