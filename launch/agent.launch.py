@@ -29,7 +29,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "port",
                 default_value="",
-                description="Port of the chassis, 0 for the standard port; default: from params_file",
+                description="Port of the chassis (0: standard port); default: from params_file",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the agent"

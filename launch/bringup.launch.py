@@ -38,7 +38,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "port",
                 default_value="",
-                description="Port of the chassis, 0 for the standard port; default: from params_file",
+                description="Port of the chassis (0: standard port); default: from params_file",
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="woosh_robot", description="Namespace of the robot"
@@ -117,7 +117,7 @@ def _in_file(path, node, parameter):
 
 
 def _sections(tree, above=()):
-    """Yield each section of a parameter file: its name, split at the slashes, and its parameters."""
+    """Yield the name parts and the parameters of each section of a parameter file."""
     for key, below in tree.items():
         if key == "ros__parameters":
             yield above, below

@@ -1,8 +1,8 @@
 """Cache of parsed interface files, shared by packages, generators and checkouts.
 
-scripts/setup puts this folder on the PYTHONPATH during the build, and Python imports a module with this
-name at every start. Each of seven generators parses every interface file with a slow parser, which takes
-most of the time of a build with a warm ccache.
+scripts/setup puts this folder on the PYTHONPATH during the build, and Python imports a module with
+this name at every start. Each of seven generators parses every interface file with a slow parser,
+which takes most of the time of a build with a warm ccache.
 """
 
 import hashlib
