@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
+import pytest
 from action_msgs.msg import GoalStatus
 
 from tests.harness import Client, GoalClient
+from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
@@ -116,6 +119,11 @@ def slow_down(simulator: SimulatorThread) -> None:
 def hurry(simulator: SimulatorThread) -> None:
     """Let what runs come to its end."""
     simulator.call(lambda sim: setattr(sim, "speed", 50.0))
+
+
+def set_timing(monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
+    """Change `GoalTiming` of the goals that start from now on."""
+    monkeypatch.setattr(timing, "DEFAULT_TIMING", replace(timing.DEFAULT_TIMING, **changes))
 
 
 class Held:

@@ -24,12 +24,13 @@ from tests.node.goals import (
     lift,
     lift3,
     move_base,
+    set_timing,
     slow_down,
     step,
     step_goal,
 )
 from woosh_common_msgs.msg import Pose2D
-from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
@@ -249,7 +250,7 @@ def test_refused_newer_goal_leaves_the_older_in_charge(
 def test_lost_end_is_found_by_asking(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     simulator.intercept(
         lambda out: (
             [] if out.type == FEEDBACKS and not out.sn and out.body.fbs[0].state == 1 else [out]
@@ -263,7 +264,7 @@ def test_lost_end_is_found_by_asking(
 def test_chassis_that_refuses_to_be_asked(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.05)
+    set_timing(monkeypatch, poll_period=0.05)
     simulator.refuse(FEEDBACKS, "unknown type")
     goal = running(client)
     simulator.wait_received(FEEDBACKS, 2)
@@ -275,7 +276,7 @@ def test_end_that_is_known_from_before_is_not_believed_at_once(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The chassis took the goal, and when asked still tells how the one before ended."""
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     assert step(client, 0.3).result()[0] == SUCCEEDED
     dropped = simulator.intercept(lambda out: [] if out.type == FEEDBACKS and not out.sn else [out])
     simulator.call(freeze_steps)

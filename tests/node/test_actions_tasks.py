@@ -22,11 +22,12 @@ from tests.node.goals import (
     TASK_PROC,
     hurry,
     proc,
+    set_timing,
     short_task,
     slow_down,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
@@ -224,7 +225,7 @@ def test_two_at_once(client: Client, simulator: SimulatorThread) -> None:
 def test_lost_end_is_found_by_asking(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     ended = (COMPLETED,)
     simulator.intercept(
         lambda out: (
@@ -240,7 +241,7 @@ def test_lost_end_is_found_by_asking(
 def test_silent_chassis_is_not_asked_often(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.2)
+    set_timing(monkeypatch, poll_period=0.2)
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)

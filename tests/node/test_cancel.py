@@ -28,12 +28,14 @@ from tests.node.goals import (
     lift3,
     move_base,
     proc,
+    set_timing,
     short_task,
     slow_down,
     step,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.actions import timing
+from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
@@ -106,7 +108,9 @@ def test_action_of_which_nothing_was_heard_before(
     goal = step(client, 20.0)
     simulator.wait_received(CALL_ACTION)
     goal.cancel()
-    assert goal.result(timeout=GoalRun.poll_period - 1)[0] == CANCELED, "without asking"
+    assert goal.result(timeout=timing.DEFAULT_TIMING.poll_period - 1)[0] == CANCELED, (
+        "without asking"
+    )
 
 
 def test_it_is_the_chassis_that_ends_it(client: Client, simulator: SimulatorThread) -> None:
@@ -237,7 +241,7 @@ def test_unanswered_cancel_is_done_when_the_reports_say_so(
 def test_lost_report_of_the_cancel_is_found_by_asking(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     goal = begun(task(client), EXECUTING)
     simulator.intercept(without(TASK_PROC))
     goal.cancel()
@@ -306,7 +310,7 @@ def test_everything_of_every_action(client: Client, simulator: SimulatorThread) 
 def test_everything_with_a_replaced_goal_under_way(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.5)
+    set_timing(monkeypatch, poll_period=0.5)
     old = begun(task(client), EXECUTING)
     held = Held(simulator, EXEC_TASK)
     remove = simulator.intercept(without(TASK_PROC))

@@ -18,12 +18,11 @@ from tests.node.goals import (
     SUCCEEDED,
     TASK_PROC,
     feedbacks,
+    set_timing,
     slow_down,
     step,
     task,
 )
-from woosh_robot_agent.actions import doubt
-from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
@@ -48,8 +47,7 @@ def agent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> RunningAgent:
     """As everywhere, but in haste."""
-    monkeypatch.setattr(GoalRun, "poll_period", 0.1)
-    monkeypatch.setattr(doubt, "CANCEL_PATIENCE", 2.0)
+    set_timing(monkeypatch, poll_period=0.1, min_cancel_timeout=2.0)
     started = start_agent(
         ip="127.0.0.1", port=simulator.port, goal_link_timeout=link_timeout, poll_timeout=1000
     )
@@ -91,10 +89,10 @@ def test_taken_but_never_reported_on(client: Client, simulator: SimulatorThread)
     simulator.intercept(knows_nothing)
     status, ret = step(client, 100.0).result()
     assert (status, ret.state.value) == (ABORTED, -1)
-    assert "took the goal" in ret.msg
+    assert "accepted the goal" in ret.msg
     assert "no report on it" in ret.msg
-    assert "the robot may be doing it" in ret.msg
-    assert "service `stop`" in ret.msg
+    assert "the robot may still be executing it" in ret.msg
+    assert "`stop` service" in ret.msg
     assert simulator.counts[FEEDBACKS] >= 3
 
 
@@ -145,7 +143,7 @@ def test_unanswered_questions_beside_other_pushes(
     assert status == ABORTED
     assert "no report on it" in ret.msg
     assert "did not answer" in ret.msg
-    assert "service `stop`" in ret.msg
+    assert "`stop` service" in ret.msg
 
 
 def test_unanswered_questions_with_a_report_now_and_then(
@@ -189,7 +187,7 @@ def test_cancel_that_was_taken_and_brings_no_end(
     assert status == ABORTED
     assert "accepted the cancel" in ret.msg
     assert "for 4 s" in ret.msg
-    assert "service `stop`" in ret.msg
+    assert "`stop` service" in ret.msg
 
 
 def test_cancel_that_was_taken_while_reports_go_on(
