@@ -38,7 +38,7 @@ from woosh_robot_agent.link import (
 _LOG = logging.getLogger(__name__)
 
 REPLACED = "replaced by a newer goal that the chassis accepted"
-STOPPING = "the agent is shutting down; the robot may still be executing the goal"
+STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _NO_REASON = "the chassis refused the goal without giving a reason"
 
 
