@@ -61,6 +61,18 @@ CASES = [
         9,
         "the link was lost",
     ),
+    Case(
+        "polls without an answer while the link is lost do not count",
+        [
+            (1, *UNANSWERED),
+            (5, *UNANSWERED),
+            (6, "link_lost", "reset"),
+            (7, "link_restored"),
+            (10, *UNANSWERED),
+        ],
+        15,
+        "the link was lost",
+    ),
     # The answer to the start request
     Case("answer lost", [(1, "answer_lost", "late")], 9, "no answer to the goal: late"),
     Case("answer lost, then a report", [(1, "answer_lost", "late"), (5, "report")], None),

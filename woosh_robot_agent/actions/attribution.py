@@ -74,12 +74,11 @@ class Attribution:
         return previous is not None and report != previous
 
     def _progress_is_mine(self, phase: Phase) -> bool:
-        if not phase.answered:
-            return phase.accepted or not self._predecessors
         if self._predecessors and not phase.accepted:
             return False
-        # the earlier goals are over; only the cancel of the last one may still be on its way
-        self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
+        if phase.answered:
+            # the earlier goals are over; only the cancel of the last one may still be on its way
+            self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 
     def _end_is_mine(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
