@@ -115,7 +115,7 @@ def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
 
 
 def slow_down(simulator: SimulatorThread) -> None:
-    """Run at the speed of a real chassis, so that a goal still runs at the next step of the test."""
+    """Run at the speed of a real chassis, so that a goal outlives the next step of a test."""
     simulator.call(lambda sim: setattr(sim, "speed", 1.0))
 
 

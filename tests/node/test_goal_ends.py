@@ -1,4 +1,4 @@
-"""Goals that the agent gives up because the chassis tells nothing of them, though the link is up."""
+"""Goals that are given up because the chassis tells nothing of them, though the link is up."""
 
 from __future__ import annotations
 

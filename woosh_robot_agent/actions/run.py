@@ -122,6 +122,9 @@ class GoalRun:
     def _aborted(self, reason: str) -> End:
         return End(Outcome.ABORTED, self._kind.failure(reason))
 
+    def _aborted_if(self, reason: str | None) -> End | None:
+        return None if reason is None else self._aborted(reason)
+
     # Phases
 
     def _advance(self, step: Step) -> None:
@@ -173,7 +176,7 @@ class GoalRun:
                 return await self._explain(end)
 
     async def _explain(self, end: End) -> End:
-        """Abort a goal that was cancelled, but not by its client: a newer goal may be the cause."""
+        """Turn a cancel that the client did not request into an abort, and name its cause."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
         self._advance(Step.UNREQUESTED_CANCEL)
@@ -254,12 +257,10 @@ class GoalRun:
             self._give_up.link_lost(self._context.chassis.last_error or "it was closed")
 
     def _tick(self) -> End | None:
-        reason = self._give_up.overdue()
-        if reason is not None:
-            return self._aborted(reason)
-        if self._clock() >= self._next_poll:
+        end = self._aborted_if(self._give_up.overdue())
+        if end is None and self._clock() >= self._next_poll:
             self._poll_soon()
-        return None
+        return end
 
     # Polls
 
@@ -285,22 +286,19 @@ class GoalRun:
         unknown = polled.findings.unknown
         if unknown is not None and self.phase.accepted:  # else it may still be on its way
             return self._aborted(unknown)
-        return self._given_up(self._give_up.poll_answered(self._attribution.heard))
+        return self._aborted_if(self._give_up.poll_answered(self._attribution.heard))
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
         if failed.silent:
             self._give_up.poll_met_silence(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
-            return self._given_up(self._give_up.poll_unanswered(failed.error))
+            return self._aborted_if(self._give_up.poll_unanswered(failed.error))
         return None
-
-    def _given_up(self, reason: str | None) -> End | None:
-        return None if reason is None else self._aborted(reason)
 
     # Tasks
 
     async def _send_start(self, message: Message) -> None:
-        try:  # the tap brings the answer in its place among the reports
+        try:  # the tap delivers the answer in order with the reports
             await self._context.gate.request(
                 message, tap=lambda answer: self.post(StartAnswered(answer))
             )

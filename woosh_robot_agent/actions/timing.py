@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class GoalTiming:
-    """How long a goal waits for what; all times in seconds."""
+    """Timeouts and poll periods of a goal; all times are in seconds."""
 
     link_timeout: float = 5.0
     """Time without a report after which a goal is given up once the link is lost or the chassis
