@@ -21,7 +21,7 @@ class Phase(Enum):
     RUNNING = "running"
     """The chassis accepted the goal. No answer is outstanding."""
     CANCELED_ELSEWHERE = "canceled elsewhere"
-    """The chassis cancelled the goal, which its client had not requested. The goal waits until it is
+    """The chassis cancelled the goal without a request of its client. The goal waits until it is
     known whether a newer goal replaced it."""
     ORDERING = "ordering"
     """An order about the running goal, such as a pause, was sent. The goal ends with the answer."""
