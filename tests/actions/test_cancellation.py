@@ -25,7 +25,7 @@ class Chassis:
         self.replaced = False
         self.accepted = 0
         self.sent: list[asyncio.Future[Any]] = []
-        self.cancellation = Cancellation(self._send, self._replaced, self._accepted)
+        self.cancellation = Cancellation("task 5", self._send, self._replaced, self._accepted)
 
     async def _send(self) -> Any:
         self.sent.append(asyncio.get_running_loop().create_future())

@@ -18,6 +18,7 @@ class Cancellation:
     is called again: a cancel of tasks names no task, so it may only be sent while the goal runs.
 
     Args:
+        name: name of the goal, for the log.
         send: sends the chassis the cancel.
         replaced: waits until it is known whether a newer goal replaced this one; True if so.
         accepted: called when the chassis accepted the cancel.
@@ -25,6 +26,7 @@ class Cancellation:
 
     def __init__(
         self,
+        name: str,
         send: Callable[[], Awaitable[Answer]],
         replaced: Callable[[], Awaitable[bool]],
         accepted: Callable[[], None],
@@ -33,6 +35,7 @@ class Cancellation:
         """True once the client asked, even if the goal has not handled that event yet."""
         self.pending = False
         """True if a cancel has to be sent."""
+        self._name = name
         self._send = send
         self._replaced = replaced
         self._accepted = accepted
@@ -58,12 +61,15 @@ class Cancellation:
             except LinkError as error:
                 self.pending = True
                 _LOG.warning(
-                    "cannot cancel a goal, which goes on; the cancel is sent again when the "
-                    "chassis reports on the goal: %s",
+                    "cannot cancel %s, which goes on; the cancel is sent again when the chassis "
+                    "reports on the goal: %s",
+                    self._name,
                     error,
                 )
                 return
             if answer.ok:
                 self._accepted()
             else:
-                _LOG.warning("the chassis refused to cancel a goal, which goes on: %s", answer.msg)
+                _LOG.warning(
+                    "the chassis refused to cancel %s, which goes on: %s", self._name, answer.msg
+                )

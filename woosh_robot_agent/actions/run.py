@@ -71,6 +71,7 @@ class GoalRun:
         """The last report on this goal."""
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
+            kind.name,
             send=lambda: context.gate.request(kind.cancel_request()),
             replaced=lambda: context.open_goals.newer_accepted(self),
             accepted=self._give_up.cancel_accepted,
@@ -101,7 +102,7 @@ class GoalRun:
             self.abort(STOPPING)
             raise
         except Exception as error:
-            _LOG.exception("a goal failed")
+            _LOG.exception("%s failed", self.name)
             end = self._aborted(f"the agent failed: {error!r}; please report this")
         finally:
             self._advance(Step.END)
@@ -176,7 +177,7 @@ class GoalRun:
                 return await self._explain(end)
 
     async def _explain(self, end: End) -> End:
-        """Turn a cancel that the client did not request into an abort, and name its cause."""
+        """Turn a cancel that the client did not request into an abort, and tell a replacement."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
         self._advance(Step.UNREQUESTED_CANCEL)
@@ -239,7 +240,11 @@ class GoalRun:
                 return self._aborted(answer.msg or _NO_REASON)
             case RequestTimeoutError() | ConnectionLostError():
                 self._advance(Step.ANSWER_LOST)
-                _LOG.warning("a goal got no answer; polling the chassis for its state: %s", answer)
+                _LOG.warning(
+                    "no answer to the start of %s; polling the chassis for its state: %s",
+                    self.name,
+                    answer,
+                )
                 if not self._attribution.heard:
                     self._give_up.answer_lost(answer)
                 self._poll_soon()
@@ -311,6 +316,6 @@ class GoalRun:
         try:
             self.post(Polled(await self._kind.poll()))
         except LinkError as error:
-            _LOG.debug("cannot poll the chassis for the state of a goal: %s", error)
+            _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
             timed_out = isinstance(error, RequestTimeoutError)
             self.post(PollFailed(error, silent=timed_out and stats.rx == received))

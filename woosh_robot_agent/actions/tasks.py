@@ -51,7 +51,7 @@ class TaskGoal:
         self._arg = arg
         self._context = context
         self._id: int = arg.task_id or ids.next()
-        self.name = str(self._id)
+        self.name = f"task {self._id}"
         predecessors = context.open_goals.may_run(self.name)
         self._previous: TaskProc | None = None
         """The last report on an earlier task of this id."""
