@@ -63,21 +63,21 @@ class GiveUp:
     # What happens to the goal
 
     def link_lost(self, error: object) -> None:
-        """Limit the wait for the link, and for a report after it."""
+        """Set the deadline for the link to come back and a report to follow."""
         self._is_link_lost = True
         self._limit(f"the link was lost ({error})")
 
     def link_restored(self) -> None:
-        """Limit the wait for a report anew: the chassis can be polled now."""
+        """Set the deadline anew, now for a report: the chassis can be polled."""
         self._is_link_lost = False
         self._limit("the link was lost")
 
     def answer_lost(self, error: object) -> None:
-        """Limit the wait for a first report, which would replace the answer."""
+        """Set the deadline for a first report, which would replace the answer."""
         self._limit(f"no answer to the goal: {error}")
 
     def report(self) -> None:
-        """Lift all limits: the chassis reported on the goal, though not its end."""
+        """Lift the deadline and begin all counts anew: the chassis reported on the goal."""
         if not self._is_link_lost:  # else the report is from before the loss
             self._deadline = None
         self._fruitless_polls = 0
@@ -85,13 +85,13 @@ class GiveUp:
             self.cancel_accepted()
 
     def cancel_accepted(self) -> None:
-        """Limit the wait for the end that the cancel brings, or for another report."""
+        """Set the deadline for the end that the cancel brings, or for another report."""
         self._cancel_deadline = self._clock() + self._timing.cancel_timeout
 
     # What comes of a poll
 
     def poll_met_silence(self, error: object) -> None:
-        """Limit the wait for a chassis that sent nothing at all while it was polled."""
+        """Set the deadline for a chassis that sent nothing at all while it was polled."""
         if self._deadline is None:
             self._limit(f"the chassis does not answer ({error})")
             self._is_silent = True

@@ -177,7 +177,7 @@ class GoalRun:
                 return await self._explain(end)
 
     async def _explain(self, end: End) -> End:
-        """Turn a cancel that the client did not request into an abort, and tell a replacement."""
+        """Return the end for the client: a cancel that it did not request is an abort."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
         self._advance(Step.UNREQUESTED_CANCEL)
