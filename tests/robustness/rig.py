@@ -14,7 +14,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import Log
@@ -22,7 +22,7 @@ from rclpy.logging import LoggingSeverity
 
 from tests import harness
 from tests.robustness.traffic import Surplus, Traffic
-from woosh_robot_agent.actions.run import GoalRun
+from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link import transports
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
@@ -161,7 +161,7 @@ class Rig:
             "requests": len(connection._pending) if connection else 0,
             "velocity commands": len(agent._chassis._latest._unanswered),
             "goals": agent._actions.open_goals,
-            "runs": sum(len(runs.open) for runs in agent._actions._runs),
+            "runs": agent._actions.running_goals,
         }
         return ", ".join(f"{count} {what}" for what, count in held.items() if count)
 
@@ -245,8 +245,9 @@ def is_twist(data: str | bytes) -> bool:
 
 @contextlib.contextmanager
 def _hurried_goals() -> Iterator[None]:
-    usual, GoalRun.poll_period = GoalRun.poll_period, _POLL_PERIOD
+    usual = timing.DEFAULT_TIMING
+    timing.DEFAULT_TIMING = replace(usual, poll_period=_POLL_PERIOD)
     try:
         yield
     finally:
-        GoalRun.poll_period = usual
+        timing.DEFAULT_TIMING = usual
