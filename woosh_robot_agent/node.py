@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import fields
 from typing import Any
 
 from woosh_robot_agent.actions.actions import Actions
@@ -30,6 +32,8 @@ _CLOSE_TIMEOUT = 2.0
 """s after which the link is cut at the latest."""
 _END_TIMEOUT = 0.3
 """s in which the work that is left over must end."""
+_DEBUG_TIMEOUT = 60.0
+"""Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 
 
 class Agent:
@@ -99,6 +103,38 @@ class Agent:
         """The parameters' values of the moment."""
         return self.node.settings
 
+    def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
+        """Return the state of the agent and the size of everything in it that may grow.
+
+        For debugging and for tests: keys may be added at any time. May be called from any thread
+        except the link thread.
+
+        Args:
+            timeout: Time that the link thread gets to answer, in seconds.
+
+        Returns:
+            `state`: The state of the link.
+            `requests`: Number of requests in flight.
+            `pushes`: Number of pushes that wait to be delivered.
+            `counters`: The link's counters, by the names of the attributes of `LinkStats`.
+            `goals`: Number of goals whose results have not been sent.
+            `running_goals`: Number of goals that the robot may be working on.
+            `tasks`: Names of the asyncio tasks in the link thread.
+
+        Raises:
+            TimeoutError: The link thread did not answer in time.
+        """
+        return self._thread.run(self._debug(), timeout)
+
+    async def _debug(self) -> dict[str, Any]:
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        return {
+            **_debug_link(self._chassis),
+            "goals": self._actions.open_goals,
+            "running_goals": self._actions.running_goals,
+            "tasks": sorted(task.get_name() for task in tasks),
+        }
+
     def close(self, spin_once: Callable[[], None]) -> None:
         """Stop the robot if the agent drove it, abort the open goals, and end the link.
 
@@ -112,6 +148,19 @@ class Agent:
         if self.settings.link != before.link:
             config = self.settings.link
             self._thread.spawn(lambda: self._chassis.reconfigure(config))
+
+
+def _debug_link(chassis: ChassisClient) -> dict[str, Any]:
+    """Return the link's part of `Agent.debug`."""
+    connection = chassis._connection
+    return {
+        "state": chassis.state.value,
+        "requests": 0 if connection is None else len(connection._pending),
+        "pushes": len(chassis._subscriptions._queue._queue),
+        "counters": {
+            each.name: getattr(chassis.stats, each.name) for each in fields(chassis.stats)
+        },
+    }
 
 
 def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:

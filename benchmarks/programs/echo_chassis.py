@@ -1,14 +1,14 @@
-"""A chassis that answers at once with the same, and pushes PoseSpeed: the other end of a bench.
+"""A chassis that answers every request at once with the same message, and pushes PoseSpeed.
 
-    python -m benchmarks.echo_chassis [--beams N] [--transport websocket|tcp]
+    python -m benchmarks.programs.echo_chassis [--beams N] [--transport websocket|tcp]
 
-It does as little as it can, for it shares the machine with what is measured: each answer and each
-push is encoded once. It prints its port. Each line on its standard input is a command:
+It shares the machine with what is measured, so it does as little as it can: it encodes each answer
+and each push only once. It prints its port. Each line on stdin is a command:
 
-    delay S                  answer so many s later from now on
-    push RATE FIRST COUNT    push so many PoseSpeed at so many Hz to all who subscribed, `mileage`
-                             counting from FIRST; prints, as JSON, when each was sent
-                             (time.monotonic, s) and the CPU time in s that this took
+    delay SECONDS            from now on answer after SECONDS
+    push RATE FIRST COUNT    push COUNT messages of PoseSpeed at RATE Hz to all subscribers, with
+                             `mileage` counting from FIRST; then print, as JSON, the time of each
+                             push (time.monotonic) and the CPU time of all of them, in seconds
 """
 
 from __future__ import annotations
@@ -38,17 +38,19 @@ from woosh_robot_agent.protos import full_name, message_type
 
 _JSON: Codec = JsonCodec(defaults=True)
 _BINARY: Codec = ProtobufCodec()
-_SN = 123456789
-"""Stands in an answer's text for the number of the request."""
-_FINE = 0.002
-"""s before a push from when on it waits exactly: the loop's own timers are good to 1 ms."""
-_MADE_UP = 0.005
-"""s that a row of pushes may catch up on; more at a time would be a burst, another measurement."""
+_PLACEHOLDER = 123456789
+"""Serial number in the text of a prepared answer, to be replaced by the request's."""
+_BUSY_WAIT = 0.002
+"""Last part of the time before a push, which is waited for without the event loop, in seconds.
+The loop's own timers have a resolution of 1 ms."""
+_CATCH_UP = 0.005
+"""Longest delay that pushes may catch up on, in seconds. More would make a burst of them."""
 Answer = Callable[[int], "str | bytes"]
+"""Returns the frame that answers the request with a serial number."""
 
 
 def pose_speed(number: int) -> PoseSpeed:
-    """A push, of which `mileage` tells it from all others."""
+    """Return a push with its number in `mileage`."""
     message = PoseSpeed(robot_id=1, mileage=number, map_id=3)
     message.pose.x, message.pose.y, message.pose.theta = 4.23276472, -6.6727581, -0.255771846
     message.twist.linear, message.twist.angular = 0.5, 0.1
@@ -56,7 +58,7 @@ def pose_speed(number: int) -> PoseSpeed:
 
 
 def scan(beams: int) -> ScannerData:
-    """A scan with so many beams."""
+    """Return a scan with the given number of beams."""
     step = 4.4 / max(1, beams - 1)
     message = ScannerData(angle_min=-2.2, angle_max=2.2, angle_increment=step, range_max=25.0)
     message.ranges.extend(1.0 + beam % 1080 / 137.0 for beam in range(beams))
@@ -64,24 +66,29 @@ def scan(beams: int) -> ScannerData:
 
 
 class EchoChassis:
-    """Answers every request with a message of its type, always the same."""
+    """Answers every request with a constant message of the request's type.
+
+    Attributes:
+        delay: Time from a request to its answer, in seconds.
+    """
 
     def __init__(self, beams: int) -> None:
         self.delay = 0.0
         self._subscribers: dict[Transport, Codec] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        values: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
-        self._values = {full_name(each): each for each in values}
+        bodies: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
+        self._bodies = {full_name(body): body for body in bodies}
         self._answer = cache(self._make_answer)
 
     async def serve(self, transport: Transport) -> None:
+        """Serve one connection until it ends."""
         try:
             while True:
-                await self._take(transport, await transport.recv())
+                await self._handle(transport, await transport.recv())
         except TransportClosedError:
             self._subscribers.pop(transport, None)
 
-    async def _take(self, transport: Transport, frame: str | bytes) -> None:
+    async def _handle(self, transport: Transport, frame: str | bytes) -> None:
         codec = _JSON if isinstance(frame, str) else _BINARY
         envelope = codec.decode(frame)
         if envelope.type == SUBSCRIPTION_TYPE:
@@ -90,36 +97,36 @@ class EchoChassis:
             return
         answer = self._answer(codec, envelope.type)(envelope.sn)
         if self.delay:
-            task = asyncio.ensure_future(self._later(transport, answer))
+            task = asyncio.ensure_future(self._send_later(transport, answer))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         else:
             await transport.send(answer)
 
     def _make_answer(self, codec: Codec, type_name: str) -> Answer:
-        body = self._values.get(type_name) or message_type(type_name)()
+        body = self._bodies.get(type_name) or message_type(type_name)()
 
-        def encoded(sn: int) -> str | bytes:
+        def encode(sn: int) -> str | bytes:
             return codec.encode(type_name, body, sn=sn, ok=True, timestamp=1)
 
         if codec is _BINARY:
-            return encoded
-        before, after = str(encoded(_SN)).split(str(_SN))
+            return encode
+        before, after = str(encode(_PLACEHOLDER)).split(str(_PLACEHOLDER))
         return lambda sn: f"{before}{sn}{after}"
 
-    async def _later(self, transport: Transport, answer: str | bytes) -> None:
+    async def _send_later(self, transport: Transport, answer: str | bytes) -> None:
         await asyncio.sleep(self.delay)
         await transport.send(answer)
 
     async def push(self, rate: float, first: int, count: int) -> None:
-        """Push PoseSpeed; prints when each was sent."""
+        """Push PoseSpeed as the command `push` says, and print the report."""
         numbers = range(first, first + count)
         frames = {
             codec: [_push_frame(codec, number) for number in numbers]
             for codec in set(self._subscribers.values())
         }
-        # as the bytes that go out: making them is none of what is measured
-        lines = [
+        # prepared as the bytes that go out, so that encoding is not part of what is measured
+        outgoing = [
             (transport, [transport.header(len(f), text=codec is _JSON) + f for f in frames[codec]])
             for transport, codec in self._subscribers.items()
         ]
@@ -128,10 +135,10 @@ class EchoChassis:
         due = time.monotonic()
         for i in range(count):
             sent.append(time.monotonic())
-            for transport, ready in lines:
-                await transport.send_raw(ready[i])
-            due = max(due + 1 / rate, time.monotonic() - _MADE_UP)
-            await asyncio.sleep(max(0.0, due - time.monotonic() - _FINE))
+            for transport, prepared in outgoing:
+                await transport.send_raw(prepared[i])
+            due = max(due + 1 / rate, time.monotonic() - _CATCH_UP)
+            await asyncio.sleep(max(0.0, due - time.monotonic() - _BUSY_WAIT))
             time.sleep(max(0.0, due - time.monotonic()))
         print(json.dumps({"sent": sent, "cpu": time.process_time() - cpu}), flush=True)
 

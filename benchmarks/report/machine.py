@@ -1,4 +1,4 @@
-"""The machine and the versions that a measurement is true of."""
+"""The machine and the versions that results were measured with."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import websockets.version
 from ament_index_python.packages import get_package_prefix
 
 
-def described() -> str:
-    """In one line: what else would have to be the same for the same figures."""
+def describe_machine() -> str:
+    """Return the CPU and all versions that influence results, in one line."""
     return ", ".join(
         (
             f"{_cpu()} ({os.cpu_count()} cores)",
@@ -35,7 +35,7 @@ def _cpu() -> str:
 
 
 def _rclpy() -> str:
-    """Its release; that from PyPI has a number of its own."""
+    """Return the release of rclpy: that of its PyPI package, or that of its ROS package."""
     with contextlib.suppress(metadata.PackageNotFoundError):
         return metadata.version("ros-rclpy")
     manifest = Path(get_package_prefix("rclpy"), "share/rclpy/package.xml").read_text()
