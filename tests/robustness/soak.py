@@ -2,7 +2,7 @@
 
 The agent runs in a process of its own. What it holds is compared at rest: early in the run, and at
 the end. At rest means that traffic and faults have stopped, every call is answered and every goal
-has ended, so nothing in flight is mistaken for growth. The table of samples shows the agent at work.
+has ended, so nothing in flight is mistaken for growth.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PARAMETERS: dict[str, Any] = {
     "goal_link_timeout": 2.0,
     "result_timeout": 5,
 }
-"""Parameters of the agent: shorter timeouts than usual, so that faults of seconds have an effect."""
+"""Parameters of the agent: timeouts so short that faults of a few seconds have an effect."""
 REQUEST_WEIGHTS = {
     "query": 10,
     "twist": 6,
@@ -153,7 +153,7 @@ class Soak:
         self._client.close()
 
     def run(self) -> tuple[Sample, Sample]:
-        """Make traffic and faults; return the samples at rest, the reference and that at the end."""
+        """Make traffic and faults; return two samples at rest, the reference and the last one."""
         length = self._length
         self._work(min(length.reference_after, length.seconds))
         reference = self._rest({"requests": 0, "goals": 0, "pushes": 0})
