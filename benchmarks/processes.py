@@ -129,7 +129,7 @@ class Program:
     @property
     def log(self) -> str:
         """The last part of its stderr."""
-        # opened anew: reading would move the file position that the program writes at
+        # opened again, because reading moves the file position, which the program shares
         return Path(f"/proc/self/fd/{self._log_file.fileno()}").read_text()[-_LOG_TAIL:]
 
     def wait_logged(self, text: str, times: int = 1, timeout: float = 60.0) -> None:

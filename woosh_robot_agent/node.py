@@ -115,6 +115,7 @@ class Agent:
         Returns:
             `state`: The state of the link.
             `requests`: Number of requests in flight.
+            `outbox`: Number of frames that wait to be sent.
             `pushes`: Number of pushes that wait to be delivered.
             `counters`: The link's counters, by the names of the attributes of `LinkStats`.
             `goals`: Number of goals whose results have not been sent.
@@ -156,6 +157,7 @@ def _debug_link(chassis: ChassisClient) -> dict[str, Any]:
     return {
         "state": chassis.state.value,
         "requests": 0 if connection is None else len(connection._pending),
+        "outbox": 0 if connection is None else len(connection._outbox),
         "pushes": len(chassis._subscriptions._queue._queue),
         "counters": {
             each.name: getattr(chassis.stats, each.name) for each in fields(chassis.stats)

@@ -1,6 +1,6 @@
 """Floor of pushes: publishes a message for each frame of a WebSocket, in the thread that reads it.
 
-All that it reads of a frame is the field `mileage`, the number of the push.
+It reads only one field of a frame: `mileage`, the number of the push.
 """
 
 from __future__ import annotations

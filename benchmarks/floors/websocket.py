@@ -2,9 +2,8 @@
 
     python -m benchmarks.floors.websocket URL
 
-Each line on stdin is a number of requests. For each line the program sends so many requests, one
-after the other, and prints one line of JSON: all round-trip times, and the CPU time of this process
-for all of them, in seconds.
+Each line on stdin is a number. The program sends that number of requests, one after the other, and
+prints one line of JSON: all round-trip times and its own CPU time for all of them, in seconds.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What is measured: a module for each benchmark of speed, and one for each group of its figures."""
+"""The benchmarks of speed (`speed`, `links`, `scale`), and a module for each group of figures."""

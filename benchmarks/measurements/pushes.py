@@ -37,7 +37,7 @@ _QUIET = 2.0
 
 @dataclass(frozen=True)
 class PushRun:
-    """A number of pushes in a row, and what became of them.
+    """A run of consecutive pushes.
 
     Attributes:
         sent: Time of each push, by its number.

@@ -25,13 +25,13 @@ from woosh_robot_agent.testing import own_domain
 
 
 @dataclass(frozen=True)
-class Goal:
-    """What a figure should be.
+class Target:
+    """Target values of a figure.
 
     Attributes:
         required: Value that must be reached; None if there is none.
         aim: Value that should be reached.
-        description: What the figure is.
+        description: Description of the figure.
         higher_is_better: False if the figure should be at most these values.
     """
 
@@ -55,21 +55,23 @@ class Goal:
         return f"missed by {abs(value / self.required - 1):.0%}"
 
 
-GOALS = {
-    "service_rtt": Goal(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
-    "service_rtt_p99": Goal(3.0, 2.0, "the same at p99"),
-    "service_cpu": Goal(2.0, 1.3, "agent's CPU per call / (bare server + bare client)"),
-    "concurrent": Goal(0.90, 0.95, "10 concurrent calls of 50 ms: throughput / ideal", True),
-    "push_latency": Goal(1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
-    "push_cpu": Goal(1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
-    "push_max": Goal(0.5, 0.8, "highest rate without loss / bare publish's", True),
-    "convert_pose": Goal(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
-    "convert_scan": Goal(1 / 15, 1 / 25, "the same for a scan of 1080 beams"),
-    "convert_info": Goal(1 / 6, 1 / 12, "the same for a full RobotInfo"),
-    "idle_rss": Goal(1.35, 1.15, "resident memory / a node with the same entities"),
-    "idle_cpu": Goal(1.0, 0.3, "percent of a core, connected and unused"),
-    "startup": Goal(2.0, 1.3, "start to connected and discovered / a node with the same entities"),
-    "fleet": Goal(None, 60, "robots served at 20 Hz each, in the better of two ways", True),
+TARGETS = {
+    "service_rtt": Target(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
+    "service_rtt_p99": Target(3.0, 2.0, "the same at p99"),
+    "service_cpu": Target(2.0, 1.3, "agent's CPU per call / (bare server + bare client)"),
+    "concurrent": Target(0.90, 0.95, "10 concurrent calls of 50 ms: throughput / ideal", True),
+    "push_latency": Target(1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
+    "push_cpu": Target(1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
+    "push_max": Target(0.5, 0.8, "highest rate without loss / bare publish's", True),
+    "convert_pose": Target(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
+    "convert_scan": Target(1 / 15, 1 / 25, "the same for a scan of 1080 beams"),
+    "convert_info": Target(1 / 6, 1 / 12, "the same for a full RobotInfo"),
+    "idle_rss": Target(1.35, 1.15, "resident memory / a node with the same entities"),
+    "idle_cpu": Target(1.0, 0.3, "percent of a core, connected and unused"),
+    "startup": Target(
+        2.0, 1.3, "start to connected and discovered / a node with the same entities"
+    ),
+    "fleet": Target(None, 60, "robots served at 20 Hz each, in the better of two ways", True),
 }
 """All figures, by name."""
 
@@ -82,7 +84,7 @@ MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
     (presence.measure, ("idle_rss", "idle_cpu", "startup")),
     (fleet.measure, ("fleet",)),
 )
-"""Each measurement with the figures that it gives."""
+"""Measurements, each with the names of its figures."""
 
 
 @dataclass
@@ -122,7 +124,7 @@ def main(arguments: Sequence[str]) -> int:
     """Measure, and print the table. The exit status is 0: machines differ too much to judge."""
     parser = make_parser("speed", __doc__)
     parser.add_argument(
-        "--only", nargs="+", choices=GOALS, default=list(GOALS), help="figures to measure"
+        "--only", nargs="+", choices=TARGETS, default=list(TARGETS), help="figures to measure"
     )
     parser.add_argument(
         "--transport", default="websocket", choices=("websocket", "tcp"), help="of the link"
@@ -132,14 +134,14 @@ def main(arguments: Sequence[str]) -> int:
     )
     given = parse(parser, arguments)
     default_link = (given.transport, given.encoding) == ("websocket", "json")
-    if given.docs and not (default_link and set(given.only) == set(GOALS) and given.repeat >= 3):
+    if given.docs and not (default_link and set(given.only) == set(TARGETS) and given.repeat >= 3):
         parser.error("--docs needs all figures, at least three repetitions and the default link")
     results = _measure(
         Options(given.executor, scale(given), given.transport, given.encoding),
         repetitions(given),
         given.only,
     )
-    names = [name for name in GOALS if name in results.values]
+    names = [name for name in TARGETS if name in results.values]
     table = _table(results, names)
     if given.json:
         print(json.dumps({name: float(f"{results.median(name):.4g}") for name in names}))
@@ -170,10 +172,10 @@ def _table(results: Results, names: Sequence[str]) -> str:
                 f"`{name}`",
                 f"{results.median(name):.3g}",
                 results.range(name),
-                "" if (required := GOALS[name].required) is None else f"{required:.3g}",
-                f"{GOALS[name].aim:.3g}",
-                GOALS[name].verdict(results.median(name)),
-                GOALS[name].description,
+                "" if (required := TARGETS[name].required) is None else f"{required:.3g}",
+                f"{TARGETS[name].aim:.3g}",
+                TARGETS[name].verdict(results.median(name)),
+                TARGETS[name].description,
                 results.detail(name),
             )
             for name in names

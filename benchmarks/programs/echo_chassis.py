@@ -41,8 +41,8 @@ _BINARY: Codec = ProtobufCodec()
 _PLACEHOLDER = 123456789
 """Serial number in the text of a prepared answer, to be replaced by the request's."""
 _BUSY_WAIT = 0.002
-"""Last part of the time before a push, which is waited for without the event loop, in seconds.
-The loop's own timers have a resolution of 1 ms."""
+"""Time before a push that is spent in `time.sleep`, in seconds: the event loop's timers have a
+resolution of only 1 ms."""
 _CATCH_UP = 0.005
 """Longest delay that pushes may catch up on, in seconds. More would make a burst of them."""
 Answer = Callable[[int], "str | bytes"]

@@ -1,4 +1,4 @@
-"""Call `robot/Speak` at a fixed rate and report what became of the calls.
+"""Call `robot/Speak` at a fixed rate and report the answers.
 
     python -m benchmarks.programs.flood_caller RATE SECONDS
 
@@ -53,7 +53,7 @@ class Caller:
             time.sleep(0.05)
 
     def flood(self, rate: float, seconds: float) -> dict[str, Any]:
-        """Call at a rate in Hz, wait for the answers and return what became of the calls."""
+        """Call at a rate in Hz, wait for the answers and return a summary of them."""
         begin = time.monotonic()
         while (elapsed := time.monotonic() - begin) < seconds:
             while len(self._sent) < elapsed * rate:

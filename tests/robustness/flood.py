@@ -398,8 +398,8 @@ def main(arguments: Sequence[str]) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="scripts/bench --flood",
-        description="Floods the agent with calls, pushes and big frames, and prints what became "
-        "of them. The exit status is 1 if a limit is exceeded.",
+        description="Floods the agent with calls, pushes and big frames, and prints the results. "
+        "The exit status is 1 if a limit is exceeded.",
     )
     parser.add_argument(
         "--seconds", type=float, default=10.0, help="duration of each flood (default 10)"

@@ -201,7 +201,7 @@ class TcpFraming(_Loop):
                 kind = error.kind
             except TransportClosedError as error:
                 text = str(error).partition(":")[0]
-                return found or Counter([re.sub(r"\d+", "so many", text)])
+                return found or Counter([re.sub(r"\d+", "N", text)])
             found = found or Counter([kind])
 
 

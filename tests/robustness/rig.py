@@ -64,7 +64,7 @@ class BrokenPromiseError(Exception):
 
 @dataclass(frozen=True)
 class Footprint:
-    """What the process holds: more than that at rest after a scenario is a leak.
+    """Resources of the process at rest. Growth from one scenario to the next is a leak.
 
     Attributes:
         tasks: Number of asyncio tasks in the link thread.
@@ -170,7 +170,7 @@ class Rig:
         return ", ".join(f"{state[name]} {name}" for name in names if state[name])
 
     def footprint(self) -> Footprint:
-        """Return what the process holds."""
+        """Return the current footprint."""
         tasks = len(self.debug()["tasks"])
         return Footprint(tasks, threading.active_count(), len(os.listdir("/proc/self/fd")))
 

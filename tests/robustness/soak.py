@@ -95,7 +95,7 @@ class Length:
 
 @dataclass(frozen=True)
 class Sample:
-    """What the agent holds at one moment.
+    """Resources of the agent at one moment.
 
     Attributes:
         time: Time since the start, in seconds.

@@ -1,4 +1,4 @@
-"""Traffic of a busy user of the agent, with a record of what became of each request.
+"""Traffic of a busy user of the agent, with a record of every request and its outcome.
 
 Every command carries a unique mark (a text, a task id, a velocity or an angle). The marks in the
 chassis's record of received messages show which commands it got, and how often.
