@@ -13,6 +13,8 @@ from benchmarks.processes import running
 from benchmarks.report import pages
 from woosh_robot_agent.testing import own_domain
 
+pytestmark = pytest.mark.timeout(600)
+"""Long, because each test starts many processes."""
 FIGURES = (
     *("service_rtt", "service_rtt_p99", "service_cpu", "concurrent"),
     *("push_latency", "push_cpu", "push_max"),
