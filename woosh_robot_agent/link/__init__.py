@@ -1,5 +1,7 @@
 """The link to a chassis, usable without ROS.
 
+To drive the robot with velocities, use `woosh_robot_agent.motion.MotionGate` around the client.
+
 Example::
 
     import asyncio

@@ -27,16 +27,12 @@ from woosh_robot_agent.link.errors import (
     HandshakeError,
     LinkError,
     NotConnectedError,
-    SupersededError,
 )
-from woosh_robot_agent.link.latest import LatestWins
 from woosh_robot_agent.link.log_once import LogOnce, shown
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.timeouts import drop, within
 from woosh_robot_agent.link.transports import TransportClosedError, open_transport
-from woosh_robot_agent.link.wheels import may_move, takes_wheels
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_types
 
@@ -99,9 +95,8 @@ class ChassisClient:
         self._state_callbacks: list[Callable[[LinkState], None]] = []
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._connection: Connection | None = None
-        self._latest = LatestWins[Answer]()
-        self._no_motion = ("", -math.inf)
-        """Why nothing that moves the robot is sent, and the loop's time until when."""
+        self._reserved: Callable[[Message], bool] = _none
+        """Selects the requests that only the caller of `reserve` may send."""
         self._runner: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._ready_waiters: set[asyncio.Future[None]] = set()
@@ -199,68 +194,72 @@ class ChassisClient:
         timeout: float | None = None,
         *,
         first: bool = False,
+        urgent: bool = False,
+        send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         """Send a request and wait for the answer; a refusal is an answer too, with `ok` False.
 
-        A velocity command (woosh.robot.Twist) follows `LatestWins`.
+        Each call sends its own request. To drive the robot with velocities (woosh.robot.Twist), use
+        `woosh_robot_agent.motion.MotionGate` around the client: it sends only the newest one while
+        the chassis does not answer.
 
         Args:
             message: the request.
-            timeout: s to wait, the configured `request_timeout` by default.
-            first: send it before all that waits to be sent, however much waits for answers.
-            tap: is called with the answer in its place among the pushes: what was pushed before
-                it has been delivered, what was pushed after it has not.
+            timeout: time to wait for the answer, in seconds; by default the configured
+                `request_timeout`.
+            first: send it before all other requests that wait to be sent, as an urgent one.
+            urgent: send it even if `max_in_flight` requests wait for answers already.
+            send_within: maximum time that the request may wait to be sent, in seconds.
+            tap: called with the answer in its place among the pushes: those pushed before it have
+                been delivered, those pushed after it have not.
 
         Raises:
             NotConnectedError: there is no link; nothing was sent.
             TooManyRequestsError: nothing was sent.
-            SupersededError: a newer velocity command took this one's place.
+            SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer in time.
             ConnectionLostError: the link went down before the answer.
+            RuntimeError: the request is reserved; see `reserve`.
         """
-        if isinstance(message, Twist):
+        if self._reserved(message):
+            raise RuntimeError(
+                f"{full_name(message)} is reserved; send it through the object that reserved it"
+            )
+        return await self._request(
+            message, timeout, first=first, urgent=urgent, send_within=send_within, tap=tap
+        )
 
-            def send(fresh: float) -> Coroutine[Any, Any, Answer]:
-                return self._request(
-                    message, timeout, urgent=True, first=first, fresh=fresh, tap=tap
-                )
-
-            try:
-                return await self._latest.request(message, send)
-            except SupersededError as error:
-                self.stats.superseded += 1
-                self._losses.count("velocity commands were out of date and not sent", str(error))
-                raise
-        return await self._request(message, timeout, urgent=first, first=first, tap=tap)
-
-    def withdraw_motion(self, reason: str, seconds: float) -> None:
-        """Send nothing that moves the robot, of what waits to be sent and of what comes now.
-
-        Whoever asked for it gets a SupersededError with `reason`. A request that is sent `first` is
-        not affected.
+    def reserve(
+        self, which: Callable[[Message], bool]
+    ) -> Callable[..., Coroutine[Any, Any, Answer]]:
+        """Reserve a part of the requests for the caller: `request` sends them no more.
 
         Args:
-            reason: why.
-            seconds: for how long what comes now is not sent either.
-        """
-        self._no_motion = reason, asyncio.get_running_loop().time() + seconds
-        if self._connection is not None:
-            self._connection.withdraw(may_move, reason)
+            which: selects the requests.
 
-    @property
-    def driving(self) -> bool:
-        """Whether the robot may still drive by a velocity that this client sent."""
-        return self._latest.driving
-
-    async def stop_driving(self, timeout: float) -> None:
-        """Send a zero velocity if the last one that this client sent was not zero.
+        Returns:
+            A function that sends them; it takes the arguments of `request`.
 
         Raises:
-            LinkError: the chassis did not confirm it within `timeout` s.
+            RuntimeError: requests of this client are reserved already.
         """
-        if self._latest.driving and self.state is LinkState.READY:
-            await self.request(Twist(), timeout)
+        if self._reserved is not _none:
+            raise RuntimeError("requests of this client are reserved already")
+        self._reserved = which
+        return self._request
+
+    def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
+        """Withdraw requests that wait to be sent; those that were sent are not affected.
+
+        The caller of a withdrawn request gets a SupersededError.
+
+        Args:
+            which: selects the requests.
+            reason: the text of the error, after "not sent: ".
+        """
+        if self._connection is not None:
+            self._connection.withdraw(which, reason)
 
     def subscribe(self, cls: type[M], callback: Callable[[M], None]) -> Callable[[], None]:
         """Have `callback` called with each push of `cls`, in the event loop; it must not block.
@@ -342,31 +341,25 @@ class ChassisClient:
         message: Message,
         timeout: float | None = None,
         *,
-        urgent: bool = False,
         first: bool = False,
-        fresh: float = math.inf,
+        urgent: bool = False,
+        send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         if self._connection is None or self.state is not LinkState.READY:
             raise self._not_connected()
-        reason, until = self._no_motion
-        if not first and may_move(message) and asyncio.get_running_loop().time() < until:
-            raise SupersededError(f"not sent: {reason}")
         try:
-            answer = await self._connection.request(
+            return await self._connection.request(
                 message,
                 timeout,
-                urgent=urgent,
+                urgent=urgent or first,
                 first=first,
-                fresh=fresh,
+                fresh=send_within,
                 tap=self._tapped(message, tap),
             )
         except NotConnectedError as error:  # it has ended this moment
             self._down(error.__cause__)
             raise self._not_connected() from None
-        if answer.ok and takes_wheels(message):
-            self._latest.stopped()  # a zero would now stop what was asked for since
-        return answer
 
     def _not_connected(self) -> NotConnectedError:
         since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))
@@ -501,6 +494,11 @@ class ChassisClient:
                 waiter.set_exception(self._not_connected())
         for callback in tuple(self._state_callbacks):
             call(callback, state)
+
+
+def _none(_message: Message) -> bool:
+    """Reserve nothing."""
+    return False
 
 
 def _fixed_part(config: LinkConfig) -> LinkConfig:

@@ -28,4 +28,4 @@ class TooManyRequestsError(LinkError):
 
 
 class SupersededError(LinkError):
-    """A newer request of the same kind took this one's place; it was not sent."""
+    """The request was withdrawn or waited too long to be sent; nothing was sent."""
