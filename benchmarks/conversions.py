@@ -17,7 +17,7 @@ from benchmarks.echo_chassis import scan
 from benchmarks.options import Measured, Options
 from benchmarks.programs import no_collection
 from woosh_robot_agent.convert import converter
-from woosh_robot_agent.link.codecs.json_mapping import to_json
+from woosh_robot_agent.link.codecs.json_writer import to_json
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig

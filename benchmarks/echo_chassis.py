@@ -23,21 +23,16 @@ from functools import cache
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.codecs.choice import JSON, PROTOBUF, server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec
-from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.transports import (
-    Transport,
-    TransportClosedError,
-    serve_tcp,
-    serve_websocket,
-)
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.server.tcp import serve_tcp
+from woosh_robot_agent.link.server.websocket import serve_websocket
+from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name, message_type
 
-_JSON: Codec = JsonCodec(defaults=True)
-_BINARY: Codec = ProtobufCodec()
 _SN = 123456789
 """Stands in an answer's text for the number of the request."""
 _FINE = 0.002
@@ -68,21 +63,21 @@ class EchoChassis:
 
     def __init__(self, beams: int) -> None:
         self.delay = 0.0
-        self._subscribers: dict[Transport, Codec] = {}
+        self._subscribers: dict[ServerTransport, Codec] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         values: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
         self._values = {full_name(each): each for each in values}
         self._answer = cache(self._make_answer)
 
-    async def serve(self, transport: Transport) -> None:
+    async def serve(self, transport: ServerTransport) -> None:
         try:
             while True:
                 await self._take(transport, await transport.recv())
         except TransportClosedError:
             self._subscribers.pop(transport, None)
 
-    async def _take(self, transport: Transport, frame: str | bytes) -> None:
-        codec = _JSON if isinstance(frame, str) else _BINARY
+    async def _take(self, transport: ServerTransport, frame: str | bytes) -> None:
+        codec = server_codec(frame)
         envelope = codec.decode(frame)
         if envelope.type == SUBSCRIPTION_TYPE:
             if full_name(PoseSpeed) in codec.body(envelope, Subscription).topics:
@@ -102,12 +97,12 @@ class EchoChassis:
         def encoded(sn: int) -> str | bytes:
             return codec.encode(type_name, body, sn=sn, ok=True, timestamp=1)
 
-        if codec is _BINARY:
+        if codec is PROTOBUF:
             return encoded
         before, after = str(encoded(_SN)).split(str(_SN))
         return lambda sn: f"{before}{sn}{after}"
 
-    async def _later(self, transport: Transport, answer: str | bytes) -> None:
+    async def _later(self, transport: ServerTransport, answer: str | bytes) -> None:
         await asyncio.sleep(self.delay)
         await transport.send(answer)
 
@@ -120,7 +115,7 @@ class EchoChassis:
         }
         # as the bytes that go out: making them is none of what is measured
         lines = [
-            (transport, [transport.header(len(f), text=codec is _JSON) + f for f in frames[codec]])
+            (transport, [transport.header(len(f), text=codec is JSON) + f for f in frames[codec]])
             for transport, codec in self._subscribers.items()
         ]
         sent = []

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from tests.link.link_messages import messages, table_types
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json
+from woosh_robot_agent.link.codecs.json_errors import FieldError
+from woosh_robot_agent.link.codecs.json_reader import from_json
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData

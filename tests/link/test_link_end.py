@@ -31,11 +31,11 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.connection import Connection
-from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.link.timeouts import within
-from woosh_robot_agent.link.transports import open_transport
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.link.transport.opening import open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
@@ -248,7 +248,7 @@ class Fake:
     """A transport with frames that are all there already."""
 
     peer = "fake"
-    heard = 0.0
+    progress_at = 0.0
 
     def __init__(self, frames: int) -> None:
         self.frames = frames
@@ -269,8 +269,8 @@ class Fake:
 
 def connection_over(fake: Any) -> Connection:
     log = LogOnce(logging.getLogger("test"))
-    losses = Losses(logging.getLogger("test"))
-    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, losses, lambda _: None)
+    drops = DropLog(logging.getLogger("test"))
+    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, drops, lambda _: None)
 
 
 @aio
@@ -290,7 +290,7 @@ async def test_a_connection_can_be_closed_before_it_began() -> None:
 @aio
 async def test_a_bound_lets_the_callers_cancellation_through_even_with_a_result() -> None:
     result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-    task = asyncio.ensure_future(within(5, result))
+    task = asyncio.ensure_future(run_with_timeout(5, result))
     await turns(2)
     result.set_result(1)
     task.cancel()
@@ -309,7 +309,7 @@ async def test_a_bound_cancels_what_takes_too_long() -> None:
             ended.set()
 
     with pytest.raises(TimeoutError):
-        await within(0.01, work())
+        await run_with_timeout(0.01, work())
     assert ended.is_set()
 
 

@@ -17,7 +17,7 @@ from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.log_once import LogOnce, shown
+from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.protos import message_types
@@ -117,7 +117,8 @@ def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
 def test_numbers_as_text_are_bounded_whatever_the_interpreter_says(limit: str) -> None:
     """Turning a million digits into an integer takes Python many seconds."""
     program = (
-        "from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json\n"
+        "from woosh_robot_agent.link.codecs.json_errors import FieldError\n"
+        "from woosh_robot_agent.link.codecs.json_reader import from_json\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "for text in ('9' * 20_000_000, '-' + '0' * 20_000_000, '9' * 4000):\n"
         "    try:\n"
@@ -203,7 +204,7 @@ async def test_the_texts_of_a_chassis_are_one_short_line_in_the_log() -> None:
     ],
 )
 def test_text_of_others_in_a_log(text: str, expected: str) -> None:
-    assert shown(text) == expected
+    assert one_line(text) == expected
 
 
 HOSTILE = {

@@ -183,7 +183,7 @@ async def test_a_chassis_that_talks_but_takes_nothing_is_given_up(kind: str) -> 
 @aio
 async def test_a_chassis_that_takes_a_big_frame_slowly_is_alive() -> None:
     class Slow:
-        heard = 0.0
+        progress_at = 0.0
         left = 0
 
         def backlog(self) -> int:
@@ -220,7 +220,7 @@ class LateTimers(asyncio.SelectorEventLoop):
 
 def test_the_notice_comes_within_the_limit_though_timers_come_late() -> None:
     class Dead:
-        heard = 0.0
+        progress_at = 0.0
 
         def backlog(self) -> int:
             return 0
@@ -263,7 +263,7 @@ async def test_silence_while_this_program_was_busy_is_none() -> None:
 class Quiet:
     """A transport that hears nothing by itself."""
 
-    heard = 0.0
+    progress_at = 0.0
 
     def backlog(self) -> int:
         return 0

@@ -10,14 +10,12 @@ import pytest
 from tests.link.link_peer import Peer, aio, eventually, soon
 from woosh_robot_agent.link import (
     RequestTimeoutError,
-    SupersededError,
     TooManyRequestsError,
     drop_log,
-    latest,
 )
-from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 CODE = "woosh.robot.count.StatusCode"
 
@@ -50,7 +48,7 @@ async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
         await soon(waiting)
         assert client.stats.refused_requests == {"woosh.robot.Speak": 7}
         await eventually(lambda: about(caplog, "that is over"))
-        (begun, why), (over, number) = about(caplog, "max_in_flight", "too many waited")
+        (begun, why), (over, number) = about(caplog, "max_in_flight", "too many were in flight")
         assert (begun, over) == (logging.WARNING, logging.INFO)
         assert "woosh.robot.Speak was not sent" in why
         assert number.startswith("7 requests were refused")
@@ -72,27 +70,6 @@ async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
         assert texts[1].startswith(f"4 older {CODE} gave way to newer ones")
         await wire.push(CODE, {"code": "9"})
         await eventually(lambda: seen[-1:] == [9])
-
-
-@aio
-async def test_superseded_velocities(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(latest, "STALL", 0.05)
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
-        asked = [asyncio.ensure_future(client.request(Twist(linear=0.1)))]
-        first = await wire.next("woosh.robot.Twist")
-        await asyncio.sleep(0.1)
-        asked += [asyncio.ensure_future(client.request(Twist(linear=0.2))) for _ in range(3)]
-        done = await asyncio.gather(*asked[1:], return_exceptions=True)
-        assert [type(each) for each in done] == [SupersededError] * 3
-        await wire.answer(first)
-        await soon(asked[0])
-        assert client.stats.superseded == 3
-        await eventually(lambda: about(caplog, "that is over"))
-        levels = [level for level, _ in about(caplog, "not sent")]
-        assert levels == [logging.WARNING, logging.INFO]
 
 
 @aio
@@ -121,7 +98,7 @@ async def test_a_spell_lasts_while_losses_come_and_the_next_is_told_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     loop = asyncio.get_running_loop()
-    counted = Losses(logging.getLogger("woosh_robot_agent.link"))
+    counted = DropLog(logging.getLogger("woosh_robot_agent.link"))
     for _ in range(2):
         caplog.clear()
         longest, last = 0.0, loop.time()

@@ -23,7 +23,8 @@ from rclpy.logging import LoggingSeverity
 from tests import harness
 from tests.robustness.traffic import Surplus, Traffic
 from woosh_robot_agent.actions.run import GoalRun
-from woosh_robot_agent.link import transports
+from woosh_robot_agent.link.transport.tcp import TcpTransport
+from woosh_robot_agent.link.transport.websocket import WebSocketTransport
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 SPEED = 20
@@ -156,10 +157,9 @@ class Rig:
     def at_rest(self) -> str:
         """What the agent still holds on to; empty when nothing."""
         agent = self.agent.agent
-        connection = agent._chassis._connection
         held = {
-            "requests": len(connection._pending) if connection else 0,
-            "velocity commands": len(agent._chassis._latest._unanswered),
+            "requests": agent._chassis.debug()["requests"],
+            "velocity commands": len(agent._gate._latest._unanswered),
             "goals": agent._actions.open_goals,
             "runs": sum(len(runs.open) for runs in agent._actions._runs),
         }
@@ -218,7 +218,7 @@ class Rig:
     @contextlib.contextmanager
     def _watched_sockets(self) -> Iterator[None]:
         """Count the velocity commands that go out, at the last place before the network."""
-        plain = {cls: cls.send for cls in (transports.WebSocketTransport, transports.TcpTransport)}
+        plain = {cls: cls.send for cls in (WebSocketTransport, TcpTransport)}
 
         def watched(cls: type[Any]) -> Any:
             async def send(transport: Any, data: str | bytes) -> None:

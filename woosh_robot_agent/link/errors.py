@@ -28,4 +28,4 @@ class TooManyRequestsError(LinkError):
 
 
 class SupersededError(LinkError):
-    """The request was replaced by a newer one, withdrawn or outdated; it was not sent."""
+    """The request was withdrawn or waited too long to be sent; nothing was sent."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 _MAX_KINDS = 200
-"""Maximum number of kinds that are remembered. The texts of libraries' errors can vary without end."""
+"""Maximum number of kinds that are remembered, since the texts of errors can vary without end."""
 _LONGEST_KIND = 200
 _LONGEST_LINE = 1000
 

@@ -18,7 +18,6 @@ class LinkStats:
         dropped_pushes: pushes that were dropped because newer ones came, by message type.
         refused_requests: requests that were not sent because too many were in flight, by message
             type.
-        superseded: velocity commands that were not sent because they were out of date.
         timeouts: requests that were not answered in time, by message type.
         late_answers: answers to requests that were not pending any more.
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
@@ -31,7 +30,6 @@ class LinkStats:
     bad_frames: Counter[str] = field(default_factory=Counter)
     dropped_pushes: Counter[str] = field(default_factory=Counter)
     refused_requests: Counter[str] = field(default_factory=Counter)
-    superseded: int = 0
     timeouts: Counter[str] = field(default_factory=Counter)
     late_answers: int = 0
     round_trip: float | None = None

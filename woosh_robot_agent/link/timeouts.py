@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 _GRACE = 1.0
-"""Maximum wait for cancelled work to end, in seconds. It ends at once unless a library blocks it."""
+"""Maximum wait for cancelled work to end, in seconds. Only a library that blocks uses it up."""
 
 
 async def run_with_timeout(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T]) -> T:

@@ -13,7 +13,7 @@ SUBSCRIPTION_TYPE = "woosh.Subscription"
 """`type` of a subscribe frame, which is not the full name of its body's message."""
 
 _LONGEST_TYPE = 200
-"""Longest type name that is kept, in characters; those of the chassis are less than half as long."""
+"""Longest type name that is kept, in characters. Real ones are less than half as long."""
 
 
 def clip_type_name(name: str) -> str:

@@ -125,8 +125,8 @@ def _reason(error: ConnectionClosed) -> str:
     text = f"closed with code {close.code} {close.reason}".rstrip()
     if close.code == _MESSAGE_TOO_BIG:
         text += (
-            " (the other end does not accept a frame as large as ours)"
+            " (a frame from this side is too large for the other end)"
             if error.rcvd is not None and error.rcvd_then_sent is not False
-            else " (a frame is larger than max_frame_size; raise it)"
+            else " (a frame is over the limit; raise max_frame_size)"
         )
     return text

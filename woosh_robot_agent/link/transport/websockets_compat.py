@@ -7,6 +7,8 @@ from typing import Any
 
 from websockets.exceptions import InvalidHandshake
 
+__all__ = ["RAW_TEXT", "ClientSocket", "Connect", "serve"]
+
 ClientSocket: Any
 _connect: Any
 serve: Any
@@ -19,7 +21,6 @@ try:  # websockets 13 and later
 except ImportError:
     from websockets.legacy.client import WebSocketClientProtocol as ClientSocket
     from websockets.legacy.client import connect as _connect
-    from websockets.legacy.server import serve
 
     _FACTORY_OPTION = "create_protocol"
 
