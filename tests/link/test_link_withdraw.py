@@ -1,4 +1,4 @@
-"""Requests that wait to be sent can expire and be withdrawn; a part of them can be reserved."""
+"""Requests that wait to be sent can expire or be withdrawn; some requests can be reserved."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from woosh_robot_agent.link import SupersededError, TooManyRequestsError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 
 LOAD = "x" * 16_000_000
-"""More than the sockets hold."""
+"""More than the buffers of the sockets hold."""
 
 
 @aio
@@ -53,7 +53,7 @@ async def test_a_request_that_is_withdrawn_is_not_sent() -> None:
 
 
 @aio
-async def test_an_urgent_request_goes_even_when_too_many_wait() -> None:
+async def test_an_urgent_request_is_sent_even_when_too_many_are_in_flight() -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         wire = await peer.wire()
         waiting = asyncio.ensure_future(client.request(Speak()))

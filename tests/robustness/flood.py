@@ -393,7 +393,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _logged(agent: AgentProcess) -> list[Figure]:
     """The log says that things are dropped, and when it is over how many: nothing else, no more."""
-    agent.wait_says("requests were refused because too many waited")
+    agent.wait_says("requests were refused because too many were in flight")
     lines = [line for line in agent.lines if "[WARN]" in line or "[ERROR]" in line]
     most = 20
     return [

@@ -98,7 +98,7 @@ class ChassisClient:
         - `outbox`: frames that wait to be sent: the unsent ones of the requests in flight, and
           subscribe frames.
         - `pushes`: pushes and answers that wait for their consumers, up to a limit for each type.
-        - `tasks`: tasks that have not ended, at most 5 while ready and 1 after `close`.
+        - `tasks`: tasks that have not ended: 5 while the link is ready, none after `close`.
         """
         sizes = {"requests": 0, "outbox": 0, "tasks": 0}
         if self._connection is not None:

@@ -1,4 +1,4 @@
-"""What the link drops is counted, and told twice: when it begins, and how much when it is over."""
+"""Drops are counted, and logged twice: when a series begins, and with their number at its end."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ CODE = "woosh.robot.count.StatusCode"
 
 
 @pytest.fixture(autouse=True)
-def told(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+def short_series(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.link")
     monkeypatch.setattr(drop_log, "QUIET", 0.2)
 
 
 def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]]:
-    """Level and text of what was told with any of these words in it."""
+    """Return level and text of the log records that contain any of these words."""
     return [
         (record.levelno, record.getMessage())
         for record in caplog.records
@@ -61,7 +61,7 @@ async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
         seen: list[int] = []
         client.subscribe(StatusCode, lambda message: seen.append(message.code))
         envelope = client._connection._codec.decode(f'{{"type":"{CODE}"}}')  # type: ignore[union-attr]
-        for _ in range(6):  # all of them before the delivery has its turn
+        for _ in range(6):  # all of them before the delivery task runs
             client._connection._on_push(envelope)  # type: ignore[union-attr]
         await eventually(lambda: about(caplog, "that is over"))
         assert len(seen) == 2
@@ -81,7 +81,7 @@ async def test_unanswered_requests_are_counted() -> None:
 
 
 @aio
-async def test_a_close_tells_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_close_logs_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
     drop_log.QUIET = 60.0
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         waiting = asyncio.ensure_future(client.request(Speak()))
@@ -94,7 +94,7 @@ async def test_a_close_tells_the_number_at_once(caplog: pytest.LogCaptureFixture
 
 
 @aio
-async def test_a_spell_lasts_while_losses_come_and_the_next_is_told_again(
+async def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     loop = asyncio.get_running_loop()
@@ -105,11 +105,11 @@ async def test_a_spell_lasts_while_losses_come_and_the_next_is_told_again(
         for _ in range(10):
             longest, last = max(longest, loop.time() - last), loop.time()
             counted.count("things were lost", "things get lost")
-            await asyncio.sleep(0.05)  # all in all longer than the pause that ends it
+            await asyncio.sleep(0.05)  # in total longer than the pause that ends a series
         await eventually(
             lambda: sum(int(t.split()[0]) for _, t in about(caplog, "that is over")) == 10
         )
-        if longest < drop_log.QUIET / 2:  # else this machine itself made pauses
+        if longest < drop_log.QUIET / 2:  # otherwise a busy machine made the pauses
             first, second = (text for _, text in about(caplog, "thing"))
             assert first == "things get lost"
             assert second.startswith("10 things were lost in ")
