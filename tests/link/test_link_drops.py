@@ -67,7 +67,7 @@ async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
         assert len(seen) == 2
         levels, texts = zip(*about(caplog, CODE), strict=True)
         assert levels == (logging.WARNING, logging.INFO)
-        assert texts[1].startswith(f"4 older {CODE} gave way to newer ones")
+        assert texts[1].startswith(f"4 pushes of {CODE} were dropped")
         await wire.push(CODE, {"code": "9"})
         await eventually(lambda: seen[-1:] == [9])
 
@@ -112,4 +112,4 @@ async def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
         if longest < drop_log.QUIET / 2:  # otherwise a busy machine made the pauses
             first, second = (text for _, text in about(caplog, "thing"))
             assert first == "things get lost"
-            assert second.startswith("10 things were lost in ")
+            assert second.startswith("10 things were lost within ")

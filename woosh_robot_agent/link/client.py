@@ -63,7 +63,7 @@ class ChassisClient:
         )
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
-        self._reserved: Callable[[Message], bool] = _none
+        self._reserved: Callable[[Message], bool] = _reserve_nothing
         """Selects the requests that only the caller of `reserve` may send."""
 
     @property
@@ -217,7 +217,7 @@ class ChassisClient:
         Raises:
             RuntimeError: requests of this client are reserved already.
         """
-        if self._reserved is not _none:
+        if self._reserved is not _reserve_nothing:
             raise RuntimeError("requests of this client are reserved already")
         self._reserved = which
         return self._request
@@ -343,6 +343,6 @@ class ChassisClient:
         return partial(self._subscriptions.put_answer, call_all)
 
 
-def _none(_message: Message) -> bool:
+def _reserve_nothing(_message: Message) -> bool:
     """Reserve nothing."""
     return False

@@ -217,7 +217,8 @@ class Connection:
             return
         self._cause = cause
         for pending in self._pending.values():
-            if not pending.future.done():  # an own error for each: a raised one refers to frames
+            if not pending.future.done():
+                # each its own error, since a raised one keeps its caller's frames alive
                 pending.future.set_exception(type(cause)(str(cause)))
         self._outbox.clear()
         if not self.ended.done():

@@ -73,5 +73,5 @@ class DropLog:
         series = self._series.pop(kind)
         series.timer.cancel()
         self._logger.info(
-            "%d %s in %.1f s; that is over", series.count, kind, series.last - series.first
+            "%d %s within %.1f s; that is over", series.count, kind, series.last - series.first
         )

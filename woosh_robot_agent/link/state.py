@@ -1,4 +1,4 @@
-"""State of the link, and the wait for it."""
+"""State of the link: its values, callbacks on changes, and waiting until it is ready."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class LinkState(Enum):
 
 
 class LinkStatus:
-    """The current state of the link, and who wants to know about it.
+    """The current state of the link, with its callbacks and waiters.
 
     Attributes:
         state: current state.
@@ -49,7 +49,7 @@ class LinkStatus:
         self._callbacks.append(callback)
 
     def enter(self, state: LinkState) -> None:
-        """Change the state, and tell everybody who waits for it."""
+        """Change the state, and notify callbacks and waiters."""
         if (state is LinkState.READY) != (self.state is LinkState.READY):
             self.since = time.time()
         self.state = state

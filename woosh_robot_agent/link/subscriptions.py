@@ -106,8 +106,8 @@ class Subscriptions:
         body = Body(codec, envelope, partial(self._count_bad, name))
         if not self._queue.put(name, partial(self._deliver, body)):
             self._drops.count(
-                f"older {name} gave way to newer ones",
-                f"{name} comes faster than it is taken; dropping the oldest",
+                f"pushes of {name} were dropped",
+                f"{name} comes faster than its consumers take it; dropping the oldest pushes",
             )
 
     def put_snapshot(self, answer: Answer) -> None:
