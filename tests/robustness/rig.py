@@ -159,7 +159,7 @@ class Rig:
         connection = agent._chassis._connection
         held = {
             "requests": len(connection._pending) if connection else 0,
-            "velocity commands": len(agent._gate._latest._unanswered),
+            "velocity commands": len(agent._gate._velocities._unanswered),
             "goals": agent._actions.open_goals,
             "runs": sum(len(runs.open) for runs in agent._actions._runs),
         }
