@@ -274,60 +274,6 @@ async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> Non
         assert speeds(again) == [3]
 
 
-@aio
-async def test_the_last_stop_is_sent_only_if_the_robot_may_drive() -> None:
-    async def script(wire: Wire, frame: Frame) -> bool:
-        if frame["type"] == TWIST:
-            await wire.answer(frame)
-        return frame["type"] == TWIST
-
-    async with Peer(script=script) as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        await gate.close(TIMEOUT)
-        assert speeds(wire) == []
-        await drive(gate, 1)
-        await gate.close(TIMEOUT)
-        await gate.close(TIMEOUT)
-        assert speeds(wire) == [1, 0]
-
-
-@aio
-async def test_a_stop_that_was_not_confirmed_is_sent_again() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        task = drive(gate, 1)
-        await wire.answer(await wire.next(TWIST))
-        await soon(task)
-        with pytest.raises(RequestTimeoutError):
-            await gate.close(0.03)
-        stopping = asyncio.ensure_future(gate.close(TIMEOUT))
-        await wire.next(TWIST)
-        await wire.answer(await wire.next(TWIST))
-        await soon(stopping)
-        assert not gate.driving
-        assert speeds(wire) == [1, 0, 0]
-
-
-@aio
-async def test_the_last_stop_supersedes_what_is_held() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, frame = await stalled(gate, wire)
-        held = drive(gate, 2)
-        await turns()
-        stopping = asyncio.ensure_future(gate.close(TIMEOUT))
-        await wire.answer(await wire.next(TWIST))
-        await soon(stopping)
-        await wire.answer(frame)
-        await soon(first)
-        with pytest.raises(SupersededError):
-            await soon(held)
-        assert speeds(wire) == [1, 0]
-
-
 @pytest.mark.usefixtures("short_stall")
 @aio
 async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
