@@ -47,7 +47,7 @@ async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Fram
     """One command, unanswered for too long."""
     first = drive(gate, 1)
     frame = await wire.next(TWIST)
-    stall(gate._latest)
+    stall(gate._velocities)
     return first, frame
 
 
@@ -162,7 +162,7 @@ async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() 
         first, _ = await stalled(gate, wire)
         held = drive(gate, 2)
         await turns()
-        gate._latest._let_go()  # as an answer does
+        gate._velocities._let_go()  # as an answer does
         stopping = asyncio.ensure_future(gate.request(Twist()))
         with pytest.raises(SupersededError):
             await soon(held)
@@ -213,7 +213,7 @@ async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> 
         first, _ = await stalled(gate, wire)
         held = drive(gate, 2)
         await turns()
-        gate._latest._let_go()
+        gate._velocities._let_go()
         held.cancel()
         with pytest.raises(asyncio.CancelledError):
             await held
@@ -250,7 +250,7 @@ async def test_the_callers_timeout_holds_for_commands_too() -> None:
         gate = MotionGate(client)
         with pytest.raises(RequestTimeoutError, match=r"0\.03 s"):
             await soon(drive(gate, 1, timeout=0.03))
-        assert not gate._latest._unanswered
+        assert not gate._velocities._unanswered
 
 
 @aio
@@ -272,60 +272,6 @@ async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> Non
         await again.answer(await again.next(TWIST))
         await soon(task)
         assert speeds(again) == [3]
-
-
-@aio
-async def test_the_last_stop_is_sent_only_if_the_robot_may_drive() -> None:
-    async def script(wire: Wire, frame: Frame) -> bool:
-        if frame["type"] == TWIST:
-            await wire.answer(frame)
-        return frame["type"] == TWIST
-
-    async with Peer(script=script) as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        await gate.stop_driving(TIMEOUT)
-        assert speeds(wire) == []
-        await drive(gate, 1)
-        await gate.stop_driving(TIMEOUT)
-        await gate.stop_driving(TIMEOUT)
-        assert speeds(wire) == [1, 0]
-
-
-@aio
-async def test_a_stop_that_was_not_confirmed_is_sent_again() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        task = drive(gate, 1)
-        await wire.answer(await wire.next(TWIST))
-        await soon(task)
-        with pytest.raises(RequestTimeoutError):
-            await gate.stop_driving(0.03)
-        stopping = asyncio.ensure_future(gate.stop_driving(TIMEOUT))
-        await wire.next(TWIST)
-        await wire.answer(await wire.next(TWIST))
-        await soon(stopping)
-        assert not gate.driving
-        assert speeds(wire) == [1, 0, 0]
-
-
-@aio
-async def test_the_last_stop_supersedes_what_is_held() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, frame = await stalled(gate, wire)
-        held = drive(gate, 2)
-        await turns()
-        stopping = asyncio.ensure_future(gate.stop_driving(TIMEOUT))
-        await wire.answer(await wire.next(TWIST))
-        await soon(stopping)
-        await wire.answer(frame)
-        await soon(first)
-        with pytest.raises(SupersededError):
-            await soon(held)
-        assert speeds(wire) == [1, 0]
 
 
 @pytest.mark.usefixtures("short_stall")

@@ -159,7 +159,7 @@ class Rig:
         agent = self.agent.agent
         held = {
             "requests": agent._chassis.debug()["requests"],
-            "velocity commands": len(agent._gate._latest._unanswered),
+            "velocity commands": len(agent._gate._velocities._unanswered),
             "goals": agent._actions.open_goals,
             "runs": sum(len(runs.open) for runs in agent._actions._runs),
         }

@@ -8,5 +8,7 @@ Example::
 """
 
 from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.stop import StopReport
+from woosh_robot_agent.motion.velocity_driver import VelocityDriver, VelocityLimits
 
-__all__ = ["MotionGate"]
+__all__ = ["MotionGate", "StopReport", "VelocityDriver", "VelocityLimits"]

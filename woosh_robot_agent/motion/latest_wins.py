@@ -20,7 +20,7 @@ STALL = 0.5
 It is also the maximum age at which a velocity is sent. The chassis itself goes on with the last
 velocity that it received for as long.
 """
-_NEWER = "not sent: a newer velocity command took its place"
+_NEWER = "a newer velocity command took its place"
 
 
 class LatestWins(Generic[T]):
@@ -56,7 +56,7 @@ class LatestWins(Generic[T]):
         if moves and self._stalled():
             await self._hold()
             if serial != self._newest:
-                raise SupersededError(_NEWER)
+                raise SupersededError(f"not sent: {_NEWER}")
         self._unanswered[serial] = asyncio.get_running_loop().time()
         try:
             return await send(STALL if moves else math.inf)
@@ -66,9 +66,9 @@ class LatestWins(Generic[T]):
                 self._let_go()
 
     def withdraw(self, reason: str) -> None:
-        """Do not send the velocity that is held back; `reason` is the text of its error."""
+        """Do not send the velocity that is held back: it fails for `reason`."""
         if self._held is not None and not self._held.done():
-            self._held.set_exception(SupersededError(reason))
+            self._held.set_exception(SupersededError(f"not sent: {reason}"))
 
     def _let_go(self) -> None:
         if self._held is not None and not self._held.done():

@@ -8,6 +8,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecPreTask,
     ExecTask,
+    ExecTaskSet,
     Follow,
     Twist,
 )
@@ -15,7 +16,8 @@ from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 
-_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, ExecTask, ExecPreTask)
+_TASKS = (ExecTask, ExecPreTask, ExecTaskSet)
+_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, *_TASKS)
 _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
 _DRIVING_MEMBERS = ("step_control", "move_base")
 """Members of the oneof of CallAction that drive the base."""
@@ -38,7 +40,7 @@ def may_move(request: Message) -> bool:
         return request.order not in _RESTING_ORDERS
     if isinstance(request, Follow):
         return request.type
-    return isinstance(request, ExecTask | ExecPreTask)
+    return isinstance(request, _TASKS)
 
 
 def takes_wheels(request: Message) -> bool:
@@ -48,4 +50,4 @@ def takes_wheels(request: Message) -> bool:
             request.HasField(name) and getattr(request, name).action == kExecute
             for name in _DRIVING_MEMBERS
         )
-    return isinstance(request, ExecTask | ExecPreTask)
+    return isinstance(request, _TASKS)
