@@ -13,7 +13,7 @@ from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
-from woosh_robot_agent.link.timeouts import within
+from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.logs import context_of, log_to_ros
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
@@ -143,7 +143,7 @@ class Agent:
         name: str, work: Callable[[], Coroutine[Any, Any, None]], timeout: float
     ) -> None:
         try:
-            await within(timeout, work())
+            await run_with_timeout(timeout, work())
         except TimeoutError:
             _LOG.error("%s took longer than %g s", name, timeout)
         except Exception:  # a defect of the agent, which must not keep the next step from running

@@ -12,7 +12,7 @@ import pytest
 
 from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.timeouts import drop
+from woosh_robot_agent.link.timeouts import cancel_and_wait
 from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits
 
 TWIST = "woosh.robot.Twist"
@@ -68,7 +68,7 @@ async def driving(**limits: float) -> AsyncIterator[Rig]:
         try:
             yield rig
         finally:
-            await drop(running)
+            await cancel_and_wait(running)
 
 
 @aio
