@@ -17,7 +17,7 @@ from benchmarks.measurements.samples import MICROSECONDS, Measured, no_garbage_c
 from benchmarks.options import Options
 from benchmarks.programs.echo_chassis import scan
 from woosh_robot_agent.convert import converter
-from woosh_robot_agent.link.codecs.json_mapping import to_json
+from woosh_robot_agent.link.codecs.json_writer import to_json
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig

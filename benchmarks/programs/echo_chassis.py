@@ -23,21 +23,16 @@ from functools import cache
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.codecs.choice import JSON, PROTOBUF, server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec
-from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.transports import (
-    Transport,
-    TransportClosedError,
-    serve_tcp,
-    serve_websocket,
-)
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.server.tcp import serve_tcp
+from woosh_robot_agent.link.server.websocket import serve_websocket
+from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name, message_type
 
-_JSON: Codec = JsonCodec(defaults=True)
-_BINARY: Codec = ProtobufCodec()
 _PLACEHOLDER = 123456789
 """Serial number in the text of a prepared answer, to be replaced by the request's."""
 _BUSY_WAIT = 0.002
@@ -74,13 +69,13 @@ class EchoChassis:
 
     def __init__(self, beams: int) -> None:
         self.delay = 0.0
-        self._subscribers: dict[Transport, Codec] = {}
+        self._subscribers: dict[ServerTransport, Codec] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         bodies: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
         self._bodies = {full_name(body): body for body in bodies}
         self._answer = cache(self._make_answer)
 
-    async def serve(self, transport: Transport) -> None:
+    async def serve(self, transport: ServerTransport) -> None:
         """Serve one connection until it ends."""
         try:
             while True:
@@ -88,8 +83,8 @@ class EchoChassis:
         except TransportClosedError:
             self._subscribers.pop(transport, None)
 
-    async def _handle(self, transport: Transport, frame: str | bytes) -> None:
-        codec = _JSON if isinstance(frame, str) else _BINARY
+    async def _handle(self, transport: ServerTransport, frame: str | bytes) -> None:
+        codec = server_codec(frame)
         envelope = codec.decode(frame)
         if envelope.type == SUBSCRIPTION_TYPE:
             if full_name(PoseSpeed) in codec.body(envelope, Subscription).topics:
@@ -109,12 +104,12 @@ class EchoChassis:
         def encode(sn: int) -> str | bytes:
             return codec.encode(type_name, body, sn=sn, ok=True, timestamp=1)
 
-        if codec is _BINARY:
+        if codec is PROTOBUF:
             return encode
         before, after = str(encode(_PLACEHOLDER)).split(str(_PLACEHOLDER))
         return lambda sn: f"{before}{sn}{after}"
 
-    async def _send_later(self, transport: Transport, answer: str | bytes) -> None:
+    async def _send_later(self, transport: ServerTransport, answer: str | bytes) -> None:
         await asyncio.sleep(self.delay)
         await transport.send(answer)
 
@@ -127,7 +122,7 @@ class EchoChassis:
         }
         # prepared as the bytes that go out, so that encoding is not part of what is measured
         outgoing = [
-            (transport, [transport.header(len(f), text=codec is _JSON) + f for f in frames[codec]])
+            (transport, [transport.header(len(f), text=codec is JSON) + f for f in frames[codec]])
             for transport, codec in self._subscribers.items()
         ]
         sent = []

@@ -27,7 +27,9 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.transports import TcpTransport, TransportClosedError, open_transport
+from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.link.transport.opening import open_transport
+from woosh_robot_agent.link.transport.tcp import TcpTransport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.protos import full_name, message_types

@@ -23,7 +23,8 @@ from rclpy.logging import LoggingSeverity
 from tests.harness import Client
 from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.actions.run import GoalRun
-from woosh_robot_agent.link import transports
+from woosh_robot_agent.link.transport.tcp import TcpTransport
+from woosh_robot_agent.link.transport.websocket import WebSocketTransport
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.testing import AgentInProcess, own_domain
 
@@ -227,7 +228,7 @@ class Rig:
     def _count_twists(self) -> Iterator[None]:
         """Count the agent's velocity commands where they enter the transport."""
         original = {
-            cls: cls.send for cls in (transports.WebSocketTransport, transports.TcpTransport)
+            cls: cls.send for cls in (WebSocketTransport, TcpTransport)
         }
 
         def counting(cls: type[Any]) -> Any:

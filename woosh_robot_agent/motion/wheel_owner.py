@@ -1,4 +1,4 @@
-"""Who has the robot's wheels, by what the chassis reports, whoever asked for it."""
+"""Ownership of the wheels: what drives the robot by itself, as the chassis reports it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.protos import full_name
 
-_AT_WORK = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
-_DRIVING = {full_name(cls): cls.DESCRIPTOR.name for cls in (MoveBase, StepControl)}
+_RUNNING = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
+_DRIVING_ACTIONS = {full_name(cls): cls.DESCRIPTOR.name for cls in (MoveBase, StepControl)}
 
 
-class Wheels:
-    """Follows tasks and driving actions by their reports. Used in the link's thread."""
+class WheelOwner:
+    """Follows the reports on tasks and driving actions, whichever client started them.
+
+    Args:
+        chassis: the link; used in its event loop only.
+    """
 
     def __init__(self, chassis: ChassisClient) -> None:
         self._task = TaskProc()
@@ -25,11 +29,11 @@ class Wheels:
         chassis.subscribe(Feedbacks, self._reported)
 
     @property
-    def user(self) -> str:
-        """What drives the robot now, for people; empty if nothing does."""
-        if self._task.state in _AT_WORK:
+    def name(self) -> str:
+        """Name of the task or the actions that drive the robot now; empty if none does."""
+        if self._task.state in _RUNNING:
             return f"task {self._task.robot_task_id}"
-        return ", ".join(sorted(_DRIVING[name] for name in self._actions))
+        return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._task = info.task_proc
@@ -39,10 +43,10 @@ class Wheels:
 
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
-            if report.action in _DRIVING:
+            if report.action in _DRIVING_ACTIONS:
                 running = report.state == kRosExecuting
                 (self._actions.add if running else self._actions.discard)(report.action)
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is not LinkState.READY:  # its end may be missed
+        if state is not LinkState.READY:  # the report of the end may be missed
             self._actions.clear()

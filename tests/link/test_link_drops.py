@@ -1,4 +1,4 @@
-"""What the link drops is counted, and told twice: when it begins, and how much when it is over."""
+"""Drops are counted, and logged twice: when a series begins, and with their number at its end."""
 
 from __future__ import annotations
 
@@ -10,26 +10,24 @@ import pytest
 from tests.link.link_peer import Peer, aio, eventually, soon
 from woosh_robot_agent.link import (
     RequestTimeoutError,
-    SupersededError,
     TooManyRequestsError,
     drop_log,
-    latest,
 )
-from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 CODE = "woosh.robot.count.StatusCode"
 
 
 @pytest.fixture(autouse=True)
-def told(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+def short_series(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.link")
     monkeypatch.setattr(drop_log, "QUIET", 0.2)
 
 
 def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]]:
-    """Level and text of what was told with any of these words in it."""
+    """Return level and text of the log records that contain any of these words."""
     return [
         (record.levelno, record.getMessage())
         for record in caplog.records
@@ -50,7 +48,7 @@ async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
         await soon(waiting)
         assert client.stats.refused_requests == {"woosh.robot.Speak": 7}
         await eventually(lambda: about(caplog, "that is over"))
-        (begun, why), (over, number) = about(caplog, "max_in_flight", "too many waited")
+        (begun, why), (over, number) = about(caplog, "max_in_flight", "too many were in flight")
         assert (begun, over) == (logging.WARNING, logging.INFO)
         assert "woosh.robot.Speak was not sent" in why
         assert number.startswith("7 requests were refused")
@@ -63,36 +61,15 @@ async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
         seen: list[int] = []
         client.subscribe(StatusCode, lambda message: seen.append(message.code))
         envelope = client._connection._codec.decode(f'{{"type":"{CODE}"}}')  # type: ignore[union-attr]
-        for _ in range(6):  # all of them before the delivery has its turn
+        for _ in range(6):  # all of them before the delivery task runs
             client._connection._on_push(envelope)  # type: ignore[union-attr]
         await eventually(lambda: about(caplog, "that is over"))
         assert len(seen) == 2
         levels, texts = zip(*about(caplog, CODE), strict=True)
         assert levels == (logging.WARNING, logging.INFO)
-        assert texts[1].startswith(f"4 older {CODE} gave way to newer ones")
+        assert texts[1].startswith(f"4 pushes of {CODE} were dropped")
         await wire.push(CODE, {"code": "9"})
         await eventually(lambda: seen[-1:] == [9])
-
-
-@aio
-async def test_superseded_velocities(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(latest, "STALL", 0.05)
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
-        asked = [asyncio.ensure_future(client.request(Twist(linear=0.1)))]
-        first = await wire.next("woosh.robot.Twist")
-        await asyncio.sleep(0.1)
-        asked += [asyncio.ensure_future(client.request(Twist(linear=0.2))) for _ in range(3)]
-        done = await asyncio.gather(*asked[1:], return_exceptions=True)
-        assert [type(each) for each in done] == [SupersededError] * 3
-        await wire.answer(first)
-        await soon(asked[0])
-        assert client.stats.superseded == 3
-        await eventually(lambda: about(caplog, "that is over"))
-        levels = [level for level, _ in about(caplog, "not sent")]
-        assert levels == [logging.WARNING, logging.INFO]
 
 
 @aio
@@ -104,7 +81,7 @@ async def test_unanswered_requests_are_counted() -> None:
 
 
 @aio
-async def test_a_close_tells_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_close_logs_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
     drop_log.QUIET = 60.0
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         waiting = asyncio.ensure_future(client.request(Speak()))
@@ -117,22 +94,22 @@ async def test_a_close_tells_the_number_at_once(caplog: pytest.LogCaptureFixture
 
 
 @aio
-async def test_a_spell_lasts_while_losses_come_and_the_next_is_told_again(
+async def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     loop = asyncio.get_running_loop()
-    counted = Losses(logging.getLogger("woosh_robot_agent.link"))
+    counted = DropLog(logging.getLogger("woosh_robot_agent.link"))
     for _ in range(2):
         caplog.clear()
         longest, last = 0.0, loop.time()
         for _ in range(10):
             longest, last = max(longest, loop.time() - last), loop.time()
             counted.count("things were lost", "things get lost")
-            await asyncio.sleep(0.05)  # all in all longer than the pause that ends it
+            await asyncio.sleep(0.05)  # in total longer than the pause that ends a series
         await eventually(
             lambda: sum(int(t.split()[0]) for _, t in about(caplog, "that is over")) == 10
         )
-        if longest < drop_log.QUIET / 2:  # else this machine itself made pauses
+        if longest < drop_log.QUIET / 2:  # otherwise a busy machine made the pauses
             first, second = (text for _, text in about(caplog, "thing"))
             assert first == "things get lost"
-            assert second.startswith("10 things were lost in ")
+            assert second.startswith("10 things were lost within ")
