@@ -1,14 +1,17 @@
-"""Goals, and what the tests of the actions look for in their ends."""
+"""Goals for the tests of the actions, and the states and types that those tests look for."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
+import pytest
 from action_msgs.msg import GoalStatus
 
 from tests.harness import Client, GoalClient
+from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
@@ -34,11 +37,11 @@ FEEDBACKS = "woosh.ros.Feedbacks"
 
 
 START = (4.23, -6.67, -0.26)
-"""Where the simulated robot starts: x, y and theta."""
+"""Initial pose of the simulated robot: x, y and theta."""
 
 
 def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
-    """A task that drives to a mark."""
+    """Start a task that drives to a mark."""
     goal = ExecTask.Goal()
     goal.arg.mark_no = mark
     goal.arg.type.value = 1
@@ -47,7 +50,7 @@ def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
 
 
 def short_task(client: Client, ahead: float, task_id: int = 0) -> GoalClient:
-    """A task that drives to a place some m ahead of the start."""
+    """Start a task that drives to a place `ahead` m in front of `START`."""
     goal = ExecTask.Goal()
     goal.arg.task_id = task_id
     x, y, theta = START
@@ -69,7 +72,7 @@ def step_goal(value: float, action: int = EXECUTE) -> Any:
 
 
 def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClient:
-    """A turn by `value` rad at 0.5 rad/s, which nothing can block, or an order about it."""
+    """Start a turn by `value` rad at 0.5 rad/s, which nothing can block, or an order about it."""
     return client.send_goal(StepControl, "ros/StepControl", step_goal(value, action))
 
 
@@ -90,7 +93,10 @@ def lift3(client: Client, height: float, speed: float = 0.0) -> GoalClient:
 
 
 def move_base(client: Client, ahead: float, action: int = CANCEL) -> GoalClient:
-    """A way to a place some m ahead of the start; without an action, as the documents have it."""
+    """Start a drive to a place `ahead` m in front of `START`.
+
+    By default without an action, like the documented example.
+    """
     goal = MoveBase.Goal()
     x, y, theta = START
     goal.arg.target_pose.x = x + ahead * math.cos(theta)
@@ -109,17 +115,22 @@ def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
 
 
 def slow_down(simulator: SimulatorThread) -> None:
-    """As slow as a real chassis: what runs still runs at the next step of even a slow test."""
+    """Run at the speed of a real chassis, so that a goal outlives the next step of a test."""
     simulator.call(lambda sim: setattr(sim, "speed", 1.0))
 
 
 def hurry(simulator: SimulatorThread) -> None:
-    """Let what runs come to its end."""
+    """Run fast, so that goals come to their ends."""
     simulator.call(lambda sim: setattr(sim, "speed", 50.0))
 
 
+def set_timing(monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
+    """Change `GoalTiming` of the goals that start from now on."""
+    monkeypatch.setattr(timing, "DEFAULT_TIMING", replace(timing.DEFAULT_TIMING, **changes))
+
+
 class Held:
-    """Holds back every answer to requests of a type until it is told to release them."""
+    """Holds back all answers to requests of one type until `release`."""
 
     def __init__(self, simulator: SimulatorThread, request: str) -> None:
         self._simulator = simulator
@@ -134,7 +145,7 @@ class Held:
         return []
 
     def release(self) -> None:
-        """Send them, and hold no more."""
+        """Send the answers held back, and let later ones pass."""
         self._remove()
         for out in self._answers:
             frame = JsonCodec().encode(out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg)

@@ -1,4 +1,4 @@
-"""The actions of woosh.ros.CallAction: steps, lifts and ways, and orders about them."""
+"""The actions of woosh.ros.CallAction: steps, lifts and paths, and orders about them."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ from tests.node.goals import (
     lift,
     lift3,
     move_base,
+    set_timing,
     slow_down,
     step,
     step_goal,
 )
 from woosh_common_msgs.msg import Pose2D
-from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
@@ -40,7 +41,7 @@ pytestmark = pytest.mark.usefixtures("agent")
 
 
 def running(client: Client, value: float = 500.0) -> GoalClient:
-    """A long step that has begun."""
+    """Start a long step and wait until it runs."""
     goal = step(client, value)
     goal.feedback.wait(lambda fb: fb.state.value == 2)
     return goal
@@ -76,7 +77,7 @@ def test_ends_with_the_chassiss_state_and_text(
     assert (ended, ret.state.value, ret.msg, ret.action) == (status, state, "as it is", STEP)
 
 
-def test_what_is_no_end_is_feedback(client: Client, simulator: SimulatorThread) -> None:
+def test_states_that_are_no_end_are_feedback(client: Client, simulator: SimulatorThread) -> None:
     goal = running(client)
     for state in (3, 4, 10, 2):
         simulator.push(feedbacks(state, f"state {state}"))
@@ -84,7 +85,7 @@ def test_what_is_no_end_is_feedback(client: Client, simulator: SimulatorThread) 
     assert not goal.done
 
 
-def test_reports_of_no_action_or_another_are_not_its_own(
+def test_reports_on_no_action_or_another_are_ignored(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = running(client)
@@ -97,7 +98,7 @@ def test_reports_of_no_action_or_another_are_not_its_own(
     assert not {"wifi", "{}", "failed"} & {fb.msg for fb in goal.feedback.messages}
 
 
-def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
+def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(CALL_ACTION, "the lift is locked")
     status, ret = lift(client).result()
     assert (status, ret.state.value, ret.msg) == (ABORTED, -1, "the lift is locked")
@@ -119,23 +120,23 @@ def test_documented_move_base_without_action_executes(
     assert simulator.last(CALL_ACTION).move_base.action == EXECUTE
 
 
-def test_poses_alone_are_a_command(client: Client, simulator: SimulatorThread) -> None:
+def test_poses_without_an_action_are_a_command(client: Client, simulator: SimulatorThread) -> None:
     goal = MoveBase.Goal()
     x, y, theta = START
     goal.arg.poses = [Pose2D(x=x + ahead, y=y, theta=theta) for ahead in (0.2, 0.4)]
     assert client.send_goal(MoveBase, "ros/MoveBase", goal).result()[0] == SUCCEEDED
 
 
-def test_empty_command_cancels_what_runs(client: Client, simulator: SimulatorThread) -> None:
+def test_empty_command_cancels_the_running_goal(client: Client, simulator: SimulatorThread) -> None:
     goal = running(client)
     status, ret = step(client, action=CANCEL).result()
     assert (status, ret.state.value) == (SUCCEEDED, 1)
     assert simulator.last(CALL_ACTION).step_control.action == CANCEL
     status, ret = goal.result()
-    assert (status, ret.state.value) == (ABORTED, -2), "its own client did not ask for it"
+    assert (status, ret.state.value) == (ABORTED, -2), "not the client of the goal asked for it"
 
 
-def test_cancel_of_what_does_not_run_is_refused(client: Client) -> None:
+def test_cancel_without_a_running_goal_is_refused(client: Client) -> None:
     status, ret = step(client, action=CANCEL).result()
     assert (status, ret.state.value) == (ABORTED, -1)
     assert "not running" in ret.msg
@@ -144,7 +145,7 @@ def test_cancel_of_what_does_not_run_is_refused(client: Client) -> None:
 def test_pause_and_resume_leave_the_goal_in_charge(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)  # it reports every second of the robot's, and not while it is asked
+    slow_down(simulator)  # so that it reports once a second
     goal = running(client, 3.0)
     for order, reported in ((PAUSE, 3), (RESUME, 2)):
         count = len(goal.feedback.messages)
@@ -160,12 +161,12 @@ def test_pause_and_resume_leave_the_goal_in_charge(
     assert [call.step_control.action for call in sent] == [EXECUTE, PAUSE, RESUME]
 
 
-def test_pause_of_what_does_not_run_is_refused(client: Client) -> None:
+def test_pause_without_a_running_goal_is_refused(client: Client) -> None:
     status, ret = step(client, action=PAUSE).result()
     assert (status, "not running" in ret.msg) == (ABORTED, True)
 
 
-def test_cancel_is_not_held_up_by_an_unanswered_pause(
+def test_unanswered_pause_does_not_delay_a_cancel(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = running(client)
@@ -173,10 +174,10 @@ def test_cancel_is_not_held_up_by_an_unanswered_pause(
     step(client, action=PAUSE)
     simulator.wait_received(CALL_ACTION, 2)
     goal.cancel()
-    assert goal.result(timeout=5)[1].state.value == -2, "long before the pause's poll_timeout"
+    assert goal.result(timeout=5)[1].state.value == -2, "long before the timeout of the pause"
 
 
-def test_newer_goal_replaces_the_older(client: Client, simulator: SimulatorThread) -> None:
+def test_newer_goal_replaces_an_older_one(client: Client, simulator: SimulatorThread) -> None:
     old = running(client)
     new = step(client, 0.4)
     status, ret = old.result()
@@ -185,7 +186,7 @@ def test_newer_goal_replaces_the_older(client: Client, simulator: SimulatorThrea
     assert -2 not in [fb.state.value for fb in new.feedback.messages]
 
 
-def test_older_goals_end_that_comes_late_is_not_the_newer_ones(
+def test_late_end_of_an_older_goal_does_not_end_the_newer_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     old = running(client)
@@ -199,10 +200,10 @@ def test_older_goals_end_that_comes_late_is_not_the_newer_ones(
     assert not new.done
 
 
-def test_end_of_what_another_program_ran_is_not_the_goals(
+def test_end_of_another_programs_action_does_not_end_the_goal(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """As after a restart of the agent, too."""
+    """This is also how it is after a restart of the agent."""
     request = CallAction()
     request.step_control.steps.add(mode=1, value=500.0, speed=0.5)
     request.step_control.action = EXECUTE
@@ -212,10 +213,10 @@ def test_end_of_what_another_program_ran_is_not_the_goals(
 
 
 @pytest.mark.parametrize("end", [-2, -1, 1])
-def test_last_reports_of_what_another_program_ran_are_not_the_goals(
+def test_last_reports_on_another_programs_action_do_not_end_the_goal(
     client: Client, simulator: SimulatorThread, end: int
 ) -> None:
-    """They come between the goal and its answer."""
+    """They come between the start request and its answer."""
     reports = feedbacks(2, "on its way"), feedbacks(end, "its end")
 
     def report_first(out: Outgoing) -> list[Outgoing]:
@@ -233,7 +234,7 @@ def test_last_reports_of_what_another_program_ran_are_not_the_goals(
     assert goal.result()[1].msg == "the goal's"
 
 
-def test_refused_newer_goal_leaves_the_older_in_charge(
+def test_refused_newer_goal_does_not_replace_the_older_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     slow_down(simulator)
@@ -246,24 +247,24 @@ def test_refused_newer_goal_leaves_the_older_in_charge(
     assert old.result()[0] == SUCCEEDED
 
 
-def test_lost_end_is_found_by_asking(
+def test_lost_end_is_found_by_polling(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     simulator.intercept(
         lambda out: (
             [] if out.type == FEEDBACKS and not out.sn and out.body.fbs[0].state == 1 else [out]
         )
     )
     assert step(client, 0.3).result()[0] == SUCCEEDED
-    # the second ends in the very same words
+    # the second goal ends with exactly the same report
     assert step(client, 0.3).result()[0] == SUCCEEDED
 
 
-def test_chassis_that_refuses_to_be_asked(
+def test_chassis_that_refuses_polls(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.05)
+    set_timing(monkeypatch, poll_period=0.05)
     simulator.refuse(FEEDBACKS, "unknown type")
     goal = running(client)
     simulator.wait_received(FEEDBACKS, 2)
@@ -271,18 +272,18 @@ def test_chassis_that_refuses_to_be_asked(
     assert goal.result()[1].msg == "the end"
 
 
-def test_end_that_is_known_from_before_is_not_believed_at_once(
+def test_repeated_end_of_an_earlier_goal_is_ignored_at_first(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The chassis took the goal, and when asked still tells how the one before ended."""
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    """The chassis accepted the goal, and when polled still reports the end of the earlier one."""
+    set_timing(monkeypatch, poll_period=0.3)
     assert step(client, 0.3).result()[0] == SUCCEEDED
     dropped = simulator.intercept(lambda out: [] if out.type == FEEDBACKS and not out.sn else [out])
     simulator.call(freeze_steps)
     asked: list[Outgoing] = []
 
     def answer_once(out: Outgoing) -> list[Outgoing]:
-        """Asked again, it would be believed: this goal ended in the same way."""
+        """A second answer would end the goal: it could have ended with the same report."""
         if out.request != FEEDBACKS:
             return [out]
         asked.append(out)
@@ -290,7 +291,7 @@ def test_end_that_is_known_from_before_is_not_believed_at_once(
 
     simulator.intercept(answer_once)
     goal = step(client, 0.3)
-    wait_until(lambda: asked, "the question")
+    wait_until(lambda: asked, "the poll")
     dropped()
     simulator.push(feedbacks(2, "on its way"))
     goal.feedback.wait(lambda fb: fb.msg == "on its way")
@@ -304,16 +305,16 @@ def dispatched(sim: object, request: CallAction) -> None:
 
 
 def freeze_steps(sim: object) -> None:
-    """The chassis takes actions, and does nothing about them for the time being."""
+    """Make the chassis accept actions without executing them."""
     sim.chassis.actions.tick = lambda dt: None  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("late", [0.0, 0.2])
 @pytest.mark.parametrize("count", [3, 8])
-def test_of_goals_in_a_burst_the_last_one_counts(
+def test_last_goal_of_a_burst_wins(
     client: Client, simulator: SimulatorThread, count: int, late: float
 ) -> None:
-    """The ends of all that it replaces come before the chassis's answer to the last one."""
+    """The ends of all goals that it replaces come before the answer to its start request."""
     simulator.delay(CALL_ACTION, late)
     slow_down(simulator)
     goals = [step(client, 6.0) for _ in range(count)]  # longer than the answers are late

@@ -1,4 +1,4 @@
-"""robot/ExecTask against a chassis that does as a chassis does, and one that does otherwise."""
+"""robot/ExecTask against a chassis that behaves well, and one that does not."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ from tests.node.goals import (
     TASK_PROC,
     hurry,
     proc,
+    set_timing,
     short_task,
     slow_down,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
@@ -51,7 +52,7 @@ def test_succeeds_with_each_report_as_feedback(client: Client, simulator: Simula
     assert {fb.robot_task_id for fb in goal.feedback.messages} == {sent.task_id}
 
 
-def test_keeps_the_clients_id_and_makes_fresh_ones(
+def test_keeps_the_id_of_the_client_or_makes_a_new_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     assert short_task(client, 0.05, task_id=77).result()[1].robot_task_id == 77
@@ -63,7 +64,7 @@ def test_keeps_the_clients_id_and_makes_fresh_ones(
     ]
 
 
-def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
+def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(EXEC_TASK, "robot is in manual mode: turn the key switch")
     goal = task(client, task_id=5)
     status, ret = goal.result()
@@ -74,7 +75,7 @@ def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
     assert not goal.feedback.messages
 
 
-def test_refusal_without_words(client: Client, simulator: SimulatorThread) -> None:
+def test_refusal_without_a_reason(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(EXEC_TASK, "")
     status, ret = task(client).result()
     assert status == ABORTED
@@ -89,7 +90,7 @@ def test_failure_aborts(client: Client, simulator: SimulatorThread) -> None:
     assert (goal.result()[0], goal.result()[1].msg) == (ABORTED, "wheel slips")
 
 
-def test_cancelled_by_somebody_else_aborts(client: Client, simulator: SimulatorThread) -> None:
+def test_cancel_by_somebody_else_aborts(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -99,7 +100,7 @@ def test_cancelled_by_somebody_else_aborts(client: Client, simulator: SimulatorT
     assert ret.state.value == TASK_CANCELED
 
 
-def test_reports_of_other_tasks_are_not_its_own(client: Client, simulator: SimulatorThread) -> None:
+def test_reports_on_other_tasks_are_ignored(client: Client, simulator: SimulatorThread) -> None:
     goal = short_task(client, 1.0, task_id=8)
     for state in (EXECUTING, COMPLETED, FAILED, TASK_CANCELED):
         simulator.push(proc(7, state, "of another task"))
@@ -120,7 +121,7 @@ def test_nan_is_not_sent(client: Client, simulator: SimulatorThread, field: str,
     assert simulator.counts[EXEC_TASK] == 0
 
 
-def test_real_refusal_of_a_manual_chassis(client: Client, simulator: SimulatorThread) -> None:
+def test_chassis_in_manual_mode_refuses(client: Client, simulator: SimulatorThread) -> None:
     request = SwitchControlMode.Request()
     request.arg.mode.value = 2
     assert client.call(SwitchControlMode, "robot/SwitchControlMode", arg=request.arg).ok
@@ -129,7 +130,7 @@ def test_real_refusal_of_a_manual_chassis(client: Client, simulator: SimulatorTh
     assert "manual mode" in ret.msg
 
 
-def test_newer_task_replaces_the_older(client: Client, simulator: SimulatorThread) -> None:
+def test_newer_task_replaces_an_older_one(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     old = task(client, task_id=11)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -142,7 +143,7 @@ def test_newer_task_replaces_the_older(client: Client, simulator: SimulatorThrea
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_replaced_though_the_answer_comes_before_the_cancel(
+def test_replaced_when_the_answer_comes_before_the_cancel(
     client: Client, simulator: SimulatorThread
 ) -> None:
     late: list = []
@@ -166,7 +167,7 @@ def test_replaced_though_the_answer_comes_before_the_cancel(
     assert new.result()[0] == SUCCEEDED
 
 
-def test_refused_newer_task_leaves_the_older_in_charge(
+def test_refused_newer_task_does_not_replace_the_older_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     slow_down(simulator)
@@ -179,7 +180,9 @@ def test_refused_newer_task_leaves_the_older_in_charge(
     assert old.result()[0] == SUCCEEDED
 
 
-def test_same_id_while_the_first_runs(client: Client, simulator: SimulatorThread) -> None:
+def test_id_used_again_while_the_first_task_runs(
+    client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     old = task(client, task_id=9)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -192,7 +195,7 @@ def test_same_id_while_the_first_runs(client: Client, simulator: SimulatorThread
 
 
 @pytest.mark.parametrize("state", [COMPLETED, TASK_CANCELED, FAILED])
-def test_same_id_again_ignores_the_old_end(
+def test_id_used_again_ignores_the_old_end(
     client: Client, simulator: SimulatorThread, state: int
 ) -> None:
     assert short_task(client, 0.1, task_id=9).result()[0] == SUCCEEDED
@@ -221,10 +224,10 @@ def test_two_at_once(client: Client, simulator: SimulatorThread) -> None:
     assert ends[ABORTED].msg == REPLACED
 
 
-def test_lost_end_is_found_by_asking(
+def test_lost_end_is_found_by_polling(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     ended = (COMPLETED,)
     simulator.intercept(
         lambda out: (
@@ -237,10 +240,10 @@ def test_lost_end_is_found_by_asking(
     assert simulator.counts[TASK_PROC] > 0
 
 
-def test_silent_chassis_is_not_asked_often(
+def test_paused_task_is_polled_at_the_poll_period(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.2)
+    set_timing(monkeypatch, poll_period=0.2)
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -250,6 +253,6 @@ def test_silent_chassis_is_not_asked_often(
     wait_until(lambda: simulator.counts[TASK_PROC] >= asked + 4)
     assert time.monotonic() - begun > 0.5
     paused = [fb for fb in goal.feedback.messages if fb.state.value == 4]
-    assert len(paused) == 1, "what is known already is no feedback"
+    assert len(paused) == 1, "a repeated report is no feedback"
     goal.cancel()
     assert goal.result()[0] == CANCELED

@@ -1,4 +1,4 @@
-"""Cancelling goals, in every order of the client's wish, the chassis's answers and its reports."""
+"""Cancelling goals, with the cancel request, the chassis's answers and its reports in any order."""
 
 from __future__ import annotations
 
@@ -28,12 +28,14 @@ from tests.node.goals import (
     lift3,
     move_base,
     proc,
+    set_timing,
     short_task,
     slow_down,
     step,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED, GoalRun
+from woosh_robot_agent.actions import timing
+from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.hooks import Outgoing
@@ -44,7 +46,7 @@ ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftCont
 
 @pytest.fixture(autouse=True)
 def unhurried(agent: RunningAgent, simulator: SimulatorThread) -> None:
-    """What is to be cancelled must not have ended by itself."""
+    """Let no goal end by itself before it is cancelled."""
     slow_down(simulator)
 
 
@@ -54,7 +56,7 @@ def begun(goal: GoalClient, state: int) -> GoalClient:
 
 
 def without(*types: str, state: int | None = None) -> Callable[[Outgoing], list[Outgoing]]:
-    """Loses pushes of some types, those with one state only if it is given."""
+    """Lose pushes of some types, if `state` is given only those with that state."""
 
     def pass_on(out: Outgoing) -> list[Outgoing]:
         lost = out.type in types and not out.sn and state in (None, getattr(out.body, "state", 0))
@@ -99,17 +101,19 @@ def test_action(
     assert [getattr(call, member).action for call in sent] == [EXECUTE, CANCEL]
 
 
-def test_action_of_which_nothing_was_heard_before(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_action_before_its_first_report(client: Client, simulator: SimulatorThread) -> None:
     simulator.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
     goal = step(client, 20.0)
     simulator.wait_received(CALL_ACTION)
     goal.cancel()
-    assert goal.result(timeout=GoalRun.poll_period - 1)[0] == CANCELED, "without asking"
+    assert goal.result(timeout=timing.DEFAULT_TIMING.poll_period - 1)[0] == CANCELED, (
+        "without a poll"
+    )
 
 
-def test_it_is_the_chassis_that_ends_it(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_ends_only_when_the_chassis_says_so(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.intercept(without(TASK_PROC, state=TASK_CANCELED))
     goal = begun(task(client, task_id=4), EXECUTING)
     goal.cancel()
@@ -119,7 +123,7 @@ def test_it_is_the_chassis_that_ends_it(client: Client, simulator: SimulatorThre
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_refused_goes_on_and_can_be_asked_again(client: Client, simulator: SimulatorThread) -> None:
+def test_refused_cancel_can_be_repeated(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
     goal = begun(task(client), EXECUTING)
     goal.cancel()
@@ -131,7 +135,7 @@ def test_refused_goes_on_and_can_be_asked_again(client: Client, simulator: Simul
     assert simulator.counts[ACTION_ORDER] == 2
 
 
-def test_asked_again_before_the_first_answer(client: Client, simulator: SimulatorThread) -> None:
+def test_repeated_before_the_first_answer(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
     simulator.delay(ACTION_ORDER, 0.2)
     goal = begun(task(client), EXECUTING)
@@ -143,7 +147,7 @@ def test_asked_again_before_the_first_answer(client: Client, simulator: Simulato
     assert simulator.counts[ACTION_ORDER] == 2
 
 
-def test_refused_goes_on_to_its_end(client: Client, simulator: SimulatorThread) -> None:
+def test_refused_cancel_lets_the_goal_succeed(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
     goal = begun(task(client), EXECUTING)
     goal.cancel()
@@ -152,7 +156,7 @@ def test_refused_goes_on_to_its_end(client: Client, simulator: SimulatorThread) 
 
 
 def test_before_the_chassis_answered_the_start(client: Client, simulator: SimulatorThread) -> None:
-    """Nothing is known of the goal yet: a cancel might hit another."""
+    """The chassis may still execute another goal, which a cancel would hit."""
     answered = threading.Event()
 
     def hold(out: Outgoing) -> list[Outgoing]:
@@ -166,7 +170,7 @@ def test_before_the_chassis_answered_the_start(client: Client, simulator: Simula
     assert client_is_served(client)
     assert simulator.counts[ACTION_ORDER] == 0
     answered.set()
-    simulator.push(proc(4, EXECUTING))  # says as much as the answer would
+    simulator.push(proc(4, EXECUTING))  # tells as much as the answer would
     assert goal.result()[0] == CANCELED
     assert simulator.counts[ACTION_ORDER] == 1
 
@@ -187,7 +191,7 @@ def test_of_a_goal_that_is_refused_cancels_nothing(
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_of_the_older_goal_does_not_hit_the_newer(
+def test_of_a_replaced_goal_does_not_hit_the_newer_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     old = begun(task(client), EXECUTING)
@@ -214,10 +218,10 @@ def test_races_with_the_end(client: Client, simulator: SimulatorThread, turn: in
     status, ret = goal.result()
     ends = {SUCCEEDED: COMPLETED, CANCELED: TASK_CANCELED}
     assert ret.state.value == ends[status]
-    assert short_task(client, 0.1).result()[0] == SUCCEEDED, "nothing of it is left over"
+    assert short_task(client, 0.1).result()[0] == SUCCEEDED, "nothing is left of the first goal"
 
 
-def test_after_the_end_changes_nothing(client: Client, simulator: SimulatorThread) -> None:
+def test_after_the_end_does_nothing(client: Client, simulator: SimulatorThread) -> None:
     hurry(simulator)
     goal = short_task(client, 0.05)
     assert goal.result()[0] == SUCCEEDED
@@ -225,19 +229,17 @@ def test_after_the_end_changes_nothing(client: Client, simulator: SimulatorThrea
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_unanswered_cancel_is_done_when_the_reports_say_so(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_unanswered_cancel_ends_with_the_report(client: Client, simulator: SimulatorThread) -> None:
     simulator.mute(ACTION_ORDER)
     goal = begun(task(client), EXECUTING)
     goal.cancel()
     assert goal.result()[0] == CANCELED
 
 
-def test_lost_report_of_the_cancel_is_found_by_asking(
+def test_lost_report_of_the_cancel_is_found_by_polling(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.3)
+    set_timing(monkeypatch, poll_period=0.3)
     goal = begun(task(client), EXECUTING)
     simulator.intercept(without(TASK_PROC))
     goal.cancel()
@@ -245,7 +247,7 @@ def test_lost_report_of_the_cancel_is_found_by_asking(
     assert simulator.counts[ACTION_ORDER] == 1
 
 
-def test_while_the_link_is_down_is_sent_once_when_it_is_back(
+def test_while_the_link_is_lost_is_sent_once_when_it_is_back(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = begun(task(client, mark="A23"), EXECUTING)
@@ -258,7 +260,7 @@ def test_while_the_link_is_down_is_sent_once_when_it_is_back(
     assert simulator.counts[ACTION_ORDER] == 1
 
 
-def test_while_the_link_is_down_of_an_action(client: Client, simulator: SimulatorThread) -> None:
+def test_while_the_link_is_lost_of_an_action(client: Client, simulator: SimulatorThread) -> None:
     goal = begun(step(client, 100.0), 2)
     simulator.stop_listening()
     goal.cancel()
@@ -267,10 +269,10 @@ def test_while_the_link_is_down_of_an_action(client: Client, simulator: Simulato
     assert simulator.counts[CALL_ACTION] == 2
 
 
-def test_answered_cancel_is_not_sent_again_after_a_lost_link(
+def test_refused_cancel_is_not_sent_again_after_a_lost_link(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """A refusal is an answer: to ask again is up to the client."""
+    """A refusal is an answer: it is up to the client to ask again."""
     goal = begun(task(client), EXECUTING)
     simulator.refuse(ACTION_ORDER, "later")
     goal.cancel()
@@ -303,10 +305,10 @@ def test_everything_of_every_action(client: Client, simulator: SimulatorThread) 
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_everything_with_a_replaced_goal_under_way(
+def test_everything_while_a_goal_is_being_replaced(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.5)
+    set_timing(monkeypatch, poll_period=0.5)
     old = begun(task(client), EXECUTING)
     held = Held(simulator, EXEC_TASK)
     remove = simulator.intercept(without(TASK_PROC))
@@ -321,5 +323,5 @@ def test_everything_with_a_replaced_goal_under_way(
 
 
 def client_is_served(client: Client) -> bool:
-    """A round trip through the agent and the chassis, so that what came before it has been done."""
+    """Make a round trip through agent and chassis, so that everything before it is done."""
     return client.call(RobotState, "robot/RobotState") is not None

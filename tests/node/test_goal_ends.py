@@ -1,4 +1,4 @@
-"""Goals of which the chassis tells nothing any more, though the link is well: they end as well."""
+"""Goals that are given up because the chassis tells nothing of them, though the link is up."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from tests.node.goals import (
     SUCCEEDED,
     TASK_PROC,
     feedbacks,
+    set_timing,
     slow_down,
     step,
     task,
 )
-from woosh_robot_agent.actions import doubt
-from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
@@ -36,7 +35,7 @@ KINDS = pytest.mark.parametrize("kind", ["task", "action"])
 
 @pytest.fixture
 def link_timeout() -> float:
-    """s; what waits in vain ends soon, but not for the pauses of a slow machine."""
+    """Return a timeout in seconds: short, but longer than the pauses of a busy machine."""
     return 2.0
 
 
@@ -47,9 +46,8 @@ def agent(
     link_timeout: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> RunningAgent:
-    """As everywhere, but in haste."""
-    monkeypatch.setattr(GoalRun, "poll_period", 0.1)
-    monkeypatch.setattr(doubt, "CANCEL_PATIENCE", 2.0)
+    """Start the agent with short timeouts."""
+    set_timing(monkeypatch, poll_period=0.1, min_cancel_timeout=2.0)
     started = start_agent(
         ip="127.0.0.1", port=simulator.port, goal_link_timeout=link_timeout, poll_timeout=1000
     )
@@ -59,7 +57,7 @@ def agent(
 
 
 def begun(client: Client, kind: str) -> GoalClient:
-    """A goal which the chassis has reported on."""
+    """Start a goal and wait for a report on it."""
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     goal.feedback.wait(lambda fb: fb.state.value == (EXECUTING if kind == "task" else 2))
     return goal
@@ -74,7 +72,7 @@ def no_pushes(out: Outgoing) -> list[Outgoing]:
 
 
 def knows_nothing(out: Outgoing) -> list[Outgoing]:
-    """Neither a push nor an answer tells of an action."""
+    """Neither pushes nor answers report on an action."""
     answered = out.request == FEEDBACKS
     return no_pushes(dataclasses.replace(out, body=Feedbacks()) if answered else out)
 
@@ -87,19 +85,19 @@ def wait_asked(simulator: SimulatorThread, kind: str, more: int) -> None:
 # The chassis never reports
 
 
-def test_taken_but_never_reported_on(client: Client, simulator: SimulatorThread) -> None:
+def test_accepted_but_never_reported_on(client: Client, simulator: SimulatorThread) -> None:
     simulator.intercept(knows_nothing)
     status, ret = step(client, 100.0).result()
     assert (status, ret.state.value) == (ABORTED, -1)
-    assert "took the goal" in ret.msg
+    assert "accepted the goal" in ret.msg
     assert "no report on it" in ret.msg
-    assert "the robot may be doing it" in ret.msg
-    assert "service `stop`" in ret.msg
+    assert "the robot may still be executing it" in ret.msg
+    assert "`stop` service" in ret.msg
     assert simulator.counts[FEEDBACKS] >= 3
 
 
 @KINDS
-def test_taken_by_a_chassis_that_refuses_to_be_asked(
+def test_accepted_by_a_chassis_that_refuses_polls(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     simulator.intercept(no_pushes)
@@ -113,7 +111,7 @@ def test_taken_by_a_chassis_that_refuses_to_be_asked(
 def test_reported_on_once_goes_on(
     client: Client, simulator: SimulatorThread, refused: bool
 ) -> None:
-    """A long step reports seldom, and a chassis may not answer the question with it."""
+    """A long step is reported on seldom, and a chassis may leave it out when polled."""
     goal = begun(client, "action")
     remove = simulator.intercept(knows_nothing)
     if refused:
@@ -125,11 +123,11 @@ def test_reported_on_once_goes_on(
     assert goal.result()[0] == SUCCEEDED
 
 
-# The chassis answers no question
+# The chassis answers no poll
 
 
 @KINDS
-def test_unanswered_questions_beside_other_pushes(
+def test_unanswered_polls_beside_other_pushes(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     goal = begun(client, kind)
@@ -137,7 +135,7 @@ def test_unanswered_questions_beside_other_pushes(
     simulator.mute(questions(kind))
 
     def ended() -> bool:
-        simulator.push(PoseSpeed())  # it is not silent altogether
+        simulator.push(PoseSpeed())  # so that it is not silent
         return bool(goal.done)
 
     wait_until(ended, timeout=30.0)
@@ -145,10 +143,10 @@ def test_unanswered_questions_beside_other_pushes(
     assert status == ABORTED
     assert "no report on it" in ret.msg
     assert "did not answer" in ret.msg
-    assert "service `stop`" in ret.msg
+    assert "`stop` service" in ret.msg
 
 
-def test_unanswered_questions_with_a_report_now_and_then(
+def test_unanswered_polls_with_a_report_now_and_then(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = begun(client, "action")
@@ -174,11 +172,11 @@ def test_unanswered_questions_with_a_report_now_and_then(
     assert goal.result()[0] == SUCCEEDED
 
 
-# The chassis takes a cancel
+# The chassis accepts a cancel
 
 
 @KINDS
-def test_cancel_that_was_taken_and_brings_no_end(
+def test_accepted_cancel_without_an_end(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     goal = begun(client, kind)
@@ -189,12 +187,10 @@ def test_cancel_that_was_taken_and_brings_no_end(
     assert status == ABORTED
     assert "accepted the cancel" in ret.msg
     assert "for 4 s" in ret.msg
-    assert "service `stop`" in ret.msg
+    assert "`stop` service" in ret.msg
 
 
-def test_cancel_that_was_taken_while_reports_go_on(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_accepted_cancel_while_reports_go_on(client: Client, simulator: SimulatorThread) -> None:
     goal = begun(client, "action")
 
     def still_at_it(out: Outgoing) -> list[Outgoing]:

@@ -22,11 +22,14 @@ from tests.node.goals import (
     hurry,
     move_base,
     proc,
+    set_timing,
     short_task,
     slow_down,
     step,
     task,
 )
+from woosh_robot_agent.actions.events import Event, Tick
+from woosh_robot_agent.actions.phase import Phase
 from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
@@ -64,7 +67,7 @@ def agent(
 
 @pytest.fixture(autouse=True)
 def haste(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(GoalRun, "poll_period", 0.6)
+    set_timing(monkeypatch, poll_period=0.6)
 
 
 def pause(simulator: SimulatorThread) -> None:
@@ -279,18 +282,20 @@ def test_nothing_is_asked_before_the_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the chassis tells then may be of the goal before; nor does the wait keep it busy."""
-    monkeypatch.setattr(GoalRun, "poll_period", 0.02)
-    ticks: list[tuple[bool, int]] = []
+    set_timing(monkeypatch, poll_period=0.02)
+    ticks: list[tuple[Phase, int]] = []
 
     def asked() -> int:
         return simulator._simulator.counts[FEEDBACKS]
 
-    look = GoalRun._look_at_the_time
-    monkeypatch.setattr(
-        GoalRun,
-        "_look_at_the_time",
-        lambda run: ticks.append((run._answered, asked())) or look(run),
-    )
+    post = GoalRun.post
+
+    def count_ticks(run: GoalRun, event: Event) -> None:
+        if isinstance(event, Tick):
+            ticks.append((run.phase, asked()))
+        post(run, event)
+
+    monkeypatch.setattr(GoalRun, "post", count_ticks)
     simulator.mute(CALL_ACTION)
     simulator.intercept(lambda out: [out] if out.sn else [])
     slow_down(simulator)
@@ -298,7 +303,7 @@ def test_nothing_is_asked_before_the_answer(
     simulator.wait_received(FEEDBACKS)
     hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
-    before = [count for answered, count in ticks if not answered]
+    before = [count for phase, count in ticks if phase is Phase.STARTING]
     assert 5 < len(before) < 100, "every 0.02 s for 1 s"
     assert set(before) == {0}
     assert simulator.counts[FEEDBACKS] > 0
@@ -336,7 +341,7 @@ def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: st
     status, ret = goal.result()
     assert status == ABORTED
     assert "does not answer" in ret.msg
-    assert "the robot may go on with it" in ret.msg
+    assert "the robot may still be executing it" in ret.msg
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])

@@ -13,7 +13,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import Log
@@ -22,7 +22,7 @@ from rclpy.logging import LoggingSeverity
 
 from tests.harness import Client
 from tests.robustness.traffic import DuplicateAnswers, Traffic
-from woosh_robot_agent.actions.run import GoalRun
+from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link.transport.tcp import TcpTransport
 from woosh_robot_agent.link.transport.websocket import WebSocketTransport
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
@@ -257,8 +257,9 @@ def is_twist(data: str | bytes) -> bool:
 @contextlib.contextmanager
 def _short_poll_period() -> Iterator[None]:
     """Let silent goals be queried more often than usual."""
-    usual, GoalRun.poll_period = GoalRun.poll_period, _POLL_PERIOD
+    default = timing.DEFAULT_TIMING
+    timing.DEFAULT_TIMING = replace(default, poll_period=_POLL_PERIOD)
     try:
         yield
     finally:
-        GoalRun.poll_period = usual
+        timing.DEFAULT_TIMING = default

@@ -1,19 +1,25 @@
-"""All actions of the table, put together."""
+"""The action servers of all actions in the table, and the goals that they accepted."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.actions.call_actions import CallActionRun
-from woosh_robot_agent.actions.events import CancelAsked, Event, LinkChanged, Report
-from woosh_robot_agent.actions.run import STOPPING, Context, GoalRun, Runs
+from woosh_robot_agent.actions import timing
+from woosh_robot_agent.actions.call_actions import CallActionGoal
+from woosh_robot_agent.actions.context import Context
+from woosh_robot_agent.actions.events import CancelRequested, Event, LinkChanged, Pushed
+from woosh_robot_agent.actions.kind import GoalKind
+from woosh_robot_agent.actions.open_goals import OpenGoals
+from woosh_robot_agent.actions.run import STOPPING, GoalRun
 from woosh_robot_agent.actions.server import Goal, GoalServer
-from woosh_robot_agent.actions.tasks import FreshIds, TaskRun
+from woosh_robot_agent.actions.tasks import TaskGoal, TaskIds
+from woosh_robot_agent.actions.timing import GoalTiming
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import ACTIONS
@@ -28,17 +34,17 @@ from woosh_robot_agent.ros_types import class_of
 
 
 class Actions:
-    """All action servers, and the runs of their goals.
+    """All action servers and their goals.
 
     Args:
         node: owner of the servers.
         thread: runs the link and the goals.
-        chassis: to be used in the link's thread only.
-        gate: passes commands on.
+        chassis: the link; only used in the link's thread.
+        gate: sends commands.
         known: what the chassis last said.
-        requests: makes the chassis's messages of the clients'.
-        link_timeout: gives the s for which a goal stays open without a link.
-        result_timeout: s for which results are kept.
+        requests: makes the chassis's messages from those of clients.
+        link_timeout: returns `GoalTiming.link_timeout`, in seconds.
+        result_timeout: time for which results are kept, in seconds.
     """
 
     def __init__(
@@ -53,14 +59,16 @@ class Actions:
         result_timeout: int,
     ) -> None:
         self._thread = thread
-        self._chassis = chassis
-        self._runs: list[Runs] = []
+        self._link_timeout = link_timeout
+        self._open_goals: list[OpenGoals] = []
+        """The open goals of each action."""
         self._tasks: set[asyncio.Task[None]] = set()
-        self._ready = False
-        self._stopping = False
-        self._feedbacks: dict[str, Feedback] = {}
+        self._is_link_ready = False
+        self._is_stopping = False
+        self._last_feedback: dict[str, Feedback] = {}
+        """The last feedback on each call action, by its protobuf full name."""
         self.servers: list[GoalServer] = []
-        ids = FreshIds()
+        task_ids = TaskIds()
         for action in ACTIONS:
             action_class = class_of(action.action, "action")
             arg, fb = (
@@ -70,63 +78,69 @@ class Actions:
                     (action_class.Feedback, "fb", action.feedback),
                 )
             )
-            runs = Runs()
-            self._runs.append(runs)
-            to_proto = partial(requests.make, arg)
             context = Context(
-                chassis, gate, runs, link_timeout, to_proto, requests.empty, fb.to_ros
+                chassis,
+                gate,
+                OpenGoals(),
+                self._timing,
+                partial(requests.make, arg),
+                requests.empty,
+                fb.to_ros,
             )
-            make = (
+            self._open_goals.append(context.open_goals)
+            make_kind: Callable[[Any], GoalKind] = (
                 partial(
-                    CallActionRun,
+                    CallActionGoal,
                     context=context,
                     member=action.member,
                     action=action.arg,
-                    known=self._feedbacks,
+                    last_feedback=self._last_feedback,
                 )
                 if action.member
-                else partial(TaskRun, context=context, ids=ids, known=known)
+                else partial(TaskGoal, context=context, ids=task_ids, known=known)
             )
-            self.servers.append(
-                GoalServer(
-                    node, action_class, action.name, partial(self._start, make), result_timeout
-                )
-            )
+            start = partial(self._start, make_kind, context)
+            self.servers.append(GoalServer(node, action_class, action.name, start, result_timeout))
         for report in (TaskProc, Feedbacks):
-            chassis.subscribe(report, self._reported)
+            chassis.subscribe(report, self._pushed)
         chassis.on_state(self._link_changed)
 
     async def stop(self) -> None:
         """Abort the open goals, and any that still come; in the link's thread."""
-        self._stopping = True
+        self._is_stopping = True
         tasks = tuple(self._tasks)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def destroy(self) -> None:
-        """Take the servers off the graph; rclpy's `destroy_node` leaves them there."""
+        """Remove the servers from the graph; rclpy's `destroy_node` leaves them there."""
         for server in self.servers:
             server.destroy()
 
     @property
     def open_goals(self) -> int:
-        """Goals that have not ended yet, their results included."""
+        """Number of goals that have not ended, or whose results have not reached their clients."""
         return sum(server.open_goals for server in self.servers)
 
     @property
     def running_goals(self) -> int:
-        """Goals that the robot may be at work on; in the link's thread."""
-        return sum(len(runs.open) for runs in self._runs)
+        """Number of goals that the robot may be executing; in the link's thread."""
+        return sum(len(open_goals) for open_goals in self._open_goals)
 
-    def _start(self, make: Callable[[Goal], GoalRun], goal: Goal) -> None:
-        self._thread.spawn(partial(self._run, make, goal))
+    def _timing(self) -> GoalTiming:
+        return replace(timing.DEFAULT_TIMING, link_timeout=self._link_timeout())
 
-    async def _run(self, make: Callable[[Goal], GoalRun], goal: Goal) -> None:
-        run = make(goal)
-        goal.on_cancel(partial(self._thread.call, run.post, CancelAsked()))
-        if self._stopping:
-            run.finish(run.aborted(STOPPING))
+    def _start(self, make_kind: Callable[[Any], GoalKind], context: Context, goal: Goal) -> None:
+        self._thread.spawn(partial(self._run, make_kind, context, goal))
+
+    async def _run(
+        self, make_kind: Callable[[Any], GoalKind], context: Context, goal: Goal
+    ) -> None:
+        run = GoalRun(goal, make_kind(goal.arg), context)
+        goal.on_cancel(partial(self._thread.call, run.post, CancelRequested()))
+        if self._is_stopping:
+            run.abort(STOPPING)
             return
         task = asyncio.current_task()
         assert task is not None
@@ -136,20 +150,20 @@ class Actions:
         finally:
             self._tasks.discard(task)
 
-    def _reported(self, message: Message) -> None:
-        self._post(Report(message))
+    def _pushed(self, message: Message) -> None:
+        self._post(Pushed(message))
         if isinstance(message, Feedbacks):
-            self._feedbacks.update((feedback.action, feedback) for feedback in message.fbs)
+            self._last_feedback.update((feedback.action, feedback) for feedback in message.fbs)
 
     def _link_changed(self, state: LinkState) -> None:
         ready = state is LinkState.READY
-        if ready != self._ready:
-            self._ready = ready
+        if ready != self._is_link_ready:
+            self._is_link_ready = ready
             self._post(LinkChanged(ready))
 
     def _post(self, event: Event) -> None:
-        for runs in self._runs:
-            runs.post(event)
+        for open_goals in self._open_goals:
+            open_goals.post(event)
 
 
 def _field_class(part: Any, name: str) -> Any:

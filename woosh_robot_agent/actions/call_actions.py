@@ -1,15 +1,16 @@
-"""Goals that woosh.ros.CallAction starts and woosh.ros.Feedbacks reports on: steps, lifts, ways."""
+"""Goals of woosh.ros.CallAction: steps, lifts and paths, with reports in woosh.ros.Feedbacks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.actions.events import End, Report
-from woosh_robot_agent.actions.run import NO_REASON, Context, GoalRun
-from woosh_robot_agent.actions.server import Goal, Outcome
-from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.actions.attribution import Attribution
+from woosh_robot_agent.actions.context import Context
+from woosh_robot_agent.actions.kind import Findings, Order, Report, Start
+from woosh_robot_agent.actions.outcome import Outcome
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 
@@ -19,111 +20,78 @@ _OUTCOMES = {
     ros_pack_pb2.kRosExecuteFailed: Outcome.ABORTED,
     ros_pack_pb2.kRosCancel: Outcome.CANCELED,
 }
-_NO_ACTIONS = (ros_pack_pb2.kRosWiFiCode, ros_pack_pb2.kRosWiFiJson)
+_NOT_OF_ACTIONS = (ros_pack_pb2.kRosWiFiCode, ros_pack_pb2.kRosWiFiJson)
+"""States of feedback that is about no action."""
 
 
-class CallActionRun(GoalRun):
+class CallActionGoal:
     """One command to an actuator or to the base.
 
     Args:
+        arg: the command, as the client gave it.
+        context: what all goals of the action share.
         member: member of the oneof of CallAction.
-        action: protobuf full name of the command, by which the chassis reports on it.
-        known: the last feedback of each action, kept by the runs.
+        action: protobuf full name of the command, under which the chassis reports on it.
+        last_feedback: the last feedback on each action, by that name.
     """
 
     def __init__(
         self,
-        goal: Goal,
+        arg: Any,
         context: Context,
         *,
         member: str,
         action: str,
-        known: dict[str, Feedback],
+        last_feedback: Mapping[str, Feedback],
     ) -> None:
-        super().__init__(goal, context)
+        self.name = action  # feedback has no ids
+        self._arg = arg
+        self._context = context
         self._member = member
-        self._action = action
         self._command: Any = None
-        # feedbacks have no id: the end of what ran before must not count as that of this goal
-        self.predecessors = self.runs.moving
-        self.inherited = tuple(Outcome) if self.predecessors else (Outcome.CANCELED,)
-        self._last: Feedback | None = None
-        self._before = known.get(action)
+        """The command to the chassis, once it is made."""
+        predecessors = context.open_goals.may_run(action)
+        self.attribution = Attribution(
+            predecessors,
+            # the end of what another program ran may still be on its way, too
+            inherited=Outcome if predecessors else (Outcome.CANCELED,),
+            repeats_ends=True,
+            previous=last_feedback.get(action),
+        )
 
-    async def live(self) -> End:
-        """Start what the goal commands and follow it, or pass on an order about what runs."""
-        self._command = self.to_proto(self.goal.arg)
+    def request(self) -> Start | Order:
+        self._command = self._context.to_proto(self._arg)
+        action = self._command.action
         # the documented MoveBase example gives no action, which reads as 0, cancel
-        if self._command.action == action_pb2.kCancel and not is_empty(self._command):
-            self._command.action = action_pb2.kExecute
-        if self._command.action == action_pb2.kExecute:
-            return await super().live()
-        return await self._order()
+        if action == action_pb2.kCancel and not _is_empty(self._command):
+            action = action_pb2.kExecute
+        call = self._call(action)
+        return Start(call) if action == action_pb2.kExecute else Order(call, self._success)
 
-    def make_request(self) -> Message:
-        """See `GoalRun.make_request`."""
-        return self._call(self._command.action)
-
-    def make_cancel(self) -> Message:
-        """See `GoalRun.make_cancel`."""
+    def cancel_request(self) -> Message:
         return self._call(action_pb2.kCancel)
 
-    def failed(self, reason: str) -> Message:
-        """See `GoalRun.failed`."""
-        return Feedback(action=self._action, state=ros_pack_pb2.kRosFailure, msg=reason)
+    def read(self, message: Message) -> Iterable[Report]:
+        if not isinstance(message, Feedbacks):
+            return []
+        return [
+            Report(feedback, _OUTCOMES.get(feedback.state))
+            for feedback in message.fbs
+            if feedback.action == self.name and feedback.state not in _NOT_OF_ACTIONS
+        ]
 
-    def read(self, report: Message) -> End | None:
-        """See `GoalRun.read`."""
-        if not isinstance(report, Feedbacks):
-            return None
-        for feedback in report.fbs:
-            if feedback.action != self._action or feedback.state in _NO_ACTIONS:
-                continue
-            outcome = _OUTCOMES.get(feedback.state)
-            if not self.is_mine(outcome):
-                continue
-            self._last = feedback
-            self.heard()
-            self.goal.feedback(self.to_ros(feedback))
-            if outcome is not None:
-                return End(outcome, feedback)
-        return None
+    async def poll(self) -> Findings:
+        answer = await self._context.chassis.request(self._context.empty(Feedbacks))
+        body = answer.body
+        if not answer.ok or body is None:
+            return Findings()  # a chassis that refuses to be polled has to report by itself
+        return Findings(tuple(self.read(body)))
 
-    async def recover(self) -> End | None:
-        """See `GoalRun.recover`. A chassis that refuses to be asked has to report by itself."""
-        answer = await self.chassis.request(self.query(Feedbacks))
-        if not answer.ok or not isinstance(answer.body, Feedbacks):
-            return None
-        for feedback in answer.body.fbs:
-            if feedback.action != self._action:
-                continue
-            if feedback == self._last:  # told already
-                self.heard()
-            elif self._is_news(feedback):
-                self.post(Report(Feedbacks(fbs=[feedback])))
-        return None
+    def failure(self, reason: str) -> Message:
+        return Feedback(action=self.name, state=ros_pack_pb2.kRosFailure, msg=reason)
 
-    def _is_news(self, feedback: Feedback) -> bool:
-        """Whether it can be on this goal: the chassis also gives what it did before."""
-        if self.was_heard or feedback.state not in _OUTCOMES:
-            return True
-        before, self._before = self._before, None
-        if self.took.done():
-            return feedback != before  # the second time it is: this goal ended in the same way
-        self._before = before
-        return before is not None and feedback != before
-
-    async def _order(self) -> End:
-        """Such a goal ends with the answer, and leaves the running goal in charge."""
-        self.took.set_result(False)
-        try:
-            answer = await self.gate.request(self.make_request())
-        except LinkError as error:
-            return self.aborted(str(error))
-        if not answer.ok:
-            return self.aborted(answer.msg or NO_REASON)
-        done = Feedback(action=self._action, state=ros_pack_pb2.kRosSuccess, msg=answer.msg)
-        return End(Outcome.SUCCEEDED, done)
+    def _success(self, text: str) -> Message:
+        return Feedback(action=self.name, state=ros_pack_pb2.kRosSuccess, msg=text)
 
     def _call(self, action: int) -> CallAction:
         call = CallAction()
@@ -133,9 +101,9 @@ class CallActionRun(GoalRun):
         return call
 
 
-def is_empty(command: Message) -> bool:
-    """Whether a command says nothing but, perhaps, its `action`."""
+def _is_empty(command: Message) -> bool:
+    """Return True if a command says nothing but, perhaps, its `action`."""
     return all(
-        field.name == "action" or (hasattr(value, "ListFields") and is_empty(value))
+        field.name == "action" or (hasattr(value, "ListFields") and _is_empty(value))
         for field, value in command.ListFields()
     )

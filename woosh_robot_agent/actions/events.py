@@ -1,4 +1,4 @@
-"""What can happen to a goal."""
+"""The events that a goal handles, one at a time."""
 
 from __future__ import annotations
 
@@ -6,64 +6,62 @@ from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.actions.server import Outcome
+from woosh_robot_agent.actions.kind import Findings
 from woosh_robot_agent.link import Answer, LinkError
 
 
 @dataclass(frozen=True)
-class End:
-    """How a goal ended, and the chassis's last report on it."""
-
-    outcome: Outcome
-    ret: Message
-
-
-@dataclass(frozen=True)
-class Report:
-    """A push, or an answer that says the same."""
+class Pushed:
+    """The chassis pushed a message with reports, perhaps on other goals."""
 
     message: Message
 
 
 @dataclass(frozen=True)
 class LinkChanged:
-    """The link became ready, or is not so any more."""
+    """The link became ready, or stopped being ready."""
 
     ready: bool
 
 
 @dataclass(frozen=True)
-class Answered:
-    """The chassis's answer to the start of the goal, or why there is none."""
+class StartAnswered:
+    """The chassis answered the start request, or sending it failed."""
 
     answer: Answer | Exception
 
 
 @dataclass(frozen=True)
-class Asked:
-    """The chassis was asked how the goal stands; what it knows of it has been posted before this.
+class Polled:
+    """The chassis answered a poll."""
 
-    Attributes:
-        end: the goal's end, if the chassis does not know it.
-        error: why it could not be asked, None if it answered.
-        silent: whether nothing at all came from it meanwhile.
-    """
-
-    end: End | None
-    error: LinkError | None = None
-    silent: bool = False
+    findings: Findings
 
 
-class CancelAsked:
-    """The client wants the goal cancelled."""
+@dataclass(frozen=True)
+class PollFailed:
+    """A poll got no answer."""
+
+    error: LinkError
+    silent: bool
+    """True if the poll timed out and nothing at all came from the chassis meanwhile."""
 
 
+@dataclass(frozen=True)
+class CancelRequested:
+    """The client asked to cancel the goal."""
+
+
+@dataclass(frozen=True)
 class Replaced:
-    """The chassis took a newer goal of the same action."""
+    """The chassis accepted a newer goal of the same action."""
 
 
+@dataclass(frozen=True)
 class Tick:
-    """Time to look whether the goal has waited long enough."""
+    """A deadline passed, or the next poll is due."""
 
 
-Event = Report | LinkChanged | Answered | Asked | CancelAsked | Replaced | Tick
+Event = (
+    Pushed | LinkChanged | StartAnswered | Polled | PollFailed | CancelRequested | Replaced | Tick
+)

@@ -1,417 +1,321 @@
-"""The life of a goal in the link's thread: send, follow the chassis's reports, end."""
+"""The life of a goal in the link's thread: send it, follow the chassis's reports, end it."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Coroutine
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.actions.doubt import Doubt
+from woosh_robot_agent.actions.cancellation import Cancellation
+from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.events import (
-    Answered,
-    Asked,
-    CancelAsked,
-    End,
+    CancelRequested,
     Event,
     LinkChanged,
+    Polled,
+    PollFailed,
+    Pushed,
     Replaced,
-    Report,
+    StartAnswered,
     Tick,
 )
-from woosh_robot_agent.actions.server import Goal, Outcome
+from woosh_robot_agent.actions.give_up import GiveUp
+from woosh_robot_agent.actions.kind import GoalKind, Order, Report, Start
+from woosh_robot_agent.actions.outcome import End, Outcome
+from woosh_robot_agent.actions.phase import TRANSITIONS, Phase, Step
+from woosh_robot_agent.actions.server import Goal
 from woosh_robot_agent.convert import BadFieldError
 from woosh_robot_agent.link import (
     Answer,
-    ChassisClient,
     ConnectionLostError,
     LinkError,
     LinkState,
     RequestTimeoutError,
 )
-from woosh_robot_agent.motion.gate import MotionGate
 
 _LOG = logging.getLogger(__name__)
 
-_HASTE = 0.2
-"""Share of the usual pause between two questions while a goal's state is in doubt."""
-REPLACED = "replaced by a newer goal, which the chassis took"
-STOPPING = "the agent is stopping; the robot may go on with it"
-NO_REASON = "the chassis refused without a reason"
+REPLACED = "replaced by a newer goal that the chassis accepted"
+STOPPING = "the agent is stopping; the robot may still be executing the goal"
+_NO_REASON = "the chassis refused the goal without giving a reason"
 
 
-class Runs:
-    """The goals of one action that are under way, oldest first."""
+class GoalRun:
+    """One goal, from its acceptance by the action server to its end.
 
-    def __init__(self) -> None:
-        self.open: list[GoalRun] = []
+    Events are handled one at a time by `_follow`, the only reader of the queue. Requests run in
+    tasks of their own, so that nothing waits for their answers.
 
-    def post(self, event: Event) -> None:
-        """Tell every open goal."""
-        for run in self.open:
-            run.post(event)
+    Args:
+        goal: the goal as the action server has it.
+        kind: what is particular to this kind of goal.
+        context: what all goals of the action share.
+    """
+
+    def __init__(self, goal: Goal, kind: GoalKind, context: Context) -> None:
+        loop = asyncio.get_running_loop()
+        self.phase = Phase.NEW
+        """Phase of the goal; only `_advance` changes it."""
+        self.accepted: asyncio.Future[bool] = loop.create_future()
+        """Becomes True when the chassis accepted the goal, False when it will never do so."""
+        self._goal = goal
+        self._kind = kind
+        self._context = context
+        self._timing = context.timing()
+        self._clock = loop.time
+        self._events: asyncio.Queue[Event] = asyncio.Queue()
+        self._attribution = kind.attribution
+        self._last_report: Message | None = None
+        """The last report on this goal."""
+        self._give_up = GiveUp(self._timing, self._clock)
+        self._cancellation = Cancellation(
+            kind.name,
+            send=lambda: context.gate.request(kind.cancel_request()),
+            replaced=lambda: context.open_goals.newer_accepted(self),
+            accepted=self._give_up.cancel_accepted,
+        )
+        self._next_poll = 0.0
+        self._starting: asyncio.Task[None] | None = None
+        self._polling: asyncio.Task[None] | None = None
 
     @property
-    def moving(self) -> int:
-        """For how many of them the chassis may be at work, or about to be."""
-        return sum(not run.took.done() or run.took.result() for run in self.open)
-
-    def took(self, run: GoalRun) -> None:
-        """The chassis took this goal: the one that it ran before is replaced."""
-        for older in self.open[: self.open.index(run)]:
-            older.post(Replaced())
-
-    async def newer_taken(self, run: GoalRun) -> bool:
-        """Whether the chassis takes a goal that came after this one; waits until that is known."""
-        while True:
-            newer = [other.took for other in self.open[self.open.index(run) + 1 :]]
-            if any(took.done() and took.result() for took in newer):
-                return True
-            unknown = [took for took in newer if not took.done()]
-            if not unknown:
-                return False
-            await asyncio.wait(unknown, return_when=asyncio.FIRST_COMPLETED)
-
-
-@dataclass(frozen=True)
-class Context:
-    """What all goals of one action have in common.
-
-    Attributes:
-        chassis: the link, in whose thread all of this runs.
-        gate: passes commands on.
-        runs: the action's open goals.
-        link_timeout: gives the s for which a goal stays open without a link.
-        to_proto: makes the chassis's message of the goal's `arg`.
-        query: makes a request that only names its type.
-        to_ros: makes the ROS message of a report.
-    """
-
-    chassis: ChassisClient
-    gate: MotionGate
-    runs: Runs
-    link_timeout: Callable[[], float]
-    to_proto: Callable[[Any], Message]
-    query: Callable[[type[Message]], Message]
-    to_ros: Callable[[Message], Any]
-
-
-class GoalRun(ABC):
-    """One goal. What is particular to a kind of goal is in the subclasses.
-
-    Attributes:
-        cancel_wanted: whether its client asked to cancel it.
-        took: whether the chassis took it, once that is known: by its answer, or by its reports.
-        inherited: ends that, as the first report, are those of an earlier goal that went under the
-            same name; none for a name that is new.
-        predecessors: how many earlier goals of that name may still be under way.
-        was_heard: whether there was a report on it.
-    """
-
-    poll_period = 5.0
-    """s without a report after which the chassis is asked, in case that a push was lost."""
-
-    def __init__(self, goal: Goal, context: Context) -> None:
-        self.goal = goal
-        self.chassis = context.chassis
-        self.gate = context.gate
-        self.runs = context.runs
-        self.link_timeout = context.link_timeout()
-        self.to_proto = context.to_proto
-        self.query = context.query
-        self.to_ros = context.to_ros
-        self.cancel_wanted = False
-        self.took: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        self.inherited: Collection[Outcome] = ()
-        self.predecessors = 0
-        self.was_heard = False
-        self._answered = False
-        self._events: asyncio.Queue[Event] = asyncio.Queue()
-        self._deadline: float | None = None
-        self._deadline_reason = ""
-        self._silent = False
-        """Whether the deadline is there because the chassis answers nothing."""
-        self._doubt = Doubt(self.link_timeout)
-        self._next_poll = 0.0
-        self._cancel_due = False
-        self._work: dict[str, asyncio.Task[None]] = {}
-
-    # What a kind of goal has to say
-
-    @abstractmethod
-    def make_request(self) -> Message:
-        """The request that starts the goal; BadFieldError if the robot must not get it."""
-
-    @abstractmethod
-    def make_cancel(self) -> Message:
-        """The request that cancels the goal."""
-
-    @abstractmethod
-    def failed(self, reason: str) -> Message:
-        """What the goal returns when it fails for `reason`."""
-
-    @abstractmethod
-    def read(self, report: Message) -> End | None:
-        """Pass a report on as feedback if it is on this goal; the end if it says so."""
-
-    @abstractmethod
-    async def recover(self) -> End | None:
-        """Ask the chassis how the goal stands, for want of reports.
-
-        Returns:
-            The end, if the chassis does not know the goal. What it does know is posted.
-
-        Raises:
-            LinkError: it cannot be asked.
-        """
-
-    # The life
+    def name(self) -> str:
+        """Name under which the chassis reports on the goal."""
+        return self._kind.name
 
     def post(self, event: Event) -> None:
-        """Tell the goal what happened; in the link's thread."""
-        if isinstance(event, CancelAsked):
-            self.cancel_wanted = True
+        """Hand an event to the goal; in the link's thread."""
+        if isinstance(event, CancelRequested):
+            self._cancellation.requested = True
         self._events.put_nowait(event)
 
     async def run(self) -> None:
-        """Live; the goal has ended when this returns."""
-        self.runs.open.append(self)
+        """Run the goal; it has ended when this returns."""
+        self._context.open_goals.add(self)
         try:
-            end = await self.live()
+            end = await self._send()
         except BadFieldError as error:
-            end = self.aborted(f"{error.below('arg')}; nothing was sent")
+            end = self._aborted(f"{error.below('arg')}; nothing was sent")
         except asyncio.CancelledError:
-            self.finish(self.aborted(STOPPING))
+            self.abort(STOPPING)
             raise
         except Exception as error:
-            _LOG.exception("a goal failed")
-            end = self.aborted(f"the agent failed: {error!r}; please report this")
+            _LOG.exception("%s failed", self.name)
+            end = self._aborted(f"the agent failed: {error!r}; please report this")
         finally:
-            if not self.took.done():
-                self.took.set_result(False)
-            self.runs.open.remove(self)
-            for task in self._work.values():
-                task.cancel()
-        self.finish(end)
+            self._advance(Step.END)
+            self._context.open_goals.remove(self)
+            self._cancellation.stop()
+            for task in (self._starting, self._polling):
+                if task is not None:
+                    task.cancel()
+        self._finish(end)
 
-    def aborted(self, reason: str) -> End:
-        """The end of a goal that failed for `reason`."""
-        return End(Outcome.ABORTED, self.failed(reason))
+    def abort(self, reason: str) -> None:
+        """End the goal as aborted for the client, whatever its phase."""
+        self._finish(self._aborted(reason))
 
-    def finish(self, end: End) -> None:
-        """Tell the client."""
-        self.goal.finish(end.outcome, self.to_ros(end.ret))
+    def _finish(self, end: End) -> None:
+        self._goal.finish(end.outcome, self._context.to_ros(end.result))
 
-    async def live(self) -> End:
-        """Send the goal, and follow it until it ends."""
+    def _aborted(self, reason: str) -> End:
+        return End(Outcome.ABORTED, self._kind.failure(reason))
+
+    def _aborted_if(self, reason: str | None) -> End | None:
+        return None if reason is None else self._aborted(reason)
+
+    # Phases
+
+    def _advance(self, step: Step) -> None:
+        """Enter the phase that follows after `step`, and do what entering it entails."""
+        before = self.phase
+        self.phase = TRANSITIONS.get((before, step), before)
+        if self.accepted.done():
+            return
+        if self.phase.accepted:
+            self.accepted.set_result(True)
+            self._context.open_goals.replace_older(self)
+            self._cancellation.send_soon()
+        elif self.phase in (Phase.ORDERING, Phase.ENDED):
+            self.accepted.set_result(False)
+
+    async def _send(self) -> End:
+        match self._kind.request():
+            case Start(message):
+                return await self._follow(message)
+            case Order() as order:
+                return await self._pass_on(order)
+
+    async def _pass_on(self, order: Order) -> End:
+        """Pass an order on; the goal that runs stays in charge of the reports."""
+        self._advance(Step.ORDER_SENT)
+        try:
+            answer = await self._context.gate.request(order.message)
+        except LinkError as error:
+            return self._aborted(str(error))
+        if not answer.ok:
+            return self._aborted(answer.msg or _NO_REASON)
+        return End(Outcome.SUCCEEDED, order.result(answer.msg))
+
+    async def _follow(self, start: Message) -> End:
+        """Send the start request and handle events until one of them ends the goal."""
         loop = asyncio.get_running_loop()
-        self._spawn("start", self._start(self.make_request()))
-        self._next_poll = self._now() + self.poll_period
+        self._starting = loop.create_task(self._send_start(start), name="goal: start")
+        self._advance(Step.START_SENT)
+        self._next_poll = self._clock() + self._timing.poll_period
         while True:
-            due = self._doubt.cancel_due if self._deadline is None else self._deadline
-            timer = loop.call_at(min(due, self._next_poll), self.post, Tick())
+            wake_up = min(self._give_up.deadline, self._next_poll)
+            timer = loop.call_at(wake_up, self.post, Tick())
             try:
                 event = await self._events.get()
             finally:
                 timer.cancel()
-            end = self._take(event)
+            end = self._handle(event)
             if end is not None:
-                return await self._judge(end)
+                return await self._explain(end)
 
-    def _take(self, event: Event) -> End | None:
-        match event:
-            case Report(message):
-                return self.read(message)
-            case Answered(answer):
-                self._answered = True
-                return self._started(answer)
-            case Replaced():
-                return self.aborted(REPLACED)
-            case CancelAsked():
-                self._cancel_due = True
-                self._cancel_soon()
-            case LinkChanged(ready=False):
-                self._limit(f"the link was lost ({self.chassis.last_error or 'it was closed'})")
-            case LinkChanged():
-                self._limit("the link was lost")
-                self._ask()
-            case Asked():
-                return self._learn(event)
-            case Tick():
-                return self._look_at_the_time()
-        return None
-
-    def _started(self, answer: Answer | Exception) -> End | None:
-        if isinstance(answer, Answer):
-            if not answer.ok:
-                return self.aborted(answer.msg or NO_REASON)
-            self._taken()
-        elif not isinstance(answer, LinkError):
-            raise answer
-        elif not isinstance(answer, RequestTimeoutError | ConnectionLostError):
-            return self.aborted(str(answer))
-        else:
-            _LOG.warning("a goal has no answer: %s; asking how it stands", answer)
-            if not self.was_heard:
-                self._limit(f"no answer to the goal: {answer}")
-            self._ask()
-        return None
-
-    def _learn(self, asked: Asked) -> End | None:
-        """What comes of a question, besides the reports that it brought."""
-        if asked.silent:
-            if self._deadline is None:
-                self._limit(f"the chassis does not answer ({asked.error})")
-                self._silent = True
-            return None
-        if asked.error is None:
-            if asked.end is not None and self.took.done():  # else it may still be on its way
-                return asked.end
-            if self._silent:
-                self._silent, self._deadline = False, None
-        if self._deadline is not None:  # that will tell
-            return None
-        reason = None
-        if isinstance(asked.error, RequestTimeoutError):
-            reason = self._doubt.in_vain(self._now(), str(asked.error))
-        elif asked.error is None and self.was_heard:  # long steps report seldom
-            self._doubt.answered()
-        elif asked.error is None:
-            reason = self._doubt.in_vain(self._now(), "its answers tell nothing of it")
-        return None if reason is None else self.aborted(reason)
-
-    def _look_at_the_time(self) -> End | None:
-        now = self._now()
-        if self._deadline is None:
-            reason = self._doubt.uncancelled(now)
-            if reason is not None:
-                return self.aborted(reason)
-        elif now >= self._deadline:
-            return self.aborted(
-                f"{self._deadline_reason}, and nothing was heard of the goal for "
-                f"{self.link_timeout:g} s; the robot may go on with it"
-            )
-        if now >= self._next_poll:
-            self._ask()
-        return None
-
-    def is_mine(self, outcome: Outcome | None) -> bool:
-        """Whether a report under the goal's name is on this goal, not on one before it.
-
-        Args:
-            outcome: the end that it reports, if any.
-        """
-        took = self.took.done()
-        if outcome is None:
-            if not self._answered:
-                return took or not self.predecessors
-            if self.predecessors and not took:
-                return False
-            # the earlier one is over; only its cancel may still be on the way
-            self.inherited = (Outcome.CANCELED,) if self.predecessors else ()
-            return True
-        inherited = self.inherited
-        if self._answered or self.predecessors < 2:
-            self.inherited, self.predecessors = (), 0
-        else:  # each of the earlier goals has an end of its own
-            self.predecessors -= 1
-        if took and outcome is Outcome.CANCELED and self.cancel_wanted:
-            return True
-        # an end before the answer is that of an earlier one; if not, asking will tell
-        return outcome not in inherited if took and self._answered else not inherited
-
-    def heard(self) -> None:
-        """The chassis reports on the goal: whatever limited the wait for that is over."""
-        self.was_heard = True
-        self._deadline = None
-        self._doubt.heard(self._now())
-        self._next_poll = self._now() + self.poll_period
-        self._taken()  # if the answer was lost, but not the goal
-        if self.chassis.state is LinkState.READY:
-            self._cancel_soon()  # a wish that did not get through still stands
-
-    def _taken(self) -> None:
-        if not self.took.done():
-            self.took.set_result(True)
-            self.runs.took(self)
-            self._cancel_soon()
-
-    async def _judge(self, end: End) -> End:
-        """A goal that was cancelled, but not by its client: perhaps a newer one replaced it."""
-        if end.outcome is not Outcome.CANCELED or self.cancel_wanted:
+    async def _explain(self, end: End) -> End:
+        """Turn a cancel that the client did not request into an abort, and tell a replacement."""
+        if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
-        if await self.runs.newer_taken(self):
-            return self.aborted(REPLACED)
-        return End(Outcome.ABORTED, end.ret)
+        self._advance(Step.UNREQUESTED_CANCEL)
+        if await self._context.open_goals.newer_accepted(self):
+            return self._aborted(REPLACED)
+        return End(Outcome.ABORTED, end.result)
 
-    def _limit(self, reason: str) -> None:
-        self._silent = False
-        self._deadline_reason = reason
-        self._deadline = self._now() + self.link_timeout
+    # Events
 
-    @staticmethod
-    def _now() -> float:
-        return asyncio.get_running_loop().time()
+    def _handle(self, event: Event) -> End | None:
+        """Handle an event; return the end of the goal if the event ends it."""
+        match event:
+            case Pushed(message):
+                return self._read(self._kind.read(message))
+            case StartAnswered(answer):
+                return self._start_answered(answer)
+            case Polled():
+                return self._polled(event)
+            case PollFailed():
+                return self._poll_failed(event)
+            case LinkChanged(ready):
+                self._link_changed(ready)
+            case CancelRequested():
+                self._cancellation.pending = True
+                if self.phase.accepted:
+                    self._cancellation.send_soon()
+            case Replaced():
+                return self._aborted(REPLACED)
+            case Tick():
+                return self._tick()
+        return None
 
-    # Requests, each beside the life so that nothing waits for their answers
+    def _read(self, reports: Iterable[Report]) -> End | None:
+        """Pass the reports that are on this goal on as feedback."""
+        for report in reports:
+            if not self._attribution.is_mine(
+                report.outcome, self.phase, self._cancellation.requested
+            ):
+                continue
+            self._last_report = report.message
+            self._heard()
+            self._goal.feedback(self._context.to_ros(report.message))
+            if report.outcome is not None:
+                return End(report.outcome, report.message)
+        return None
 
-    def _spawn(self, name: str, work: Coroutine[Any, Any, None]) -> None:
-        self._work[name] = asyncio.get_running_loop().create_task(work, name=f"goal: {name}")
+    def _heard(self) -> None:
+        """Note a report on this goal, be it an old one that the chassis repeats when polled."""
+        self._give_up.report()
+        self._next_poll = self._clock() + self._timing.poll_period
+        self._advance(Step.REPORT)  # the answer may be lost, or still on its way
+        if self._context.chassis.state is LinkState.READY:
+            self._cancellation.send_soon()  # a cancel that the chassis did not answer is pending
 
-    def _busy(self, name: str) -> bool:
-        return name in self._work and not self._work[name].done()
-
-    async def _start(self, request: Message) -> None:
-        try:  # the answer comes by the tap, in its place among the reports
-            await self.gate.request(request, tap=lambda answer: self.post(Answered(answer)))
-        except Exception as error:
-            self.post(Answered(error))
-
-    def _ask(self) -> None:
-        in_doubt = self._deadline is not None or self._cancel_due
-        haste = _HASTE if in_doubt else 1.0
-        self._next_poll = self._now() + self.poll_period * haste
-        # before the answer to the start, what the chassis tells may be of an earlier goal
-        ready = self._answered and self.chassis.state is LinkState.READY
-        if ready and not self._busy("ask"):
-            self._spawn("ask", self._recover())
-
-    async def _recover(self) -> None:
-        before = self.chassis.stats.rx
-        try:
-            asked = Asked(await self.recover())
-        except LinkError as error:
-            _LOG.debug("cannot ask how a goal stands: %s", error)
-            timed_out = isinstance(error, RequestTimeoutError)
-            asked = Asked(None, error, silent=timed_out and self.chassis.stats.rx == before)
-        self.post(asked)
-
-    def _cancel_soon(self) -> None:
-        """Pass the wish to cancel on: once the chassis has the goal, and not twice at a time."""
-        known = self.took.done() and self.took.result()
-        if self._cancel_due and known and not self._busy("cancel"):
-            self._spawn("cancel", self._cancel())
-
-    async def _cancel(self) -> None:
-        if await self.runs.newer_taken(self):
-            return  # it would hit the newer goal, and this one is over
-        while self._cancel_due:  # again, if the client asked again meanwhile
-            self._cancel_due = False
-            try:
-                answer = await self.gate.request(self.make_cancel())
-            except LinkError as error:
-                self._cancel_due = True
+    def _start_answered(self, answer: Answer | Exception) -> End | None:
+        match answer:
+            case Answer(ok=True):
+                self._advance(Step.ACCEPTED)
+            case Answer():
+                return self._aborted(answer.msg or _NO_REASON)
+            case RequestTimeoutError() | ConnectionLostError():
+                self._advance(Step.ANSWER_LOST)
                 _LOG.warning(
-                    "the cancel did not get through, the goal goes on; it is sent again once the "
-                    "chassis reports on the goal: %s",
-                    error,
+                    "no answer to the start of %s; polling the chassis for its state: %s",
+                    self.name,
+                    answer,
                 )
-                return
-            if answer.ok:
-                self._doubt.cancel_taken(self._now())
-            else:
-                _LOG.warning("the chassis refused to cancel, the goal goes on: %s", answer.msg)
+                if not self._attribution.heard:
+                    self._give_up.answer_lost(answer)
+                self._poll_soon()
+            case LinkError():  # nothing was sent
+                return self._aborted(str(answer))
+            case _:
+                raise answer
+        return None
+
+    def _link_changed(self, ready: bool) -> None:
+        if ready:
+            self._give_up.link_restored()
+            self._poll_soon()
+        else:
+            self._give_up.link_lost(self._context.chassis.last_error or "it was closed")
+
+    def _tick(self) -> End | None:
+        end = self._aborted_if(self._give_up.overdue())
+        if end is None and self._clock() >= self._next_poll:
+            self._poll_soon()
+        return end
+
+    # Polls
+
+    def _poll_soon(self) -> None:
+        """Ask the chassis for the state of the goal, if it can tell, and schedule the next poll."""
+        in_doubt = self._give_up.in_doubt or self._cancellation.pending
+        haste = self._timing.poll_haste if in_doubt else 1.0
+        self._next_poll = self._clock() + self._timing.poll_period * haste
+        # before the answer to the start, what the chassis tells may be of an earlier goal
+        ready = self.phase.answered and self._context.chassis.state is LinkState.READY
+        if ready and (self._polling is None or self._polling.done()):
+            loop = asyncio.get_running_loop()
+            self._polling = loop.create_task(self._poll(), name="goal: poll")
+
+    def _polled(self, polled: Polled) -> End | None:
+        for report in polled.findings.reports:
+            if report.message == self._last_report:
+                self._heard()
+            elif self._attribution.is_news(report.message, report.outcome, self.phase):
+                end = self._read([report])
+                if end is not None:
+                    return end
+        unknown = polled.findings.unknown
+        if unknown is not None and self.phase.accepted:  # else it may still be on its way
+            return self._aborted(unknown)
+        return self._aborted_if(self._give_up.poll_answered(self._attribution.heard))
+
+    def _poll_failed(self, failed: PollFailed) -> End | None:
+        if failed.silent:
+            self._give_up.poll_met_silence(failed.error)
+        elif isinstance(failed.error, RequestTimeoutError):
+            return self._aborted_if(self._give_up.poll_unanswered(failed.error))
+        return None
+
+    # Tasks
+
+    async def _send_start(self, message: Message) -> None:
+        try:  # the tap delivers the answer in order with the reports
+            await self._context.gate.request(
+                message, tap=lambda answer: self.post(StartAnswered(answer))
+            )
+        except Exception as error:
+            self.post(StartAnswered(error))
+
+    async def _poll(self) -> None:
+        stats = self._context.chassis.stats
+        received = stats.rx
+        try:
+            self.post(Polled(await self._kind.poll()))
+        except LinkError as error:
+            _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
+            timed_out = isinstance(error, RequestTimeoutError)
+            self.post(PollFailed(error, silent=timed_out and stats.rx == received))

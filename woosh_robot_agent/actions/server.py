@@ -1,11 +1,10 @@
-"""The ROS side of the actions: an action server whose goals are run by the link's thread."""
+"""The ROS side of the actions: an action server whose goals run in the link's thread."""
 
 from __future__ import annotations
 
 import logging
 import threading
 from collections.abc import Callable
-from enum import Enum
 from functools import partial
 from typing import Any
 
@@ -13,27 +12,21 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from woosh_robot_agent.actions.outcome import Outcome
 from woosh_robot_agent.bridge import SERVICE_QOS
 from woosh_robot_agent.logs import speak_as
 
 _LOG = logging.getLogger(__name__)
 _ANY_GOAL = bytes(16)
-
-
-class Outcome(Enum):
-    """How a goal ends."""
-
-    SUCCEEDED = "succeeded"
-    ABORTED = "aborted"
-    CANCELED = "canceled"
+"""Goal id of a cancel request for all goals."""
 
 
 class Goal:
-    """One accepted goal, for the link's thread to report on.
+    """An accepted goal, as the link's thread uses it.
 
     Args:
         server: the server that accepted it.
-        handle: rclpy's handle of it.
+        handle: rclpy's handle of the goal.
     """
 
     def __init__(self, server: GoalServer, handle: Any) -> None:
@@ -43,42 +36,42 @@ class Goal:
         self._finished = False
         self.arg: Any = handle.request.arg
         """The command, as the client gave it."""
-        self._cancel_asked = False
+        self._cancel_requested = False
         self._on_cancel: Callable[[], None] | None = None
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Have `callback` called when a client asks to cancel the goal, or now if one has."""
+        """Call `callback` when a client asks to cancel the goal, or now if one has asked."""
         with self._lock:
             self._on_cancel = callback
-            asked = self._cancel_asked
-        if asked:
+            requested = self._cancel_requested
+        if requested:
             callback()
 
-    def ask_to_cancel(self) -> None:
-        """A client asks to cancel the goal; in the executor's thread."""
+    def request_cancel(self) -> None:
+        """Note that a client asks to cancel the goal; in the executor's thread."""
         with self._lock:
-            self._cancel_asked = True
+            self._cancel_requested = True
             callback = self._on_cancel
         if callback is not None:
             callback()
 
     @property
     def canceling(self) -> bool:
-        """Whether a client asked before, and the goal goes on nevertheless."""
+        """True if a client asked to cancel the goal, which has not ended yet."""
         return bool(self._handle.is_cancel_requested)
 
     def feedback(self, fb: Any) -> None:
-        """Publish a report; ignored once the goal has ended."""
+        """Publish feedback; does nothing once the goal has ended."""
         with self._lock:
             if self._finished:
                 return
             try:
                 self._handle.publish_feedback(self._server.action_type.Feedback(fb=fb))
             except (InvalidHandle, _rclpy.RCLError) as error:
-                _LOG.debug("cannot publish feedback: %s", error)
+                _LOG.debug("cannot publish feedback on a goal: %s", error)
 
     def finish(self, outcome: Outcome, ret: Any) -> None:
-        """End the goal; only the first call counts."""
+        """End the goal; only the first call has an effect."""
         with self._lock:
             if self._finished:
                 return
@@ -87,18 +80,19 @@ class Goal:
 
 
 class GoalServer(ActionServer):
-    """Accepts every goal and every cancel, and leaves the running to others.
+    """An action server that accepts every goal and every cancel, and executes nothing itself.
 
-    rclpy would run a goal's callback in the executor until it ends. Here `notify_execute`, which
-    does that, comes at the end of a goal instead: so the final state and the result are set in the
-    executor's thread, where no cancel request can come between them, and nothing ever waits there.
+    rclpy's `notify_execute` schedules a callback in the executor that sets the final state and
+    returns the result. rclpy calls it when a goal begins, so that the callback would have to wait
+    for the end of the goal. Here it is called at the end. So no callback waits, and no cancel
+    request can come between final state and result: all three are matters of the executor's thread.
 
     Args:
         node: owner of the server.
         action_type: ROS type of the action.
         name: name of the action.
-        start: gets each accepted goal, in the executor's thread; must not wait.
-        result_timeout: s for which the result of a goal is kept.
+        start: called with each accepted goal in the executor's thread; must not block.
+        result_timeout: time for which the result of a goal is kept, in seconds.
     """
 
     def __init__(
@@ -111,7 +105,8 @@ class GoalServer(ActionServer):
     ) -> None:
         self._start = start
         self._open: dict[bytes, Goal] = {}
-        self._waiting = 0
+        self._pending_results = 0
+        """Number of clients that wait for a result."""
         super().__init__(
             node,
             action_type,
@@ -119,7 +114,7 @@ class GoalServer(ActionServer):
             execute_callback=self._settle,
             goal_callback=lambda _request: GoalResponse.ACCEPT,
             handle_accepted_callback=self._accepted,
-            cancel_callback=self._cancel_asked,
+            cancel_callback=self._cancel_requested,
             goal_service_qos_profile=SERVICE_QOS,
             result_service_qos_profile=SERVICE_QOS,
             cancel_service_qos_profile=SERVICE_QOS,
@@ -128,13 +123,14 @@ class GoalServer(ActionServer):
 
     @property
     def open_goals(self) -> int:
-        """Goals that have not ended yet, and clients that have not got their results yet."""
-        return len(self._open) + self._waiting
+        """Number of goals that have not ended, plus that of clients that wait for a result."""
+        return len(self._open) + self._pending_results
 
     async def execute(self, taken_data: Any) -> None:
-        """Called by rclpy with requests of clients. An error that escaped would end the spinning.
+        """Serve requests of clients; called by rclpy.
 
-        A client that goes away while it waits for a result makes rclpy raise one.
+        An error that escapes would end the executor's spinning. rclpy raises one where a client
+        goes away while it waits for a result.
         """
         speak_as(self._logger)
         try:
@@ -142,41 +138,44 @@ class GoalServer(ActionServer):
                 self._cancel_again(taken_data["cancel"][1].goal_info)
             await super().execute(taken_data)
         except (InvalidHandle, _rclpy.RCLError) as error:
-            _LOG.warning("a request of an action's client failed: %s", error)
+            _LOG.warning("cannot serve a client of an action: %s", error)
 
     async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
         if bytes(request_header_and_message[1].goal_id.uuid) in self._goal_handles:
-            self._waiting += 1
+            self._pending_results += 1
         await super()._execute_get_result_request(request_header_and_message)
 
     def _send_result_response(self, request_header: Any, future: Any) -> None:
-        self._waiting -= 1
+        self._pending_results -= 1
         super()._send_result_response(request_header, future)
 
     def notify_execute(self, goal_handle: Any, _execute_callback: Any) -> None:
-        """Called by rclpy when the goal's state has become executing: hand it over."""
+        """Hand a goal over to be started; called by rclpy when its state became executing."""
         self._start(self._open[bytes(goal_handle.goal_id.uuid)])
 
     def finish(self, goal_handle: Any, outcome: Outcome, ret: Any) -> None:
-        """Have the executor end a goal; from any thread."""
+        """End a goal in the executor's thread; callable from any thread."""
         super().notify_execute(goal_handle, partial(self._settle, outcome=outcome, ret=ret))
 
     def _accepted(self, goal_handle: Any) -> None:
         self._open[bytes(goal_handle.goal_id.uuid)] = Goal(self, goal_handle)
         goal_handle.execute()
 
-    def _cancel_asked(self, goal_handle: Any) -> Any:
+    def _cancel_requested(self, goal_handle: Any) -> Any:
         goal = self._open.get(bytes(goal_handle.goal_id.uuid))
         if goal is not None:
-            goal.ask_to_cancel()
+            goal.request_cancel()
         return CancelResponse.ACCEPT
 
     def _cancel_again(self, goal_info: Any) -> None:
-        """The chassis may have refused before; ROS knows no way back, and would drop the wish."""
+        """Pass a repeated cancel on: the chassis may have refused the first one.
+
+        rclpy ignores it, as there is no way back from the state canceling.
+        """
         wanted = bytes(goal_info.goal_id.uuid)
         for uuid, goal in self._open.items():
             if goal.canceling and wanted in (uuid, _ANY_GOAL):
-                goal.ask_to_cancel()
+                goal.request_cancel()
 
     def _settle(self, goal_handle: Any, outcome: Outcome, ret: Any) -> Any:
         try:
@@ -187,6 +186,6 @@ class GoalServer(ActionServer):
             else:
                 goal_handle.abort()
         except _rclpy.RCLError as error:
-            self._logger.error(f"a goal could not be ended as {outcome.value}: {error}")
+            self._logger.error(f"cannot end a goal as {outcome.value}: {error}")
         self._open.pop(bytes(goal_handle.goal_id.uuid), None)
         return self.action_type.Result(ret=ret)

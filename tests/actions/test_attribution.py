@@ -1,0 +1,236 @@
+"""Which reports under the name of a goal are on that goal: the cases, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import pytest
+
+from woosh_robot_agent.actions.attribution import Attribution
+from woosh_robot_agent.actions.outcome import Outcome
+from woosh_robot_agent.actions.phase import Phase
+
+STARTING, REPORTED = Phase.STARTING, Phase.REPORTED
+UNCONFIRMED, RUNNING = Phase.UNCONFIRMED, Phase.RUNNING
+PROGRESS = None
+SUCCEEDED, ABORTED, CANCELED = Outcome
+ANY = tuple(Outcome)
+
+MINE, NOT_MINE = True, False
+WANTED = True
+"""The client of the goal asked to cancel it."""
+
+
+@dataclass
+class Case:
+    """A goal, and the reports under its name in the order in which they come.
+
+    Each report: the goal's phase, what is reported, to whom it belongs, and WANTED if the goal is
+    to be cancelled.
+    """
+
+    name: str
+    reports: list[tuple[object, ...]]
+    predecessors: int = 0
+    inherited: Iterable[Outcome] = field(default=())
+
+
+CASES = [
+    # A name that no goal had before: a task with a new id
+    Case("new name, progress before the answer", [(STARTING, PROGRESS, MINE)]),
+    Case("new name, end before the answer", [(STARTING, SUCCEEDED, MINE)]),
+    Case("new name, cancelled before the answer", [(STARTING, CANCELED, MINE)]),
+    Case("new name, progress after the answer", [(RUNNING, PROGRESS, MINE)]),
+    Case("new name, end after the answer", [(RUNNING, ABORTED, MINE)]),
+    Case("new name, answer lost", [(UNCONFIRMED, PROGRESS, MINE)]),
+    Case("new name, answer lost, end", [(UNCONFIRMED, SUCCEEDED, MINE)]),
+    # A name that is used again while nothing runs: an action, after the cancel of what ran last
+    Case(
+        "idle action, progress before the answer",
+        [(STARTING, PROGRESS, MINE), (REPORTED, PROGRESS, MINE)],
+        inherited=[CANCELED],
+    ),
+    Case("idle action, succeeds", [(RUNNING, SUCCEEDED, MINE)], inherited=[CANCELED]),
+    Case("idle action, fails", [(RUNNING, ABORTED, MINE)], inherited=[CANCELED]),
+    Case(
+        "idle action, a late cancel of what ran last, then its own",
+        [(RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
+        inherited=[CANCELED],
+    ),
+    Case(
+        "idle action, cancelled after progress",
+        [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE)],
+        inherited=[CANCELED],
+    ),
+    Case("idle action, cancel wanted", [(RUNNING, CANCELED, MINE, WANTED)], inherited=[CANCELED]),
+    Case(
+        "idle action, cancel wanted but not accepted yet",
+        [(STARTING, CANCELED, NOT_MINE, WANTED)],
+        inherited=[CANCELED],
+    ),
+    Case(
+        "idle action, end before the answer",
+        [(STARTING, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
+        inherited=[CANCELED],
+    ),
+    Case(
+        "idle action, progress and end before the answer, as of another program's action",
+        [(STARTING, PROGRESS, MINE), (REPORTED, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
+        inherited=[CANCELED],
+    ),
+    Case(
+        "idle action, progress and the wanted cancel before the answer",
+        [(STARTING, PROGRESS, MINE), (REPORTED, CANCELED, MINE, WANTED)],
+        inherited=[CANCELED],
+    ),
+    Case(
+        "idle action, answer lost: the first end may be an earlier one, the second is its own",
+        [(UNCONFIRMED, SUCCEEDED, NOT_MINE), (UNCONFIRMED, SUCCEEDED, MINE)],
+        inherited=[CANCELED],
+    ),
+    # A name that was used before by a goal that has ended: a task id that is used again
+    Case("used id, progress before the answer", [(STARTING, PROGRESS, MINE)], inherited=ANY),
+    *(
+        Case(
+            f"used id, the old end is repeated before the answer: {old.value}",
+            [(STARTING, old, NOT_MINE), (RUNNING, PROGRESS, MINE), (RUNNING, old, MINE)],
+            inherited=ANY,
+        )
+        for old in ANY
+    ),
+    Case(
+        "used id, the old end is repeated after the answer",
+        [(RUNNING, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
+        inherited=ANY,
+    ),
+    Case(
+        "used id, progress after the answer settles it",
+        [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
+        inherited=ANY,
+    ),
+    Case("used id, cancel wanted", [(RUNNING, CANCELED, MINE, WANTED)], inherited=ANY),
+    # One earlier goal of the name may still run
+    Case(
+        "one predecessor, reports before the answer are its own",
+        [(STARTING, PROGRESS, NOT_MINE), (STARTING, ABORTED, NOT_MINE), (RUNNING, ABORTED, MINE)],
+        predecessors=1,
+        inherited=ANY,
+    ),
+    Case(
+        "one predecessor, progress after its end but before the answer",
+        [(STARTING, CANCELED, NOT_MINE), (STARTING, PROGRESS, MINE), (REPORTED, SUCCEEDED, MINE)],
+        predecessors=1,
+        inherited=ANY,
+    ),
+    *(
+        Case(
+            f"one predecessor, its end comes after the answer: {end.value}",
+            [(RUNNING, end, NOT_MINE), (RUNNING, end, MINE)],
+            predecessors=1,
+            inherited=ANY,
+        )
+        for end in ANY
+    ),
+    Case(
+        "one predecessor, its cancel comes after progress",
+        [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
+        predecessors=1,
+        inherited=ANY,
+    ),
+    Case(
+        "one predecessor, another end after progress",
+        [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
+        predecessors=1,
+        inherited=ANY,
+    ),
+    Case(
+        "one predecessor, cancel wanted",
+        [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE, WANTED)],
+        predecessors=1,
+        inherited=ANY,
+    ),
+    Case(
+        "one predecessor, answer lost: progress tells nothing until its end came",
+        [
+            (UNCONFIRMED, PROGRESS, NOT_MINE),
+            (UNCONFIRMED, CANCELED, NOT_MINE),
+            (UNCONFIRMED, PROGRESS, MINE),
+            (RUNNING, SUCCEEDED, MINE),
+        ],
+        predecessors=1,
+        inherited=ANY,
+    ),
+    # Several earlier goals of the name may still run
+    Case(
+        "two predecessors, each with an end before the answer",
+        [
+            (STARTING, CANCELED, NOT_MINE),
+            (STARTING, PROGRESS, NOT_MINE),
+            (STARTING, CANCELED, NOT_MINE),
+            (STARTING, PROGRESS, MINE),
+            (REPORTED, CANCELED, MINE),
+        ],
+        predecessors=2,
+        inherited=ANY,
+    ),
+    Case(
+        "two predecessors, an end after the answer: the chassis runs one at a time",
+        [(RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
+        predecessors=2,
+        inherited=ANY,
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_is_mine(case: Case) -> None:
+    attribution = Attribution(case.predecessors, case.inherited)
+    heard = False
+    for phase, outcome, mine, *wanted in case.reports:
+        assert attribution.is_mine(outcome, phase, bool(wanted)) is mine, (phase, outcome)  # type: ignore[arg-type]
+        heard = heard or bool(mine)
+        assert attribution.heard is heard
+
+
+NEWS, NO_NEWS = True, False
+BEFORE, ANOTHER = "how the earlier goal ended", "another end"
+
+POLLS = {
+    "progress": (BEFORE, [(RUNNING, "on its way", PROGRESS, NEWS)]),
+    "progress, answer lost": (BEFORE, [(UNCONFIRMED, "on its way", PROGRESS, NEWS)]),
+    "the earlier end, then the same again: the goal ended in the same way": (
+        BEFORE,
+        [(RUNNING, BEFORE, SUCCEEDED, NO_NEWS), (RUNNING, BEFORE, SUCCEEDED, NEWS)],
+    ),
+    "another end": (BEFORE, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
+    "an end where none was known": (None, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
+    "the earlier end, answer lost: it proves nothing, however often it is told": (
+        BEFORE,
+        [(UNCONFIRMED, BEFORE, SUCCEEDED, NO_NEWS), (UNCONFIRMED, BEFORE, SUCCEEDED, NO_NEWS)],
+    ),
+    "another end, answer lost": (BEFORE, [(UNCONFIRMED, ANOTHER, SUCCEEDED, NEWS)]),
+    "an end where none was known, answer lost": (
+        None,
+        [(UNCONFIRMED, ANOTHER, SUCCEEDED, NO_NEWS), (UNCONFIRMED, ANOTHER, SUCCEEDED, NO_NEWS)],
+    ),
+}
+
+
+@pytest.mark.parametrize(("previous", "polls"), POLLS.values(), ids=POLLS.keys())
+def test_is_news_of_a_chassis_that_repeats_ends(
+    previous: str | None, polls: list[tuple[Phase, str, Outcome | None, bool]]
+) -> None:
+    attribution = Attribution(repeats_ends=True, previous=previous)
+    for phase, report, outcome, news in polls:
+        assert attribution.is_news(report, outcome, phase) is news, (phase, report)
+
+
+def test_everything_is_news_after_a_report_on_the_goal() -> None:
+    attribution = Attribution(repeats_ends=True, previous=BEFORE)
+    assert attribution.is_mine(PROGRESS, RUNNING, False)
+    assert attribution.is_news(BEFORE, SUCCEEDED, RUNNING)
+
+
+def test_everything_is_news_of_a_chassis_that_repeats_nothing() -> None:
+    assert Attribution().is_news(ANOTHER, SUCCEEDED, UNCONFIRMED)

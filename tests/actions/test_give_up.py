@@ -1,0 +1,208 @@
+"""When a goal is given up, and why: the cases, on a clock that is made up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from woosh_robot_agent.actions.give_up import GiveUp
+from woosh_robot_agent.actions.timing import GoalTiming
+
+TIMING = GoalTiming(link_timeout=8.0, fruitless_polls=3, min_cancel_timeout=10.0)
+"""The deadlines come after 8 s, an accepted cancel counts for 16 s."""
+
+
+@dataclass
+class Case:
+    """What happens to a goal, each time with the time in seconds; then, when and why it ends."""
+
+    name: str
+    happens: list[tuple[object, ...]]
+    end: float | None
+    why: str = ""
+
+
+UNANSWERED = ("poll_unanswered", "no answer")
+TOLD = ("poll_answered", True)
+NOTHING = ("poll_answered", False)
+
+CASES = [
+    Case("nothing happens: the wait is not limited", [], None),
+    Case("a report", [(1, "report")], None),
+    # The link
+    Case("link lost", [(1, "link_lost", "reset")], 9, "the link was lost (reset)"),
+    Case(
+        "link restored: a report is awaited anew",
+        [(1, "link_lost", "reset"), (7, "link_restored")],
+        15,
+        "the link was lost, and no report on the goal came for 8 s",
+    ),
+    Case(
+        "link restored, then a report",
+        [(1, "link_lost", "reset"), (7, "link_restored"), (8, "report")],
+        None,
+    ),
+    Case(
+        "link lost, then a report that was on its way: the link is still lost",
+        [(1, "link_lost", "reset"), (2, "report")],
+        9,
+        "the link was lost (reset)",
+    ),
+    Case(
+        "link lost again: the later loss counts",
+        [(1, "link_lost", "one"), (2, "link_restored"), (3, "link_lost", "two")],
+        11,
+        "(two)",
+    ),
+    Case(
+        "link restored, and polls without news: the deadline tells",
+        [(0, "link_lost", "reset"), (1, "link_restored"), *((t, *NOTHING) for t in range(2, 9))],
+        9,
+        "the link was lost",
+    ),
+    Case(
+        "polls without an answer while the link is lost do not count",
+        [
+            (1, *UNANSWERED),
+            (5, *UNANSWERED),
+            (6, "link_lost", "reset"),
+            (7, "link_restored"),
+            (10, *UNANSWERED),
+        ],
+        15,
+        "the link was lost",
+    ),
+    # The answer to the start request
+    Case("answer lost", [(1, "answer_lost", "late")], 9, "no answer to the goal: late"),
+    Case("answer lost, then a report", [(1, "answer_lost", "late"), (5, "report")], None),
+    Case(
+        "answer lost, then the link",
+        [(1, "answer_lost", "late"), (5, "link_lost", "reset")],
+        13,
+        "the link was lost",
+    ),
+    # A chassis that sends nothing at all
+    Case("silence", [(1, "poll_met_silence", "late")], 9, "the chassis does not answer (late)"),
+    Case(
+        "silence goes on: the first poll counts",
+        [(1, "poll_met_silence", "late"), (5, "poll_met_silence", "later")],
+        9,
+        "(late)",
+    ),
+    Case("silence, then an answer", [(1, "poll_met_silence", "late"), (5, *TOLD)], None),
+    Case("silence, then a report", [(1, "poll_met_silence", "late"), (5, "report")], None),
+    Case(
+        "silence, then an answer that tells nothing, which counts as the first such poll",
+        [(1, "poll_met_silence", "late"), *((t, *NOTHING) for t in (2, 3, 10))],
+        10,
+        "3 polls in a row",
+    ),
+    Case(
+        "an answer does not lift the deadline of a lost link",
+        [(1, "poll_met_silence", "late"), (2, "link_lost", "reset"), (3, *TOLD)],
+        10,
+        "the link was lost",
+    ),
+    Case(
+        "silence after a lost answer: that deadline stays",
+        [(1, "answer_lost", "late"), (4, "poll_met_silence", "later"), (5, *TOLD)],
+        9,
+        "no answer to the goal",
+    ),
+    # Polls without news
+    Case(
+        "polls without an answer",
+        [(t, *UNANSWERED) for t in (1, 5, 9)],
+        9,
+        "3 polls in a row brought no report on it (no answer)",
+    ),
+    Case("too few polls, for however long", [(1, *UNANSWERED), (60, *UNANSWERED)], None),
+    Case("many polls, but for too short", [(t / 10, *UNANSWERED) for t in range(70)], None),
+    Case(
+        "polls whose answers tell nothing of a goal never reported on",
+        [(t, *NOTHING) for t in (1, 2, 3, 9)],
+        9,
+        "4 polls in a row brought no report on it (its answers tell nothing of it)",
+    ),
+    Case(
+        "polls whose answers tell nothing of a goal reported on once: long steps report seldom",
+        [(t, *TOLD) for t in range(1, 60)],
+        None,
+    ),
+    Case(
+        "an answer among them: the count begins anew",
+        [(1, *UNANSWERED), (5, *UNANSWERED), (8, *TOLD), (9, *UNANSWERED), (13, *UNANSWERED)],
+        None,
+    ),
+    Case(
+        "a report among them: the count begins anew",
+        [(1, *UNANSWERED), (5, *UNANSWERED), (8, "report"), (9, *UNANSWERED), (13, *UNANSWERED)],
+        None,
+    ),
+    # An accepted cancel
+    Case("cancel accepted", [(1, "cancel_accepted")], 17, "accepted the cancel"),
+    Case(
+        "cancel accepted, with reports: the robot is still busy with it",
+        [(1, "cancel_accepted"), (10, "report")],
+        26,
+        "accepted the cancel, but no report on the goal came for 16 s",
+    ),
+    Case(
+        "cancel accepted, then the link lost: its deadline comes first, whichever is earlier",
+        [(1, "cancel_accepted"), (12, "link_lost", "reset")],
+        20,
+        "the link was lost",
+    ),
+    Case(
+        "cancel accepted, and answers that tell nothing",
+        [(1, "cancel_accepted"), *((t, *TOLD) for t in range(2, 17))],
+        17,
+        "accepted the cancel",
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_end(case: Case) -> None:
+    now = 0.0
+    give_up = GiveUp(TIMING, lambda: now)
+    for time, method, *arguments in case.happens:
+        assert give_up.deadline > time, "given up too early"  # type: ignore[operator]
+        now = time  # type: ignore[assignment]
+        reason = getattr(give_up, method)(*arguments)  # type: ignore[call-overload]
+        if reason is not None:
+            break
+        assert give_up.overdue() is None
+    else:
+        if case.end is None:
+            assert give_up.deadline == float("inf")
+            return
+        now = give_up.deadline
+        reason = give_up.overdue()
+    assert (now, case.why in str(reason)) == (case.end, True), reason
+    assert "`stop` service" in str(reason)
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "in_doubt"),
+    [
+        ("link_lost", ["reset"], True),
+        ("answer_lost", ["late"], True),
+        ("poll_met_silence", ["late"], True),
+        ("poll_unanswered", ["late"], False),
+        ("cancel_accepted", [], False),
+    ],
+)
+def test_in_doubt(method: str, arguments: list[str], in_doubt: bool) -> None:
+    """A goal in doubt is polled more often."""
+    give_up = GiveUp(TIMING, lambda: 0.0)
+    getattr(give_up, method)(*arguments)
+    assert give_up.in_doubt is in_doubt
+    give_up.report()
+    assert give_up.in_doubt is (method == "link_lost")
+
+
+def test_cancel_timeout_has_a_lower_bound() -> None:
+    assert GoalTiming(link_timeout=1.0, min_cancel_timeout=10.0).cancel_timeout == 10.0
+    assert GoalTiming(link_timeout=8.0, min_cancel_timeout=10.0).cancel_timeout == 16.0

@@ -1,0 +1,50 @@
+"""The phases of a goal: the diagram in the docs shows those of the code."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from woosh_robot_agent.actions.phase import TRANSITIONS, Phase, Step
+
+PAGE = Path(__file__).parents[2] / "docs" / "architecture.md"
+EDGE = re.compile(r"^ +(\[\*\]|\w+) --> (\[\*\]|\w+)(?:: (.+))?$")
+
+
+@pytest.fixture(scope="module")
+def edges() -> list[tuple[str, str, str]]:
+    """From, to and label of each line of the diagram."""
+    found = re.search(r"```mermaid\nstateDiagram-v2\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert found
+    lines = [EDGE.match(line) for line in found[1].splitlines()]
+    assert all(lines)
+    return [(line[1], line[2], line[3] or "") for line in lines if line]
+
+
+def test_diagram_shows_the_transitions(edges: list[tuple[str, str, str]]) -> None:
+    inner = [edge for edge in edges if "[*]" not in edge]
+    assert len(inner) == len(set(inner))
+    assert set(inner) == {
+        (before.name, after.name, step.value) for (before, step), after in TRANSITIONS.items()
+    }
+
+
+def test_diagram_shows_the_first_and_the_last_phase(edges: list[tuple[str, str, str]]) -> None:
+    outer = [edge for edge in edges if "[*]" in edge]
+    assert outer == [("[*]", "NEW", ""), ("ENDED", "[*]", "")]
+
+
+def test_every_phase_is_reached_and_every_step_leads_somewhere() -> None:
+    assert {Phase.NEW, *TRANSITIONS.values()} == set(Phase)
+    assert {step for _, step in TRANSITIONS} == set(Step)
+
+
+def test_ended_goal_stays_ended() -> None:
+    assert Phase.ENDED not in {phase for phase, _ in TRANSITIONS}
+
+
+def test_accepted_goal_stays_accepted_until_its_end() -> None:
+    after = {after for (before, _), after in TRANSITIONS.items() if before.accepted}
+    assert {phase for phase in after if not phase.accepted} == {Phase.ENDED}

@@ -1,0 +1,34 @@
+"""What the goals of one action share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.actions.open_goals import OpenGoals
+from woosh_robot_agent.actions.timing import GoalTiming
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.motion.gate import MotionGate
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the goals of one action share; only used in the link's thread."""
+
+    chassis: ChassisClient
+    """The link, for polls."""
+    gate: MotionGate
+    """Sends commands."""
+    open_goals: OpenGoals
+    """The open goals of the action."""
+    timing: Callable[[], GoalTiming]
+    """Returns the timing of a goal that starts now."""
+    to_proto: Callable[[Any], Message]
+    """Converts the `arg` of a goal to the chassis's message."""
+    empty: Callable[[type[Message]], Message]
+    """Makes an empty request of a message class."""
+    to_ros: Callable[[Message], Any]
+    """Converts a report to its ROS message."""

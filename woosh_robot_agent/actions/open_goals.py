@@ -1,0 +1,69 @@
+"""The open goals of one action, and which of them the chassis runs."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Protocol
+
+from woosh_robot_agent.actions.events import Event, Replaced
+
+
+class OpenGoal(Protocol):
+    """A goal as the other goals of its action see it."""
+
+    @property
+    def name(self) -> str:
+        """Name under which the chassis reports on the goal."""
+
+    @property
+    def accepted(self) -> asyncio.Future[bool]:
+        """Becomes True when the chassis accepted the goal, False when it will never do so."""
+
+    def post(self, event: Event) -> None:
+        """Hand an event to the goal."""
+
+
+class OpenGoals:
+    """The goals of one action that have not ended, oldest first."""
+
+    def __init__(self) -> None:
+        self._goals: list[OpenGoal] = []
+
+    def __len__(self) -> int:
+        return len(self._goals)
+
+    def add(self, goal: OpenGoal) -> None:
+        """Add a goal, which is the newest now."""
+        self._goals.append(goal)
+
+    def remove(self, goal: OpenGoal) -> None:
+        """Remove a goal that ended."""
+        self._goals.remove(goal)
+
+    def post(self, event: Event) -> None:
+        """Hand an event to every goal."""
+        for goal in self._goals:
+            goal.post(event)
+
+    def may_run(self, name: str) -> int:
+        """Return how many goals of this name the chassis may be executing, or about to execute."""
+        return sum(
+            goal.name == name and (not goal.accepted.done() or goal.accepted.result())
+            for goal in self._goals
+        )
+
+    def replace_older(self, goal: OpenGoal) -> None:
+        """Tell all older goals that the chassis accepted `goal` in their place."""
+        for older in self._goals[: self._goals.index(goal)]:
+            older.post(Replaced())
+
+    async def newer_accepted(self, goal: OpenGoal) -> bool:
+        """Return True if the chassis accepts a goal newer than this one; wait until it is known."""
+        while True:
+            newer = [other.accepted for other in self._goals[self._goals.index(goal) + 1 :]]
+            if any(accepted.done() and accepted.result() for accepted in newer):
+                return True
+            pending = [accepted for accepted in newer if not accepted.done()]
+            if not pending:
+                return False
+            await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
