@@ -421,7 +421,7 @@ def _still_held(agent: DebugAgentProcess) -> list[Figure]:
 
 def _logged(agent: DebugAgentProcess) -> list[Figure]:
     """Check that the log tells when drops begin and how many there were, without flooding."""
-    agent.wait_logged("requests were refused because too many waited", TIMEOUT)
+    agent.wait_logged("requests were refused because too many", TIMEOUT)
     lines = list(agent.lines)
     warnings = [line for line in lines if "[WARN]" in line or "[ERROR]" in line]
     return [
