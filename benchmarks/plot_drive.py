@@ -72,7 +72,6 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
         )
         for m in transforms
     ]
-
     for scan in scans[::15]:
         laser = min(poses, key=lambda each: abs(each[0] - stamp(scan)))[1] * _LASER
         points = [

@@ -161,12 +161,12 @@ def blob(rng: random.Random) -> bytes:
     if rng.random() < 0.1:
         return data
     pack = MessagePackJson.FromString(data)
-    inside = rng.random() < 0.5  # only the body is mutated
-    if inside:
+    body_only = rng.random() < 0.5
+    if body_only:
         data = pack.body.value
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         data = rng.choice(_BLOB_MUTATIONS)(rng, data)
-    if inside:
+    if body_only:
         pack.body.value = data
         data = pack.SerializeToString()
     return data
