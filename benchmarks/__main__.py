@@ -1,4 +1,4 @@
-"""`scripts/bench`: picks one measurement; the rest of the arguments are its own."""
+"""`scripts/bench`: run one benchmark and pass it the remaining arguments."""
 
 from __future__ import annotations
 
@@ -7,39 +7,38 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-BENCHES = {
-    "faults": "every fault at every point: what the agent answers, and how soon it is back",
-    "flood": "clients and a chassis that send too much, and one that answers too slowly",
-    "fuzz": "frames, requests and goals that make no sense",
-    "links": "what WebSocket and TCP, JSON and protobuf cost, side by side",
-    "scale": "how the cost grows with robots, rate and size, with plots",
-    "soak": "mixed traffic and a fault every now and then, for an hour",
-    "speed": "what the agent costs over bare rclpy and a bare socket",
+BENCHMARKS = {
+    "faults": ("tests.robustness.faults", "every fault, alone and in pairs, amid traffic"),
+    "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
+    "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
+    "links": ("benchmarks.measurements.links", "WebSocket and TCP, JSON and protobuf, compared"),
+    "scale": ("benchmarks.measurements.scale", "cost against robots, push rate and scan size"),
+    "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
+    "speed": ("benchmarks.measurements.speed", "cost of the agent over bare rclpy and sockets"),
 }
-"""Measurements by name. Each is a module with `main(arguments) -> exit status`."""
-ROBUSTNESS = ("faults", "flood", "fuzz", "soak")
-"""Those that live in `tests.robustness`, because the tests run them in short."""
+"""Module and description of each benchmark. Each module has `main(arguments) -> exit status`."""
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the measurement that the arguments name.
+    """Run the benchmark that the first argument names.
 
     Returns:
-        0, or 1 where a limit was exceeded.
+        The exit status: 1 if a limit was exceeded, otherwise 0.
     """
     parser = argparse.ArgumentParser(
         prog="scripts/bench",
-        description="Measures how robust and how fast the agent is, and prints a Markdown table. "
-        "The exit status is 1 if a limit of robustness is exceeded.",
-        epilog="Options after the first are those of the measurement: scripts/bench --soak --help.",
+        description="Measures how robust and how fast the agent is, and prints Markdown tables. "
+        "The exit status is 1 if a limit on robustness is exceeded.",
+        epilog="Each benchmark has options of its own: scripts/bench --soak --help.",
         allow_abbrev=False,
     )
-    which = parser.add_mutually_exclusive_group(required=True)
-    for name, what in BENCHES.items():
-        which.add_argument(f"--{name}", dest="name", action="store_const", const=name, help=what)
-    chosen = parser.parse_args(arguments[:1])
-    package = "tests.robustness" if chosen.name in ROBUSTNESS else "benchmarks"
-    status: int = importlib.import_module(f"{package}.{chosen.name}").main(arguments[1:])
+    group = parser.add_mutually_exclusive_group(required=True)
+    for name, (module, description) in BENCHMARKS.items():
+        group.add_argument(
+            f"--{name}", dest="module", action="store_const", const=module, help=description
+        )
+    module_name = parser.parse_args(arguments[:1]).module
+    status: int = importlib.import_module(module_name).main(arguments[1:])
     return status
 
 

@@ -1,4 +1,4 @@
-"""Drives a simulated robot through its hall and plots odom and scans over the walls."""
+"""Drive a simulated robot through its hall and plot odom and scans over the walls."""
 
 from __future__ import annotations
 
@@ -16,40 +16,46 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from tests.harness import Client, RunningAgent, own_domain, wait_until
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from tests.harness import Client
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.testing import own_domain, running_agent, running_chassis, wait_until
 
 GOALS = ((8.0, -5.0), (3.0, 7.0), (-9.0, 0.5))
+"""Points that the robot drives to, in the map frame, in metres."""
+_LASER = Plane(0.25, 0.0, 0.0)
+"""Pose of the laser in the robot's frame."""
 
 
 def main(path: str) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=2, seed=1)
-    with own_domain() as domain, SimulatorThread(config) as simulator:
-        agent = RunningAgent(domain, ip="127.0.0.1", port=simulator.port, publish_tf=True)
-        client = Client(domain)
-        agent.wait_connected()
-        plan_qos = QoSProfile(depth=10_000)
-        odoms = client.echo_with(Odometry, "odom", plan_qos)
-        transforms = client.echo_with(TFMessage, "/tf", plan_qos)
-        scans = client.echo_with(LaserScan, "scan", qos_profile_sensor_data)
-        goals = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 1)
-        wait_until(goals.get_subscription_count, "the agent")
-        for x, y in GOALS:
-            goal = PoseStamped()
-            goal.header.frame_id = "map"
-            goal.pose.position.x, goal.pose.position.y = x, y
-            goal.pose.orientation.w = 1.0
-            goals.publish(goal)
-            wait_until(lambda: near(simulator, x, y), f"({x}, {y})", 120.0)  # noqa: B023
-        walls = simulator.call(lambda sim: sim.chassis.map.walls)
-        client.close()
-        agent.close()
+    """Drive to all goals and write the plot to `path`."""
+    with own_domain() as domain, running_chassis(speed=2) as chassis:
+        with running_agent(chassis, domain=domain, publish_tf=True):
+            client = Client(domain)
+            qos = QoSProfile(depth=10_000)
+            odoms = client.echo_with(Odometry, "odom", qos)
+            transforms = client.echo_with(TFMessage, "/tf", qos)
+            scans = client.echo_with(LaserScan, "scan", qos_profile_sensor_data)
+            goals = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 1)
+            wait_until(goals.get_subscription_count, "the agent")
+            for x, y in GOALS:
+                goals.publish(goal_pose(x, y))
+                wait_until(lambda: near(chassis, x, y), f"({x}, {y})", 120.0)  # noqa: B023
+            client.close()
+        walls = chassis.call(lambda sim: sim.chassis.map.walls)
     draw(path, walls, odoms.messages, transforms.messages, scans.messages)
 
 
-def near(simulator: SimulatorThread, x: float, y: float) -> bool:
-    pose = simulator.state.pose
+def goal_pose(x: float, y: float) -> PoseStamped:
+    goal = PoseStamped()
+    goal.header.frame_id = "map"
+    goal.pose.position.x, goal.pose.position.y = x, y
+    goal.pose.orientation.w = 1.0
+    return goal
+
+
+def near(chassis: SimulatorThread, x: float, y: float) -> bool:
+    pose = chassis.state.pose
     return math.hypot(pose.x - x, pose.y - y) < 0.05
 
 
@@ -57,13 +63,17 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
     figure, axes = plt.subplots(figsize=(9, 7.5))
     for wall in walls:
         axes.plot([wall.x1, wall.x2], [wall.y1, wall.y2], color="0.25", linewidth=2)
-    in_map = [
-        (stamp_of(m.transforms[0]), of(m.transforms[0].transform) * of(m.transforms[1].transform))
+    # time of each transform, and the pose of the robot in the map
+    poses = [
+        (
+            stamp(m.transforms[0]),
+            plane_of(m.transforms[0].transform.translation, m.transforms[0].transform.rotation)
+            * plane_of(m.transforms[1].transform.translation, m.transforms[1].transform.rotation),
+        )
         for m in transforms
     ]
     for scan in scans[::15]:
-        at = min(in_map, key=lambda each: abs(each[0] - stamp_of(scan)))[1]
-        laser = at * Plane(0.25, 0.0, 0.0)
+        laser = min(poses, key=lambda each: abs(each[0] - stamp(scan)))[1] * _LASER
         points = [
             laser
             * Plane(
@@ -74,8 +84,8 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
             if math.isfinite(r)
         ]
         axes.scatter([p.x for p in points], [p.y for p in points], s=1, color="tab:red", alpha=0.3)
-    start = in_map[0][1]
-    track = [start * of_pose(m.pose.pose) for m in odoms]
+    start = poses[0][1]
+    track = [start * plane_of(m.pose.pose.position, m.pose.pose.orientation) for m in odoms]
     axes.plot([p.x for p in track], [p.y for p in track], color="tab:blue", label="odom")
     axes.scatter([], [], s=6, color="tab:red", label="scan")
     axes.plot(*zip(*GOALS, strict=True), "x", color="tab:green", label="goal_pose")
@@ -86,20 +96,14 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
     figure.savefig(path, dpi=80)
 
 
-def stamp_of(message: Any) -> float:
+def stamp(message: Any) -> float:
+    """Return the time of a stamped message, in seconds."""
     return float(message.header.stamp.sec + message.header.stamp.nanosec / 1e9)
 
 
-def of(transform: Any) -> Plane:
-    rotation = transform.rotation
-    yaw = 2 * math.atan2(rotation.z, rotation.w)
-    return Plane(transform.translation.x, transform.translation.y, yaw)
-
-
-def of_pose(pose: Any) -> Plane:
-    return Plane(
-        pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
-    )
+def plane_of(position: Any, rotation: Any) -> Plane:
+    """Return the planar part of a pose or transform."""
+    return Plane(position.x, position.y, 2 * math.atan2(rotation.z, rotation.w))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The measurements of speed work; how fast it is, `scripts/bench` tells on a quiet machine."""
+"""The benchmarks of speed run. How fast the agent is, `scripts/bench` tells on an idle machine."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import links, pages, scale, speed
-from benchmarks.programs import running
-from tests.harness import own_domain
+from benchmarks.measurements import links, scale, speed
+from benchmarks.processes import running
+from benchmarks.report import pages
+from woosh_robot_agent.testing import own_domain
 
-#: As users of the JSON know them.
-MEASURED = (
+pytestmark = pytest.mark.timeout(600)
+"""Long, because each test starts many processes."""
+FIGURES = (
     *("service_rtt", "service_rtt_p99", "service_cpu", "concurrent"),
     *("push_latency", "push_cpu", "push_max"),
     *("convert_pose", "convert_scan", "convert_info"),
     *("idle_rss", "idle_cpu", "startup", "fleet"),
 )
+"""Names in the output of `--speed --json`, on which users rely."""
 
 
 def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert speed.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert tuple(found) == MEASURED
+    assert tuple(found) == FIGURES
     assert all(value > 0 for value in found.values()), found
 
 
@@ -37,34 +40,34 @@ def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
         assert all(value > 0 for value in figures.values()), found
 
 
-def test_the_growth_of_cost_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+def test_growth_of_cost_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert scale.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert list(found) == list(scale.PLOTS)
+    assert list(found) == list(scale.SWEEPS)
     for curves in found.values():
         assert curves
         assert all(points for points in curves.values()), found
 
 
-def test_a_program_that_dies_is_shown_with_what_it_said() -> None:
+def test_error_of_a_program_that_dies_holds_its_log() -> None:
     with (
-        pytest.raises(RuntimeError, match=r"ended with 1; it said:\n(?s:.*)ConnectionRefused"),
+        pytest.raises(RuntimeError, match=r"ended with status 1(?s:.*)ConnectionRefused"),
         own_domain() as domain,
         running("benchmarks.floors.websocket", "ws://127.0.0.1:1", domain=domain) as program,
     ):
-        program.read()
+        program.receive()
 
 
-def test_the_page_has_a_place_for_each_part() -> None:
+def test_page_has_a_place_for_each_part() -> None:
     parts = re.findall(
-        r"<!-- (\w+): made by [^\n]*-->\n(?s:.*?)<!-- end -->", pages.PAGE.read_text()
+        r"<!-- (\w+): made by [^\n]*-->\n(?s:.*?)<!-- end -->", pages.SPEED_PAGE.read_text()
     )
-    assert parts == ["figures", "links", *scale.PLOTS]
+    assert parts == ["figures", "links", *scale.SWEEPS]
 
 
-def test_a_part_is_put_into_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_part_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "speed.md"
     page.write_text("before\n<!-- figures: made by x -->\nold\n<!-- end -->\nafter\n")
-    monkeypatch.setattr(pages, "PAGE", page)
-    pages.write("figures", "new")
-    assert page.read_text() == ("before\n<!-- figures: made by x -->\nnew\n<!-- end -->\nafter\n")
+    monkeypatch.setattr(pages, "SPEED_PAGE", page)
+    pages.write_part("figures", "new")
+    assert page.read_text() == "before\n<!-- figures: made by x -->\nnew\n<!-- end -->\nafter\n"

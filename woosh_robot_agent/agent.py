@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 # Nothing more is imported here: until `Signals` is there, a signal ends in a traceback.
+import os
 import signal
 import sys
 
@@ -11,14 +12,26 @@ if TYPE_CHECKING:
     from typing import Any
 
 _SPIN = 0.2
-"""s after which a signal is noticed at the latest: rclpy's wait does not end by one."""
+"""Maximum delay before the executor's thread notices a signal, in seconds.
+
+A signal does not end rclpy's wait. The thread of the links is told at once, by `Signals.fd`.
+"""
 
 
 class Signals:
-    """Notes SIGINT and SIGTERM from now on, instead of ending the program."""
+    """Notes SIGINT and SIGTERM from now on, instead of ending the program.
+
+    Attributes:
+        stop: True after the first signal.
+        fd: a file descriptor that becomes readable with the first signal.
+    """
 
     def __init__(self) -> None:
         self.stop = False
+        self.fd, written = os.pipe()
+        os.set_blocking(self.fd, False)
+        os.set_blocking(written, False)
+        signal.set_wakeup_fd(written, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._note)
 
@@ -85,6 +98,7 @@ def main(args: list[str] | None = None) -> int:
         executor = make_executor(fleet.executor)
         for agent in fleet.agents:
             executor.add_node(agent.node)
+        fleet.begin_close_on(signals.fd)
         collect_only_what_comes()
         while not signals.stop and rclpy.ok():
             _spin_once(executor, _SPIN)

@@ -40,6 +40,21 @@ class Fleet:
         self._thread = LoopThread()
         self.agents = [Agent(node, self._thread) for node in nodes]
 
+    def begin_close_on(self, fd: int) -> None:
+        """Begin to close all agents when a file descriptor becomes readable.
+
+        A chassis may end at the same moment, by the same Ctrl-C as a simulator does. The agents
+        close their links before they could take that for a loss.
+        """
+        loop = self._thread.loop
+
+        def begin() -> None:
+            loop.remove_reader(fd)
+            for agent in self.agents:
+                agent.begin_close()
+
+        loop.call_soon_threadsafe(loop.add_reader, fd, begin)
+
     def close(self, spin_once: Callable[[], None]) -> None:
         """End all of them at a time; see `Agent.close`."""
         close_all(self.agents, spin_once)

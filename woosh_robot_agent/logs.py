@@ -14,7 +14,7 @@ from typing import Any
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity, get_logger
 
-from woosh_robot_agent.link.log_once import shown
+from woosh_robot_agent.link.log_once import one_line
 
 _LONGEST = 2000
 """Characters of a message, tracebacks apart."""
@@ -48,7 +48,7 @@ class RosLogHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Log one record."""
         try:
-            text = shown(record.getMessage(), _LONGEST)
+            text = one_line(record.getMessage(), _LONGEST)
             if record.exc_info:
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
             logger = _SPEAKER.get() or get_logger(_PACKAGE)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import threading
 import time
 from collections.abc import Callable, Coroutine, Sequence
+from concurrent.futures import Future
+from dataclasses import fields
 from typing import Any
 
 from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
-from woosh_robot_agent.logs import context_of, log_to_ros, speak_as
-from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.logs import context_of, log_to_ros
+from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.requests import RequestMaker
@@ -22,14 +27,20 @@ from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.topics import Topics
 
 _LOG = logging.getLogger(__name__)
-_STOP_TIMEOUT = 0.4
-"""s that the robot gets to answer the last stop."""
+_ZERO_TIMEOUT = 0.4
+"""Time in which the chassis must answer the last zero velocity, in seconds."""
+_GOALS_TIMEOUT = 0.5
+"""Time in which the open goals must be aborted, in seconds."""
+_LINK_TIMEOUT = 1.0
+"""Time in which the link must be closed, in seconds."""
+_CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
+"""Time in which all of that must have ended, in seconds."""
+_DEBUG_TIMEOUT = 60.0
+"""Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 _SETTLE_TIMEOUT = 0.5
-"""s in which the results of aborted goals must be out."""
-_CLOSE_TIMEOUT = 2.0
-"""s after which the link is cut at the latest."""
-_END_TIMEOUT = 0.3
-"""s in which the work that is left over must end."""
+"""Time in which the results of aborted goals must reach their clients, in seconds."""
+_REST_TIMEOUT = 0.3
+"""Time in which the remaining work must end, in seconds."""
 
 
 class Agent:
@@ -60,10 +71,10 @@ class Agent:
         self._own_thread = None if thread else used
         self._thread = LinkThread(used, context_of(self.node.get_logger()))
         self._chassis = ChassisClient(config=self.settings.link)
-        self._gate = MotionGate(self._chassis)
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
         self._topics = Topics(self.node, self._chassis)  # first: what it cannot read, nobody gets
+        self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         known = LastKnown(self._chassis)
         self._services = Services(
             self.node, self._thread, self._chassis, self._gate, known, requests
@@ -86,10 +97,11 @@ class Agent:
                 self._gate,
                 known,
                 requests,
-                self._actions,
                 lambda: self.settings.standard,
             )
         )
+        self._lock = threading.Lock()
+        self._end: Future[None] | None = None
         self.node.on_change(self._change)
         self._thread.call(self._chassis.start)
         self._standard.start()
@@ -99,13 +111,83 @@ class Agent:
         """The parameters' values of the moment."""
         return self.node.settings
 
+    def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
+        """Return the state of the agent and the size of everything in it that may grow.
+
+        For debugging and for tests: keys may be added at any time. May be called from any thread
+        except the link thread.
+
+        Args:
+            timeout: Time that the link thread gets to answer, in seconds.
+
+        Returns:
+            `state`: The state of the link.
+            `requests`: Number of requests in flight.
+            `outbox`: Number of frames that wait to be sent.
+            `pushes`: Number of pushes that wait to be delivered.
+            `counters`: The link's counters, by the names of the attributes of `LinkStats`.
+            `goals`: Number of goals whose results have not been sent.
+            `running_goals`: Number of goals that the robot may be working on.
+            `tasks`: Names of the asyncio tasks in the link thread.
+
+        Raises:
+            TimeoutError: The link thread did not answer in time.
+        """
+        return self._thread.run(self._debug(), timeout)
+
+    async def _debug(self) -> dict[str, Any]:
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        stats = self._chassis.stats
+        return {
+            **self._chassis.debug(),
+            "state": self._chassis.state.value,
+            "counters": {each.name: getattr(stats, each.name) for each in fields(stats)},
+            "goals": self._actions.open_goals,
+            "running_goals": self._actions.running_goals,
+            "tasks": sorted(task.get_name() for task in tasks),
+        }
+
+    def begin_close(self) -> None:
+        """Begin to stop the robot, to abort the open goals and to close the link. From any thread.
+
+        Further calls do nothing. `close` waits for the end.
+        """
+        with self._lock:
+            if self._end is None:
+                self._end = self._thread.begin(self._close())
+
     def close(self, spin_once: Callable[[], None]) -> None:
-        """Stop the robot if the agent drove it, abort the open goals, and end the link.
+        """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
 
         Args:
             spin_once: runs the executor for a moment, so that results reach their clients.
         """
         close_all([self], spin_once)
+
+    async def _close(self) -> None:
+        # each step in any case; the gate's own timeout comes first, as its error says more
+        await self._end_step("the stop of the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
+        await self._end_step("the end of the goals", self._actions.stop, _GOALS_TIMEOUT)
+        await self._end_step("the end of the link", self._chassis.close, _LINK_TIMEOUT)
+
+    async def _stop_robot(self) -> None:
+        try:
+            await self._gate.close(_ZERO_TIMEOUT)
+        except LinkError as error:
+            _LOG.error(
+                "the robot was not stopped; if it moves, press its emergency stop: %s", error
+            )
+
+    @staticmethod
+    async def _end_step(
+        name: str, work: Callable[[], Coroutine[Any, Any, None]], timeout: float
+    ) -> None:
+        try:
+            await run_with_timeout(timeout, work())
+        except TimeoutError:
+            _LOG.error("%s took longer than %g s", name, timeout)
+        except Exception:  # a defect of the agent, which must not keep the next step from running
+            _LOG.exception("%s failed", name)
 
     def _change(self, before: Settings) -> None:
         self._requests.robot_id = self.settings.link.robot_id
@@ -115,49 +197,33 @@ class Agent:
 
 
 def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """End several agents step by step, each step for all of them at a time; see `Agent.close`."""
-    deadline = time.monotonic() + _CLOSE_TIMEOUT
-    confirmed = _stop_driving(agents)
-    _each(agents, "end of the goals", lambda agent: agent._actions.stop(), _SETTLE_TIMEOUT)
-    settled = time.monotonic() + _SETTLE_TIMEOUT
-    while any(agent._actions.open_goals for agent in agents) and time.monotonic() < settled:
-        spin_once()
-    _stop_driving(confirmed)  # another velocity may have come meanwhile
-    left = max(deadline - time.monotonic(), 0.1)
-    _each(agents, "end of the link", lambda agent: agent._chassis.close(), left)
-    _each(agents, "end of the rest", lambda agent: agent._thread.cancel(), _END_TIMEOUT)
+    """Close several agents at the same time; see `Agent.close`."""
+    for agent in agents:
+        agent.begin_close()
+    ends = [agent._end for agent in agents if agent._end is not None]
+    _spin_while(lambda: not all(end.done() for end in ends), spin_once, _CLOSE_TIMEOUT)
+    _spin_while(
+        lambda: any(agent._actions.open_goals for agent in agents), spin_once, _SETTLE_TIMEOUT
+    )
+    rests = [(agent, agent._thread.begin(agent._thread.cancel())) for agent in agents]
+    until = time.monotonic() + _REST_TIMEOUT
+    for agent, rest in rests:
+        try:
+            outcome(rest, max(until - time.monotonic(), 0.0))
+        except TimeoutError:
+            agent.node.get_logger().error("the agent's tasks did not end in time")
     for agent in agents:
         if agent._own_thread is not None:
-            agent._own_thread.stop(_END_TIMEOUT)
+            agent._own_thread.stop(_REST_TIMEOUT)
         if agent.node.executor is not None:  # it would keep what the node consists of
             agent.node.executor.remove_node(agent.node)
         agent._actions.destroy()
         agent.node.destroy_node()
 
 
-def _stop_driving(agents: Sequence[Agent]) -> list[Agent]:
-    def stop(agent: Agent) -> Coroutine[Any, Any, None]:
-        return agent._gate.stop_driving(_STOP_TIMEOUT)
-
-    return _each(agents, "stop of the robot", stop, 2 * _STOP_TIMEOUT)
-
-
-def _each(
-    agents: Sequence[Agent],
-    what: str,
-    work: Callable[[Agent], Coroutine[Any, Any, None]],
-    timeout: float,
-) -> list[Agent]:
-    """Take one step of the end; those that succeeded. The next ones come in any case."""
+def _spin_while(
+    condition: Callable[[], bool], spin_once: Callable[[], None], timeout: float
+) -> None:
     until = time.monotonic() + timeout
-    succeeded = []
-    for agent, begun in [(agent, agent._thread.begin(work(agent))) for agent in agents]:
-        try:
-            outcome(begun, max(until - time.monotonic(), 0.0))
-            succeeded.append(agent)
-        except (LinkError, TimeoutError) as error:
-            agent.node.get_logger().error(f"{what}: {str(error) or 'it took too long'}")
-        except Exception:  # a mistake of ours with one robot: the others must be stopped as well
-            speak_as(agent.node.get_logger())
-            _LOG.exception("%s failed", what)
-    return succeeded
+    while condition() and time.monotonic() < until:
+        spin_once()

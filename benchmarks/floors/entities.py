@@ -1,9 +1,9 @@
-"""Floor: a node with as many services, topics and actions as the agent, and nothing behind them.
+"""Floor of memory and start: a node with the agent's entities, which do nothing.
 
     python -m benchmarks.floors.entities KIND:TYPE:NAME:DEPTH...
 
-KIND is service, action, publisher, latched or subscription; DEPTH is the topic's. Nothing of the
-agent is imported here: what that costs is what is measured.
+KIND is `service`, `action`, `publisher`, `latched` (a latched publisher) or `subscription`. DEPTH
+is the queue depth of a topic.
 """
 
 from __future__ import annotations
@@ -17,24 +17,26 @@ from rclpy.action import ActionServer
 from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-FOLDERS = {"service": "srv", "action": "action"}
+MODULES = {"service": "srv", "action": "action"}
+"""Modules of the ROS types of each kind, where that is not `msg`."""
 
 
-def nothing(*_arguments: Any) -> None:
+def do_nothing(*_arguments: Any) -> None:
     pass
 
 
 def create(node: Any, kind: str, type_name: str, name: str, depth: str) -> None:
+    """Create one entity."""
     package, short = type_name.split("/")
-    module = importlib.import_module(f"{package}.{FOLDERS.get(kind, 'msg')}")
+    module = importlib.import_module(f"{package}.{MODULES.get(kind, 'msg')}")
     ros_type = getattr(module, short)
     qos = QoSProfile(depth=int(depth))
     if kind == "service":
-        node.create_service(ros_type, name, nothing)
+        node.create_service(ros_type, name, do_nothing)
     elif kind == "action":
-        ActionServer(node, ros_type, name, nothing)
+        ActionServer(node, ros_type, name, do_nothing)
     elif kind == "subscription":
-        node.create_subscription(ros_type, name, nothing, qos)
+        node.create_subscription(ros_type, name, do_nothing, qos)
     else:
         if kind == "latched":
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL

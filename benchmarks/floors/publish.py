@@ -1,6 +1,6 @@
-"""Floor: publishes from the socket's thread what a socket brings, without a look at it.
+"""Floor of pushes: publishes a message for each frame of a WebSocket, in the thread that reads it.
 
-The number of each push is all that is read of it: it goes into the field `mileage`.
+It reads only one field of a frame: `mileage`, the number of the push.
 """
 
 from __future__ import annotations

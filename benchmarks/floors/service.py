@@ -1,4 +1,4 @@
-"""Floor: a bare service, one of 52 on a node, as the agent has them."""
+"""Floor of service calls: a node with 52 services, as many as the agent has, answered at once."""
 
 from __future__ import annotations
 

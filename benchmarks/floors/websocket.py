@@ -1,6 +1,9 @@
-"""Floor: bare WebSocket round trips, with the library that the link uses.
+"""Floor of the link: round trips over a bare WebSocket, with the library that the link uses.
 
-Prints one line of JSON: the round trips in s, and the CPU time of this process in s.
+    python -m benchmarks.floors.websocket URL
+
+Each line on stdin is a number. The program sends that number of requests, one after the other, and
+prints one line of JSON: all round-trip times and its own CPU time for all of them, in seconds.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ async def main(url: str) -> None:
             count = int(line)
             times = []
             for left in range(count + max(1, count // 10), 0, -1):
-                if left == count:  # warm
+                if left == count:  # the requests before this one were a warm-up
                     cpu = time.process_time()
                     times.clear()
                 number += 1

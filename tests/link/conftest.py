@@ -1,4 +1,4 @@
-"""Every warning in the link's tests is an error: of tasks, coroutines and sockets left behind."""
+"""Make every warning in the link's tests an error, e.g. about tasks and sockets left behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random messages of any type, and the types of the table of endpoints."""
+"""Random messages of any type, and the message types in the table of endpoints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ENDPOINTS = yaml.safe_load((Path(__file__).parents[1] / "facts/endpoints.yaml").
 
 
 def table_types() -> list[str]:
-    """Full names of all messages that the table of endpoints names."""
+    """Return the full names of all messages in the table of endpoints."""
     found = set()
     for group in ENDPOINTS.values():
         for endpoint in group.values() if isinstance(group, dict) else ():

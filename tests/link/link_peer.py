@@ -1,7 +1,7 @@
-"""A scripted chassis for the link's tests, and what runs an asynchronous test.
+"""A scripted chassis for the link's tests, and the runner of asynchronous tests.
 
-It speaks the wire by itself, with nothing of the link's transports and codecs in it: frames are
-literal text, or bytes put together here.
+It does not use the transports and codecs of the link: frames are literal text, or bytes that are
+put together here.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ except ImportError:
     from websockets.legacy.server import serve
 
 TIMEOUT = 30.0
-"""s after which a test gives up waiting; far above what anything here takes."""
+"""Time after which a test stops waiting, in seconds; far more than anything here takes."""
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]
 
 
 def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """Run an asynchronous test; nothing may be left running or unnoticed after it."""
+    """Run an asynchronous test, and check that it leaves no task and no unhandled exception."""
 
     @functools.wraps(test)
     def run(*args: Any, **kwargs: Any) -> None:
         troubles: list[Any] = []
 
         def note(context: dict[str, Any]) -> None:
-            # the server of websockets 10.4 stumbles when it ends in the middle of a handshake
+            # the server of websockets 10.4 raises when it ends during a handshake
             if "'WebSocketServerProtocol'" not in str(context.get("exception")):
                 troubles.append(context)
 
@@ -54,12 +54,12 @@ def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
 
 
 def others() -> list[asyncio.Task[Any]]:
-    """Tasks other than the current one."""
+    """Return all tasks except the current one."""
     return [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
 
 
 async def eventually(condition: Callable[[], Any], what: str = "", timeout: float = TIMEOUT) -> Any:
-    """Wait for what no event announces."""
+    """Poll until `condition` is true, and return its value."""
     deadline = time.monotonic() + timeout
     while not (value := condition()):
         if time.monotonic() > deadline:
@@ -73,13 +73,13 @@ async def soon(work: Awaitable[Any], timeout: float = TIMEOUT / 2) -> Any:
 
 
 async def turns(count: int = 20) -> None:
-    """Let everything run that can run now."""
+    """Let all tasks run that can run now."""
     for _ in range(count):
         await asyncio.sleep(0)
 
 
 def config(port: int, **changes: Any) -> LinkConfig:
-    """A quick configuration."""
+    """Return a configuration with short timeouts."""
     values: dict[str, Any] = {
         "ip": "127.0.0.1",
         "port": port,
@@ -96,7 +96,7 @@ def config(port: int, **changes: Any) -> LinkConfig:
 
 
 class Wire:
-    """The chassis's end of one connection."""
+    """The end of one connection that belongs to the chassis."""
 
     def __init__(self, peer: Any, transport: Any) -> None:
         self.peer = peer
@@ -116,7 +116,7 @@ class Wire:
         raise NotImplementedError
 
     async def next(self, type_name: str | None = None) -> Frame:
-        """The next frame from the client, of one type if that is given."""
+        """Wait for the next frame from the client, or the next one of the given type."""
         while True:
             frame = await soon(self.frames.get())
             if type_name in (None, frame["type"]):
@@ -138,7 +138,7 @@ class Wire:
         return frame
 
     async def serve(self, receive: Callable[[], Awaitable[Any]], ended: Any) -> None:
-        """Take frames until the connection ends."""
+        """Receive frames until the connection ends."""
         self.peer.joined(self)
         try:
             while True:
@@ -155,7 +155,7 @@ class Wire:
             self.gone.set()
 
     def freeze(self) -> None:
-        """Read nothing more: the client hears neither answers nor pongs."""
+        """Stop reading: the client gets neither answers nor pongs."""
         self.transport.pause_reading()
         self.frozen = True
 
@@ -185,7 +185,7 @@ class JsonWire(Wire):
 
 
 class Packed:
-    """woosh.commu_pack.MessagePackJson by hand."""
+    """woosh.commu_pack.MessagePackJson, encoded and decoded by hand."""
 
     @staticmethod
     def varint(value: int) -> bytes:
@@ -292,9 +292,9 @@ class Peer:
 
     Args:
         kind: `json`, `protobuf` (both on WebSocket) or `tcp`.
-        info: body of its RobotInfo.
-        auto: whether it answers RobotInfo by itself.
-        script: sees each frame first; True if it took it.
+        info: body of the RobotInfo answer.
+        auto: True to answer RobotInfo automatically.
+        script: called with each frame first; returns True if it has handled the frame.
         port: 0 takes a free one.
     """
 
@@ -332,7 +332,7 @@ class Peer:
         self._joined.set()
 
     async def wire(self, number: int = 1) -> Wire:
-        """The connection with this number, from 1."""
+        """Wait for the connection with this number, counted from 1."""
         while len(self.wires) < number:
             self._joined.clear()
             await soon(self._joined.wait())
@@ -380,7 +380,7 @@ class Peer:
 
 
 class RawServer:
-    """A TCP server that does with each connection what it is told."""
+    """A TCP server that calls `handle` for each connection."""
 
     def __init__(self, handle: Callable[[Any, Any], Awaitable[None]]) -> None:
         self.handle = handle
@@ -410,19 +410,19 @@ class RawServer:
 
 
 def states(client: ChassisClient) -> list[LinkState]:
-    """A list that the client's states are added to from now on."""
+    """Return a list to which each new state of the client is added."""
     seen: list[LinkState] = []
     client.on_state(seen.append)
     return seen
 
 
 def ours() -> list[str]:
-    """Names of the link's tasks."""
+    """Return the names of the link's tasks."""
     return [task.get_name() for task in others() if task.get_name().startswith("link")]
 
 
 async def error_of(client: ChassisClient) -> Any:
-    """Why the first attempt failed."""
+    """Start the client and return the error of its first attempt."""
     client.start()
     try:
         return await eventually(lambda: client.last_error)

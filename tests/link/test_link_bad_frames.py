@@ -1,4 +1,4 @@
-"""Bad frames are counted, told once, and skipped."""
+"""Bad frames are counted, logged once, and skipped."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ async def works(client: Any, wire: Any) -> bool:
     ],
 )
 @aio
-async def test_a_bad_frame_is_counted_told_once_and_skipped(
+async def test_a_bad_frame_is_counted_logged_once_and_skipped(
     kind: str, frame: Any, counted: str
 ) -> None:
     records: list[logging.LogRecord] = []
@@ -59,15 +59,15 @@ async def test_a_bad_frame_is_counted_told_once_and_skipped(
             assert client.stats.bad_frames == {counted: 3}
             assert client.stats.rx == 2
             assert client.stats.connects == 1
-            told = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
-            assert [r.levelno for r in told] == [logging.WARNING, logging.DEBUG, logging.DEBUG]
+            logged = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
+            assert [r.levelno for r in logged] == [logging.WARNING, logging.DEBUG, logging.DEBUG]
             wire.abort()
             again = await peer.wire(2)
             await client.wait_ready(TIMEOUT)
             await again.raw(frame)  # another link, another time
             await eventually(lambda: client.stats.bad_frames == {counted: 4})
-            told = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
-            assert told[-1].levelno == logging.WARNING
+            logged = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
+            assert logged[-1].levelno == logging.WARNING
             ready = [r for r in records if r.getMessage().startswith("connected to")]
             assert [r.levelno for r in ready] == [logging.INFO] * 2
     finally:
@@ -110,7 +110,7 @@ async def test_a_huge_length_on_tcp_takes_no_memory() -> None:
 
 
 @aio
-async def test_a_frame_over_the_limit_on_websocket_is_named_in_the_error() -> None:
+async def test_the_error_names_the_limit_that_a_websocket_frame_exceeded() -> None:
     async with Peer() as peer, peer.client(max_frame_size=1000) as client:
         wire = await peer.wire()
         task = asyncio.ensure_future(client.request(Speak()))
@@ -121,18 +121,18 @@ async def test_a_frame_over_the_limit_on_websocket_is_named_in_the_error() -> No
 
 
 @aio
-async def test_a_frame_of_ours_that_is_too_big_for_the_chassis_is_told_apart() -> None:
+async def test_the_error_says_when_the_chassis_refused_a_large_frame() -> None:
     async with Peer() as peer, peer.client() as client:
         wire: Any = await peer.wire()
         task = asyncio.ensure_future(client.request(Speak()))
         await wire.next()
         await wire.socket.close(1009, "too big")
-        with pytest.raises(ConnectionLostError, match=r"1009 too big .*a frame of ours"):
+        with pytest.raises(ConnectionLostError, match=r"1009 too big .*a frame from this side"):
             await soon(task)
 
 
 @aio
-async def test_a_mistake_of_the_link_itself_ends_the_connection_but_not_the_client(
+async def test_an_internal_error_ends_the_connection_but_not_the_client(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async with Peer() as peer, peer.client() as client:
@@ -152,7 +152,7 @@ async def test_a_mistake_of_the_link_itself_ends_the_connection_but_not_the_clie
         assert await works(client, again)
 
 
-def test_what_was_told_is_forgotten_when_it_is_over(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_cleared_kind_is_logged_again(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG)
     log = LogOnce(logging.getLogger("test.once"))
     for kind in ("a", "a", "b"):
@@ -166,8 +166,8 @@ def test_what_was_told_is_forgotten_when_it_is_over(caplog: pytest.LogCaptureFix
     assert warned == ["a", "b", "100 %s", "b"]
 
 
-def test_it_does_not_remember_without_end() -> None:
+def test_the_number_of_remembered_kinds_is_limited() -> None:
     log = LogOnce(logging.getLogger("test.once"))
     for number in range(10_000):
         log.warn(str(number), "text")
-    assert len(log._told) <= 200
+    assert len(log._logged) <= 200

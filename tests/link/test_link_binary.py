@@ -1,4 +1,4 @@
-"""Binary frames as they stand on the wire, put together by hand."""
+"""Binary frames as they are on the wire, put together by hand."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_an_answer_without_a_type_is_still_an_answer() -> None:
         (b'{"type":"woosh.robot.Mode"}', "encoding"),
     ],
 )
-def test_what_is_no_frame_is_an_error_of_its_kind(data: str | bytes, kind: str) -> None:
+def test_data_that_is_not_a_frame_gives_an_error_of_its_kind(data: str | bytes, kind: str) -> None:
     with pytest.raises(FrameError) as caught:
         CODEC.decode(data)
     assert caught.value.kind == kind

@@ -1,4 +1,4 @@
-"""Both codecs over everything: exact both ways, and never an error that escapes."""
+"""Both codecs with random messages and random data: exact round trips, and only FrameError."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from tests.link.link_messages import messages, table_types
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json
+from woosh_robot_agent.link.codecs.json_errors import FieldError
+from woosh_robot_agent.link.codecs.json_reader import from_json
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
@@ -39,7 +40,7 @@ def check_there_and_back(name: str, message: Any) -> None:
 
 
 @pytest.mark.parametrize("name", table_types())
-def test_each_type_of_the_table_survives_there_and_back(name: str) -> None:
+def test_each_type_of_the_table_survives_a_round_trip(name: str) -> None:
     @quick
     @given(messages(TYPES[name]))
     def check(message: Any) -> None:
@@ -50,13 +51,13 @@ def test_each_type_of_the_table_survives_there_and_back(name: str) -> None:
 
 @settings(quick, max_examples=250)
 @given(st.data(), st.sampled_from(sorted(set(TYPES) - set(table_types()))))
-def test_every_other_type_survives_there_and_back(data: Any, name: str) -> None:
+def test_every_other_type_survives_a_round_trip(data: Any, name: str) -> None:
     check_there_and_back(name, data.draw(messages(TYPES[name])))
 
 
 @quick
 @given(st.data(), st.sampled_from(table_types()))
-def test_the_json_is_what_protobufs_own_reader_takes(data: Any, name: str) -> None:
+def test_protobufs_own_reader_accepts_our_json(data: Any, name: str) -> None:
     message = data.draw(messages(TYPES[name]))
     for codec in (JsonCodec(), JsonCodec(defaults=True)):
         text = codec.encode(name, message)
@@ -64,7 +65,7 @@ def test_the_json_is_what_protobufs_own_reader_takes(data: Any, name: str) -> No
         assert raw(other) == raw(message)
 
 
-def test_no_name_stands_for_two_fields() -> None:
+def test_no_json_name_is_ambiguous() -> None:
     for name, cls in TYPES.items():
         owner: dict[str, str] = {}
         for field in cls.DESCRIPTOR.fields:
@@ -161,13 +162,13 @@ def test_deep_nesting_gives_a_value_or_a_frame_error(depth: int) -> None:
         read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"twist":{deep}}}}}')
 
 
-def test_nesting_that_is_just_not_too_deep_gives_a_value_or_a_frame_error() -> None:
-    for depth in range(700, 1000):  # around what the interpreter bears
+def test_nesting_near_the_recursion_limit_gives_a_value_or_a_frame_error() -> None:
+    for depth in range(700, 1000):  # around the recursion limit of the interpreter
         deep = '{"a":' * depth + "1" + "}" * depth
         read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{deep}}}}}')
 
 
-def test_the_text_of_an_error_is_short_and_made_without_writing_out_a_map() -> None:
+def test_the_text_of_an_error_is_short_and_quick_to_make_for_a_map() -> None:
     class Value:
         written = 0
 

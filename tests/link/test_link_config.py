@@ -1,4 +1,4 @@
-"""The link's configuration: defaults, addresses, and what makes no sense."""
+"""The link's configuration: defaults, addresses and invalid values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_the_defaults_are_those_of_real_chassis() -> None:
     assert config.max_frame_size == 64 * 1024 * 1024
 
 
-def test_tcp_has_a_port_of_its_own() -> None:
+def test_tcp_has_its_own_default_port() -> None:
     assert LinkConfig(transport="tcp").address == "tcp://169.254.128.2:5481"
     assert LinkConfig(transport="tcp", port=7).effective_port == 7
 
@@ -44,7 +44,7 @@ def test_names_and_addresses_of_every_kind(ip: str, address: str) -> None:
     ["", " ", "a b", "ws://robot", "robot/x", "[::1]", "a@b", "robot:5480", "1.2.3.4:5480", "a..b",
      ".a", "a?b", "a#b", "a%b", "x" * 64, "::1::", "a\n"],
 )  # fmt: skip
-def test_what_is_no_host_is_refused(ip: str) -> None:
+def test_an_ip_that_is_not_a_host_is_refused(ip: str) -> None:
     with pytest.raises(ValueError, match="ip"):
         LinkConfig(ip=ip)
 
@@ -62,12 +62,12 @@ def test_what_is_no_host_is_refused(ip: str) -> None:
         ("stable_after", -1), ("stable_after", math.nan),
     ],
 )  # fmt: skip
-def test_a_value_that_makes_no_sense_is_named(name: str, value: Any) -> None:
+def test_the_error_names_the_invalid_value(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=name):
         LinkConfig(**{name: value})
 
 
-def test_the_ip_of_the_client_goes_before_the_configurations() -> None:
+def test_the_clients_ip_overrides_the_configurations() -> None:
     config = LinkConfig(ip="a", port=9)
     assert ChassisClient("b", config).config.address == "ws://b:9"
     assert ChassisClient(config=config).config is config

@@ -1,4 +1,4 @@
-"""Ending, and changing over: of the client, of one connection, and of what they are made of."""
+"""Closing and reconfiguring: the client, one connection, and timeouts."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.connection import Connection
-from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.link.timeouts import within
-from woosh_robot_agent.link.transports import open_transport
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.link.transport.opening import open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
@@ -46,7 +46,7 @@ WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("backlog", [0, 16_000_000])
 @aio
-async def test_the_close_is_bounded_even_if_the_other_end_takes_nothing(
+async def test_the_close_is_bounded_even_if_the_other_end_reads_nothing(
     kind: str, backlog: int
 ) -> None:
     async with Peer(kind) as peer:
@@ -75,7 +75,7 @@ async def test_an_orderly_close_is_quick(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_a_close_that_is_cancelled_still_drops_the_connection(kind: str) -> None:
+async def test_a_cancelled_close_still_drops_the_connection(kind: str) -> None:
     async with Peer(kind) as peer:
         client = await peer.client(close_timeout=0.2).__aenter__()
         wire = await peer.wire()
@@ -112,7 +112,7 @@ async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> N
 @pytest.mark.parametrize("pause", [0, 1, 2, 3, 5, 8, 13, 21, 34])
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_it_can_be_closed_at_any_moment_of_connecting(kind: str, pause: int) -> None:
+async def test_a_client_can_be_closed_at_any_moment_of_connecting(kind: str, pause: int) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
         client.start()
@@ -125,7 +125,7 @@ async def test_it_can_be_closed_at_any_moment_of_connecting(kind: str, pause: in
 
 
 @aio
-async def test_closing_what_was_never_started_and_closing_twice() -> None:
+async def test_a_client_can_be_closed_twice_or_without_a_start() -> None:
     async with Peer() as peer:
         client = peer.client()
         await client.close()
@@ -137,7 +137,7 @@ async def test_closing_what_was_never_started_and_closing_twice() -> None:
 
 
 @aio
-async def test_who_waits_for_the_link_is_told_when_it_is_closed() -> None:
+async def test_close_ends_wait_ready_with_an_error() -> None:
     async with RawServer(silent) as server:
         client = ChassisClient(config=config(server.port))
         client.start()
@@ -159,7 +159,7 @@ async def test_a_closed_client_can_be_started_again() -> None:
 
 
 @aio
-async def test_starting_while_it_closes_gives_one_link() -> None:
+async def test_a_start_during_a_close_gives_one_link() -> None:
     async with Peer() as peer:
         client = await peer.client().__aenter__()
         seen = states(client)
@@ -215,11 +215,11 @@ async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
         )
         await client.reconfigure(two.config())
         await client.wait_ready(TIMEOUT)
-        assert runners == [0]  # besides the one that says so
+        assert runners == [0]  # none except the one that reports it
 
 
 @aio
-async def test_a_new_configuration_while_it_closes_starts_nothing() -> None:
+async def test_a_new_configuration_during_a_close_starts_nothing() -> None:
     async with Peer() as peer:
         client = await peer.client().__aenter__()
         changing = asyncio.ensure_future(client.reconfigure(peer.config()))
@@ -232,7 +232,7 @@ async def test_a_new_configuration_while_it_closes_starts_nothing() -> None:
 
 
 @aio
-async def test_a_change_of_configuration_that_is_cancelled_leaves_a_link() -> None:
+async def test_a_cancelled_reconfigure_leaves_a_link() -> None:
     async with Peer() as one, Peer() as two, one.client() as client:
         (await one.wire()).freeze()
         changing = asyncio.ensure_future(client.reconfigure(two.config()))
@@ -245,10 +245,10 @@ async def test_a_change_of_configuration_that_is_cancelled_leaves_a_link() -> No
 
 
 class Fake:
-    """A transport with frames that are all there already."""
+    """A transport whose frames have all arrived already."""
 
     peer = "fake"
-    heard = 0.0
+    progress_at = 0.0
 
     def __init__(self, frames: int) -> None:
         self.frames = frames
@@ -269,12 +269,12 @@ class Fake:
 
 def connection_over(fake: Any) -> Connection:
     log = LogOnce(logging.getLogger("test"))
-    losses = Losses(logging.getLogger("test"))
-    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, losses, lambda _: None)
+    drops = DropLog(logging.getLogger("test"))
+    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, drops, lambda _: None)
 
 
 @aio
-async def test_the_reader_lets_others_work_during_a_flood() -> None:
+async def test_the_reader_lets_other_tasks_run_during_a_flood() -> None:
     fake = Fake(50_000)
     connection = connection_over(fake)
     await turns(3)
@@ -283,14 +283,14 @@ async def test_the_reader_lets_others_work_during_a_flood() -> None:
 
 
 @aio
-async def test_a_connection_can_be_closed_before_it_began() -> None:
+async def test_a_connection_can_be_closed_before_its_tasks_run() -> None:
     await connection_over(Fake(0)).close(ConnectionLostError("test"))
 
 
 @aio
-async def test_a_bound_lets_the_callers_cancellation_through_even_with_a_result() -> None:
+async def test_a_timeout_passes_on_a_cancellation_that_meets_a_result() -> None:
     result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-    task = asyncio.ensure_future(within(5, result))
+    task = asyncio.ensure_future(run_with_timeout(5, result))
     await turns(2)
     result.set_result(1)
     task.cancel()
@@ -299,7 +299,7 @@ async def test_a_bound_lets_the_callers_cancellation_through_even_with_a_result(
 
 
 @aio
-async def test_a_bound_cancels_what_takes_too_long() -> None:
+async def test_a_timeout_cancels_the_work() -> None:
     ended = asyncio.Event()
 
     async def work() -> None:
@@ -309,13 +309,13 @@ async def test_a_bound_cancels_what_takes_too_long() -> None:
             ended.set()
 
     with pytest.raises(TimeoutError):
-        await within(0.01, work())
+        await run_with_timeout(0.01, work())
     assert ended.is_set()
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_an_attempt_that_is_cancelled_with_its_success_leaves_no_socket(kind: str) -> None:
+async def test_an_attempt_cancelled_as_it_succeeds_leaves_no_socket(kind: str) -> None:
     async with Peer(kind) as peer:
         for pause in range(0, 60, 3):
             opening = asyncio.ensure_future(open_transport(peer.config()))

@@ -1,4 +1,4 @@
-"""The example of the documentation runs as it stands there, but for the address."""
+"""The example in the documentation runs, with another address."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A chassis, or what pretends to be one, that means harm: the link stays bounded and goes on."""
+"""A hostile chassis: the link's use of memory and time stays bounded, and the link goes on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.log_once import LogOnce, shown
+from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.protos import message_types
@@ -26,8 +26,8 @@ MIB = 1024 * 1024
 
 
 @aio
-async def test_the_link_goes_where_it_was_told_and_nowhere_else() -> None:
-    """A redirect to another machine is no chassis."""
+async def test_redirects_are_not_followed() -> None:
+    """A redirect could lead to another machine."""
     async with Peer() as elsewhere:
 
         async def redirect(reader: Any, writer: Any) -> None:
@@ -52,8 +52,8 @@ def _with_port(config: Any, port: int) -> Any:
 
 
 @aio
-async def test_a_length_that_no_message_has_ends_the_connection_at_once() -> None:
-    """It could not be skipped within a lifetime, and would count as life."""
+async def test_an_impossible_length_ends_the_connection_at_once() -> None:
+    """Skipping it would take for ever, and its bytes would count as a sign of life."""
     async with Peer("tcp") as peer, peer.client() as client:
         wire = await peer.wire()
         await wire.raw(Packed.varint(2**40) + b"x" * 1000)
@@ -71,8 +71,8 @@ async def test_a_length_that_no_message_has_ends_the_connection_at_once() -> Non
     ],
     ids=["envelope", "poses", "lists", "names"],
 )
-def test_a_small_frame_does_not_become_a_big_heap(data: str) -> None:
-    """An empty object takes two bytes of a frame, and a hundred of memory."""
+def test_the_parts_of_a_json_frame_are_limited(data: str) -> None:
+    """An empty object takes two bytes in a frame and a hundred bytes of memory."""
     tracemalloc.start()
     try:
         with pytest.raises(FrameError, match="objects, lists and names"):
@@ -82,15 +82,15 @@ def test_a_small_frame_does_not_become_a_big_heap(data: str) -> None:
         tracemalloc.stop()
 
 
-def test_a_big_frame_of_sensible_content_is_read() -> None:
+def test_a_large_frame_with_few_parts_is_read() -> None:
     numbers = ",".join(["0.25"] * 1_000_000)
     frame = JsonCodec().decode('{"type":"x","body":{"ranges":[' + numbers + "]}}")
     assert isinstance(frame.body, dict)
 
 
 @pytest.mark.parametrize("codec", ["json", "protobuf"])
-def test_a_type_that_is_no_name_is_cut(codec: str) -> None:
-    """It stands in errors, in logs, and in a simulator's answer."""
+def test_a_long_type_name_is_cut(codec: str) -> None:
+    """It appears in errors, in logs and in answers of the simulator."""
     name = "x" * MIB
     if codec == "json":
         envelope = JsonCodec().decode('{"type":"' + name + '","sn":1}')
@@ -114,10 +114,11 @@ def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize("limit", ["default", "0"])
-def test_numbers_as_text_are_bounded_whatever_the_interpreter_says(limit: str) -> None:
-    """Turning a million digits into an integer takes Python many seconds."""
+def test_numbers_as_text_are_limited_whatever_the_interpreters_limit(limit: str) -> None:
+    """Python needs many seconds to read a million digits."""
     program = (
-        "from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json\n"
+        "from woosh_robot_agent.link.codecs.json_errors import FieldError\n"
+        "from woosh_robot_agent.link.codecs.json_reader import from_json\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "for text in ('9' * 20_000_000, '-' + '0' * 20_000_000, '9' * 4000):\n"
         "    try:\n"
@@ -134,7 +135,7 @@ def test_numbers_as_text_are_bounded_whatever_the_interpreter_says(limit: str) -
 
 
 def test_deep_nesting_with_protobufs_own_python() -> None:
-    """Its slow implementation has no limit of its own and runs into Python's."""
+    """The pure Python implementation has no limit and runs into Python's recursion limit."""
     program = (
         "from google.protobuf.internal import api_implementation\n"
         "if api_implementation.Type() != 'python':\n"
@@ -158,7 +159,7 @@ def test_deep_nesting_with_protobufs_own_python() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_what_is_told_once_is_remembered_in_little_room() -> None:
+def test_remembered_kinds_take_little_memory() -> None:
     log = LogOnce(logging.getLogger("woosh_robot_agent.test"))
     tracemalloc.start()
     try:
@@ -170,7 +171,7 @@ def test_what_is_told_once_is_remembered_in_little_room() -> None:
 
 
 @aio
-async def test_the_texts_of_a_chassis_are_one_short_line_in_the_log() -> None:
+async def test_texts_of_the_chassis_are_logged_as_one_short_line() -> None:
     records: list[str] = []
     handler = logging.Handler()
     handler.emit = lambda record: records.append(record.getMessage())  # type: ignore[method-assign]
@@ -181,9 +182,9 @@ async def test_the_texts_of_a_chassis_are_one_short_line_in_the_log() -> None:
             wire = await peer.wire()
             await wire.send({"type": "error", "ok": False, "msg": "a\n[INFO] b\x1b[2J" + "x" * MIB})
             await eventually(lambda: [text for text in records if "reports" in text])
-            (told,) = [text for text in records if "reports" in text]
-            assert told.isprintable()
-            assert len(told) < 1000
+            (logged,) = [text for text in records if "reports" in text]
+            assert logged.isprintable()
+            assert len(logged) < 1000
             task = asyncio.ensure_future(client.request(Speak()))
             await wire.answer(await wire.next("woosh.robot.Speak"), ok=False, msg="a\nb" * 1000)
             answer = await soon(task)
@@ -202,8 +203,8 @@ async def test_the_texts_of_a_chassis_are_one_short_line_in_the_log() -> None:
         ("x" * 600, "x" * 500 + "... (600 characters)"),
     ],
 )
-def test_text_of_others_in_a_log(text: str, expected: str) -> None:
-    assert shown(text) == expected
+def test_one_line(text: str, expected: str) -> None:
+    assert one_line(text) == expected
 
 
 HOSTILE = {
@@ -238,7 +239,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("what", HOSTILE)
 @aio
-async def test_a_hostile_push_ends_nothing(what: str) -> None:
+async def test_a_hostile_push_does_not_end_the_link(what: str) -> None:
     async with Peer() as peer, peer.client() as client:
         client.subscribe(PoseSpeed, lambda _push: None)
         wire = await peer.wire()
@@ -251,7 +252,7 @@ async def test_a_hostile_push_ends_nothing(what: str) -> None:
 
 @pytest.mark.parametrize("what", HOSTILE)
 @aio
-async def test_a_hostile_answer_ends_nothing(what: str) -> None:
+async def test_a_hostile_answer_does_not_end_the_link(what: str) -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         task = asyncio.ensure_future(client.request(Speak()))

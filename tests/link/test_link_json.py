@@ -1,4 +1,4 @@
-"""JSON frames as they stand on the wire: literal in both directions."""
+"""JSON frames as they are on the wire, as literal text in both directions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.json_mapping import FieldError, from_json, to_json
+from woosh_robot_agent.link.codecs.json_errors import FieldError
+from woosh_robot_agent.link.codecs.json_reader import from_json
+from woosh_robot_agent.link.codecs.json_writer import to_json
 from woosh_robot_agent.pb.dispatch import robot_pb2 as dispatch
 from woosh_robot_agent.pb.map.mark_pb2 import Storage
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
@@ -79,7 +81,7 @@ def test_a_subscription_as_on_the_wire() -> None:
     assert json.loads(written) == json.loads(SUBSCRIBE)
 
 
-def test_enums_are_written_as_numbers_and_wide_integers_as_text() -> None:
+def test_enums_are_written_as_numbers_and_64_bit_integers_as_text() -> None:
     task = TaskProc(robot_task_id=68241434201, state=3)  # type: ignore[arg-type]
     assert to_json(task, defaults=False) == {"robotTaskId": "68241434201", "state": 3}
     assert to_json(Scene(version=-5, map_name="m"), defaults=False) == {
@@ -113,13 +115,13 @@ def test_floats_are_written_short_and_exact() -> None:
     assert '"x":-8.881,"y":1e+30,"theta":0.1' in text
 
 
-def test_what_json_has_no_number_for_is_written_as_text() -> None:
+def test_nan_and_infinities_are_written_as_text() -> None:
     scan = ScannerData(ranges=[math.nan, math.inf, -math.inf])
     assert to_json(scan, defaults=False) == {"ranges": ["NaN", "Infinity", "-Infinity"]}
     json.loads(CODEC.encode("t", scan), parse_constant=lambda name: pytest.fail(name))
 
 
-def test_defaults_are_written_where_asked_as_the_chassis_does() -> None:
+def test_defaults_are_written_on_request_as_the_chassis_does() -> None:
     assert to_json(Mode(), defaults=True) == {"ctrl": 0, "work": 0}
     written = to_json(TaskProc(), defaults=True)
     assert written["robotTaskId"] == "0"
@@ -187,12 +189,12 @@ def test_unknown_fields_are_skipped() -> None:
     assert envelope.sn == 4
 
 
-def test_snake_case_names_are_taken() -> None:
+def test_snake_case_names_are_accepted() -> None:
     assert body({"robot_task_id": "5"}, TaskProc()).robot_task_id == 5
     assert body({"angle_min": -2.2}, ScannerData()).angle_min == pytest.approx(-2.2)
 
 
-def test_enum_names_are_taken_and_unknown_ones_skipped() -> None:
+def test_enum_names_are_accepted_and_unknown_ones_skipped() -> None:
     assert body({"ctrl": "kAuto", "work": "kTaskMode"}, Mode()) == body(
         {"ctrl": 1, "work": 2}, Mode()
     )
@@ -201,18 +203,18 @@ def test_enum_names_are_taken_and_unknown_ones_skipped() -> None:
     assert list(lengths.motor) == [17, 0, 1]
 
 
-def test_enum_numbers_are_taken_in_every_form() -> None:
+def test_enum_numbers_are_accepted_in_every_form() -> None:
     for value in (1, "1", 1.0):
         assert body({"ctrl": value}, Mode()).ctrl == 1
     assert body({"ctrl": 77}, Mode()).ctrl == 77
 
 
 @pytest.mark.parametrize("value", [1000, "1000", 1e3, "1e3", "1000.0"])
-def test_wide_integers_are_taken_in_every_form(value: Any) -> None:
+def test_64_bit_integers_are_accepted_in_every_form(value: Any) -> None:
     assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 1000
 
 
-def test_wide_integers_keep_every_digit() -> None:
+def test_64_bit_integers_keep_every_digit() -> None:
     for value in (2**63 - 1, str(2**63 - 1)):
         assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 2**63 - 1
 
@@ -226,7 +228,7 @@ def test_null_is_the_default() -> None:
     assert CODEC.body(CODEC.decode('{"type":"t"}'), PoseSpeed) == PoseSpeed()
 
 
-def test_null_in_a_list_keeps_the_places_of_the_others() -> None:
+def test_null_in_a_list_keeps_the_places_of_other_items() -> None:
     ranges = list(body({"ranges": [1.5, None, 2.5]}, ScannerData()).ranges)
     assert math.isnan(ranges.pop(1))
     assert ranges == [1.5, 2.5]
@@ -236,19 +238,19 @@ def test_null_in_a_list_keeps_the_places_of_the_others() -> None:
     assert list(body({"topics": ["a", None]}, Subscription()).topics) == ["a", ""]
 
 
-def test_nan_and_infinity_are_taken_as_numbers_and_as_text() -> None:
+def test_nan_and_infinity_are_accepted_as_numbers_and_as_text() -> None:
     text = '{"type":"t","body":{"ranges":[NaN,Infinity,-Infinity,"NaN","Infinity","-Infinity"]}}'
     ranges = list(CODEC.body(CODEC.decode(text), ScannerData).ranges)
     assert [math.isnan(value) for value in ranges] == [True, False, False] * 2
     assert ranges[1:3] == ranges[4:6] == [math.inf, -math.inf]
 
 
-def test_numbers_as_text_are_taken() -> None:
+def test_numbers_as_text_are_accepted() -> None:
     assert body({"pose": {"x": "1.5"}, "mapId": "7"}, PoseSpeed()).pose.x == 1.5
 
 
 @pytest.mark.parametrize("value", [True, "true", 1, 1.0])
-def test_true_is_taken_in_every_form(value: Any) -> None:
+def test_true_is_accepted_in_every_form(value: Any) -> None:
     assert body({"occupy": value}, SetOccupancy()).occupy is True
 
 
@@ -341,7 +343,7 @@ def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: st
         (b'{"type":"t\xff"}', "utf-8"),
     ],
 )
-def test_what_is_no_frame_is_an_error_of_its_kind(text: str | bytes, kind: str) -> None:
+def test_data_that_is_not_a_frame_gives_an_error_of_its_kind(text: str | bytes, kind: str) -> None:
     with pytest.raises(FrameError) as caught:
         CODEC.decode(text)
     assert caught.value.kind == kind

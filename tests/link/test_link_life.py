@@ -1,4 +1,4 @@
-"""The life of the link: coming up, going down and coming back."""
+"""Connecting, losing the link and reconnecting."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\
 
 
 @aio
-async def test_ready_comes_with_the_first_robot_info_and_not_before() -> None:
+async def test_the_link_is_ready_with_the_first_robot_info_and_not_before() -> None:
     async with Peer(auto=False) as peer:
         client = peer.client()
         seen = states(client)
@@ -66,7 +66,7 @@ async def test_ready_comes_with_the_first_robot_info_and_not_before() -> None:
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_a_chassis_that_does_not_answer_is_left_after_the_handshake_timeout(
+async def test_an_attempt_ends_after_the_handshake_timeout(
     kind: str,
 ) -> None:
     async with Peer(kind, auto=False) as peer:
@@ -76,14 +76,14 @@ async def test_a_chassis_that_does_not_answer_is_left_after_the_handshake_timeou
 
 
 @aio
-async def test_a_robot_info_that_cannot_be_read_costs_the_first_values_only() -> None:
+async def test_an_unreadable_robot_info_costs_only_the_first_values() -> None:
     async with Peer(info={"state": []}) as peer, peer.client() as client:
         assert client.state is LinkState.READY
         assert client.stats.bad_frames == {"body": 1}
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "reason"),
     [
         ({"ok": False, "msg": "still booting"}, "still booting"),
         ({"type": "woosh.robot.Mode"}, "another type"),
@@ -91,7 +91,7 @@ async def test_a_robot_info_that_cannot_be_read_costs_the_first_values_only() ->
     ],
 )
 @aio
-async def test_a_chassis_that_does_not_give_its_robot_info_is_none(changes: Any, told: str) -> None:
+async def test_a_chassis_without_a_robot_info_is_refused(changes: Any, reason: str) -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         await wire.answer(frame, **changes)
         return True
@@ -99,7 +99,7 @@ async def test_a_chassis_that_does_not_give_its_robot_info_is_none(changes: Any,
     async with Peer(script=script) as peer:
         error = await error_of(peer.client())
         assert isinstance(error, HandshakeError)
-        assert told in str(error)
+        assert reason in str(error)
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
@@ -123,7 +123,7 @@ async def test_a_refused_connection(transport: str) -> None:
     ],
 )
 @aio
-async def test_a_server_that_is_no_websocket(said: bytes) -> None:
+async def test_a_server_that_does_not_speak_websocket(said: bytes) -> None:
     async def handle(reader: Any, writer: Any) -> None:
         if said:
             await reader.readuntil(b"\r\n\r\n")
@@ -137,7 +137,7 @@ async def test_a_server_that_is_no_websocket(said: bytes) -> None:
 
 
 @aio
-async def test_a_404_is_told() -> None:
+async def test_a_404_is_reported() -> None:
     async def handle(reader: Any, writer: Any) -> None:
         await reader.readuntil(b"\r\n\r\n")
         writer.write(WHOLE_HTTP)
@@ -150,12 +150,12 @@ async def test_a_404_is_told() -> None:
 
 
 @aio
-async def test_a_server_that_never_says_a_word_is_left_after_the_connect_timeout() -> None:
+async def test_an_attempt_at_a_silent_server_ends_after_the_connect_timeout() -> None:
     async with RawServer(silent) as server:
         client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=10))
         started = time.monotonic()
         error = await error_of(client)
-        assert time.monotonic() - started < 5  # whatever the library waits for by itself
+        assert time.monotonic() - started < 5  # whatever the timeouts of the library
         assert isinstance(error, NotConnectedError)
         assert "within 0.05 s" in str(error)
         await eventually(lambda: all(writer.transport.is_closing() for writer in server.open))
@@ -173,7 +173,7 @@ async def test_a_web_server_on_the_tcp_port() -> None:
 
 
 @aio
-async def test_a_length_that_is_none_ends_the_attempt() -> None:
+async def test_a_length_that_is_not_a_varint_ends_the_attempt() -> None:
     async def handle(reader: Any, writer: Any) -> None:
         writer.write(b"\xff" * 40)
         await reader.read()
@@ -184,7 +184,7 @@ async def test_a_length_that_is_none_ends_the_attempt() -> None:
 
 
 @aio
-async def test_a_host_name_that_nobody_knows() -> None:
+async def test_an_unknown_host_name() -> None:
     error = await error_of(ChassisClient(config=config(1, ip="no-such-host.invalid")))
     assert isinstance(error, NotConnectedError)
 
@@ -196,7 +196,7 @@ async def test_a_host_name_is_resolved() -> None:
 
 
 @aio
-async def test_entering_gives_up_when_the_chassis_is_not_there_and_leaves_nothing() -> None:
+async def test_async_with_fails_in_time_and_leaves_nothing() -> None:
     async with RawServer(drops) as server:
         port = server.port
     client = ChassisClient(config=config(port, connect_timeout=0.5, handshake_timeout=0.5))
@@ -208,7 +208,7 @@ async def test_entering_gives_up_when_the_chassis_is_not_there_and_leaves_nothin
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_entering_can_be_cancelled(kind: str) -> None:
+async def test_async_with_can_be_cancelled(kind: str) -> None:
     async with Peer(kind, auto=False) as peer:
         client = peer.client()
         entering = asyncio.ensure_future(client.__aenter__())
@@ -236,7 +236,7 @@ async def test_a_lost_link_comes_back(kind: str) -> None:
 
 
 @aio
-async def test_the_end_is_known_before_the_close_is_through() -> None:
+async def test_the_loss_is_known_before_the_close_has_ended() -> None:
     async with Peer() as peer, peer.client(close_timeout=10, liveness_timeout=0.5) as client:
         (await peer.wire()).freeze()
         await eventually(lambda: client.state is not LinkState.READY)
@@ -248,7 +248,7 @@ async def test_the_end_is_known_before_the_close_is_through() -> None:
             await client.wait_ready(0.01)
 
 
-def test_pauses_double_up_to_the_longest_and_differ() -> None:
+def test_pauses_double_up_to_the_longest_with_jitter() -> None:
     backoff = Backoff(0.5, 15.0)
     pauses = [backoff.next() for _ in range(8)]
     for pause, full in zip(pauses, [0.5, 1, 2, 4, 8, 15, 15, 15], strict=True):
@@ -259,7 +259,7 @@ def test_pauses_double_up_to_the_longest_and_differ() -> None:
 
 
 @aio
-async def test_a_server_that_accepts_and_drops_makes_it_pause_ever_longer() -> None:
+async def test_pauses_grow_with_a_server_that_accepts_and_drops() -> None:
     async with RawServer(drops) as server:
         client = ChassisClient(config=config(server.port, backoff_min=0.04, backoff_max=5))
         client.start()
@@ -272,7 +272,7 @@ async def test_a_server_that_accepts_and_drops_makes_it_pause_ever_longer() -> N
 
 @pytest.mark.parametrize(("stable_after", "grows"), [(500.0, True), (0.0, False)])
 @aio
-async def test_pauses_start_small_again_only_after_a_stable_link(
+async def test_pauses_are_reset_only_after_a_stable_link(
     stable_after: float, grows: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pauses: list[float] = []
@@ -300,7 +300,7 @@ async def test_pauses_start_small_again_only_after_a_stable_link(
 
 
 @aio
-async def test_failures_are_told_once_and_the_recovery_too(
+async def test_failures_and_the_recovery_are_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
@@ -312,9 +312,9 @@ async def test_failures_are_told_once_and_the_recovery_too(
     async with Peer(port=port):
         await client.wait_ready(TIMEOUT)
     await client.close()
-    told = [r.levelno for r in caplog.records if "cannot connect" in r.message]
-    assert told[0] == logging.WARNING
-    assert set(told[1:]) == {logging.DEBUG}
+    levels = [r.levelno for r in caplog.records if "cannot connect" in r.message]
+    assert levels[0] == logging.WARNING
+    assert set(levels[1:]) == {logging.DEBUG}
     ready = [
         r.levelno for r in caplog.records if r.message == f"connected to {client.config.address}"
     ]
@@ -322,8 +322,8 @@ async def test_failures_are_told_once_and_the_recovery_too(
 
 
 @aio
-async def test_a_lost_first_answer_does_not_cost_the_whole_handshake() -> None:
-    """It is asked for again, and the first answer counts, whichever of the questions it is to."""
+async def test_robot_info_is_requested_again_if_no_answer_comes() -> None:
+    """The first answer counts, whichever of the requests it belongs to."""
     unanswered: list[Frame] = []
 
     async def script(wire: Wire, frame: Frame) -> bool:
@@ -331,7 +331,7 @@ async def test_a_lost_first_answer_does_not_cost_the_whole_handshake() -> None:
             return False
         unanswered.append(frame)
         if len(unanswered) == 2:
-            await wire.answer(unanswered[0])  # a slow chassis answers in its own time
+            await wire.answer(unanswered[0])  # the late answer of a slow chassis
         return True
 
     async with Peer(script=script) as peer, peer.client(handshake_timeout=30.0) as client:

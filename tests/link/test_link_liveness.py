@@ -1,4 +1,4 @@
-"""Who is alive, and who is given up."""
+"""Liveness: which connections count as alive, and which as lost."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ async def test_a_half_open_connection_is_noticed_in_time(kind: str) -> None:
         wire.freeze()
         started = time.monotonic()
         await eventually(lambda: client.last_error)
-        assert 0.2 < time.monotonic() - started < 5  # much less than it takes without
+        assert 0.2 < time.monotonic() - started < 5  # much less than without liveness
         assert "nothing was heard for 0.3 s" in str(client.last_error)
         await peer.wire(2)
         await client.wait_ready(TIMEOUT)
@@ -46,7 +46,7 @@ async def test_a_half_open_connection_is_noticed_in_time(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_chassis_that_has_nothing_to_say_stays_connected(kind: str) -> None:
+async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == "woosh.robot.RobotState":
             await wire.answer(frame)
@@ -65,7 +65,7 @@ async def test_a_chassis_that_has_nothing_to_say_stays_connected(kind: str) -> N
 
 
 @aio
-async def test_a_tcp_peer_that_answers_nothing_is_given_up() -> None:
+async def test_a_tcp_peer_that_answers_no_probe_is_lost() -> None:
     async with Peer("tcp") as peer, peer.client(liveness_timeout=0.15) as client:
         await eventually(lambda: client.last_error)
         assert "nothing was heard" in str(client.last_error)
@@ -73,7 +73,7 @@ async def test_a_tcp_peer_that_answers_nothing_is_given_up() -> None:
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_it_asks_for_a_sign_of_life_only_when_idle(kind: str) -> None:
+async def test_probes_are_sent_only_when_idle(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=2.5) as client:
         wire = await peer.wire()
         pings = 0
@@ -94,7 +94,7 @@ async def test_it_asks_for_a_sign_of_life_only_when_idle(kind: str) -> None:
 
 
 @aio
-async def test_bad_frames_are_no_sign_of_life() -> None:
+async def test_bad_frames_are_not_a_sign_of_life() -> None:
     async with Peer("tcp") as peer, peer.client(liveness_timeout=0.2) as client:
         wire = await peer.wire()
 
@@ -112,10 +112,10 @@ async def test_bad_frames_are_no_sign_of_life() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_frame_that_never_ends_is_no_sign_of_life(kind: str) -> None:
+async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=0.5) as client:
         wire = await peer.wire()
-        wire.freeze()  # it does nothing but trickle
+        wire.freeze()  # from now on only the trickling bytes arrive
         size = 32 * 1024 * 1024
         first = 0x81 if kind == "json" else 0x82
         head = bytes([first, 0x7F]) + size.to_bytes(8, "big")
@@ -135,7 +135,7 @@ async def test_a_frame_that_never_ends_is_no_sign_of_life(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> None:
+async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=1.0) as client:
         wire = await peer.wire()
         wire.freeze()  # no pongs: a pong waits behind the big frame
@@ -162,7 +162,7 @@ async def test_a_big_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> Non
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_a_chassis_that_talks_but_takes_nothing_is_given_up(kind: str) -> None:
+async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
         wire = await peer.wire()
         wire.freeze()
@@ -181,9 +181,9 @@ async def test_a_chassis_that_talks_but_takes_nothing_is_given_up(kind: str) -> 
 
 
 @aio
-async def test_a_chassis_that_takes_a_big_frame_slowly_is_alive() -> None:
+async def test_a_chassis_that_reads_a_large_frame_slowly_is_alive() -> None:
     class Slow:
-        heard = 0.0
+        progress_at = 0.0
         left = 0
 
         def backlog(self) -> int:
@@ -205,7 +205,7 @@ async def test_a_chassis_that_takes_a_big_frame_slowly_is_alive() -> None:
 
 
 class LateTimers(asyncio.SelectorEventLoop):
-    """A loop in a time of its own, in which each timer comes 50 ms late, as on a busy machine."""
+    """An event loop with simulated time, in which each timer fires 50 ms late."""
 
     now = 0.0
 
@@ -218,9 +218,9 @@ class LateTimers(asyncio.SelectorEventLoop):
         super()._run_once()  # type: ignore[misc]
 
 
-def test_the_notice_comes_within_the_limit_though_timers_come_late() -> None:
+def test_a_loss_is_noticed_within_the_timeout_though_timers_fire_late() -> None:
     class Dead:
-        heard = 0.0
+        progress_at = 0.0
 
         def backlog(self) -> int:
             return 0
@@ -240,14 +240,14 @@ def test_the_notice_comes_within_the_limit_though_timers_come_late() -> None:
 
 
 @aio
-async def test_silence_while_this_program_was_busy_is_none() -> None:
-    """Reading a frame of many MiB takes seconds, in which nothing is heard of anybody."""
+async def test_time_in_which_this_program_was_busy_is_not_silence() -> None:
+    """Decoding a frame of many MiB takes seconds in which nothing is received."""
     asked = 0
 
     async def probe() -> None:
         nonlocal asked
         asked += 1
-        await asyncio.sleep(0.05)  # longer than what is left of the limit
+        await asyncio.sleep(0.05)  # longer than the rest of the timeout
 
     watching = asyncio.ensure_future(Liveness(Quiet(), 0.4, probe, lambda: 0).watch())
     await asyncio.sleep(0)
@@ -261,9 +261,9 @@ async def test_silence_while_this_program_was_busy_is_none() -> None:
 
 
 class Quiet:
-    """A transport that hears nothing by itself."""
+    """A transport that receives nothing."""
 
-    heard = 0.0
+    progress_at = 0.0
 
     def backlog(self) -> int:
         return 0

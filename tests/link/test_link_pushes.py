@@ -1,4 +1,4 @@
-"""Subscriptions and pushes: what is asked for, what arrives, and in which order."""
+"""Subscriptions and pushes: which are requested, which arrive, and in which order."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TASK = "woosh.robot.TaskProc"
 
 
 def topics(frame: Frame) -> tuple[list[str], bool]:
-    """What a subscribe frame asks for."""
+    """Return the topics of a subscribe frame."""
     assert frame["type"] == "woosh.Subscription"
     assert "sn" not in frame
     if isinstance(frame["body"], bytes):
@@ -51,13 +51,13 @@ def pose(kind: str, map_id: int) -> Any:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_what_is_subscribed_before_comes_first_and_is_renewed(kind: str) -> None:
+async def test_subscriptions_are_sent_first_and_renewed(kind: str) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
         seen: list[int] = []
         client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
         client.subscribe(TaskProc, print)
-        client.subscribe(Battery, print)()  # and taken back
+        client.subscribe(Battery, print)()  # and unsubscribe again
         async with client:
             for number in (1, 2):
                 wire = await peer.wire(number)
@@ -125,7 +125,7 @@ async def test_one_callback_subscribed_twice_is_two_subscriptions() -> None:
 
 
 @aio
-async def test_what_is_subscribed_during_the_handshake_is_asked_for() -> None:
+async def test_a_subscription_during_the_handshake_is_sent() -> None:
     async with Peer(auto=False) as peer:
         client = peer.client()
         client.start()
@@ -138,7 +138,7 @@ async def test_what_is_subscribed_during_the_handshake_is_asked_for() -> None:
         await client.close()
 
 
-def test_what_the_chassis_does_not_have_cannot_be_subscribed() -> None:
+def test_a_type_that_the_chassis_does_not_have_cannot_be_subscribed() -> None:
     client = ChassisClient()
     with pytest.raises(ValueError, match=r"google\.protobuf\.Any"):
         client.subscribe(AnyMessage, print)
@@ -146,7 +146,7 @@ def test_what_the_chassis_does_not_have_cannot_be_subscribed() -> None:
 
 
 @aio
-async def test_the_snapshot_stands_in_its_place_among_the_pushes() -> None:
+async def test_the_snapshot_is_delivered_in_its_place_among_the_pushes() -> None:
     seen: list[Any] = []
 
     async def script(wire: Wire, frame: Frame) -> bool:
@@ -170,7 +170,7 @@ async def test_the_snapshot_stands_in_its_place_among_the_pushes() -> None:
 
 
 @aio
-async def test_a_robot_info_that_is_asked_for_later_is_no_snapshot() -> None:
+async def test_a_robot_info_requested_later_is_not_a_snapshot() -> None:
     async with Peer() as peer, peer.client() as client:
         seen: list[RobotInfo] = []
         client.on_snapshot(seen.append)
@@ -180,7 +180,9 @@ async def test_a_robot_info_that_is_asked_for_later_is_no_snapshot() -> None:
 
 
 @aio
-async def test_a_callback_that_raises_ends_nothing(caplog: pytest.LogCaptureFixture) -> None:
+async def test_an_exception_of_a_callback_is_logged_and_delivery_goes_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         seen: list[Any] = []
@@ -203,7 +205,7 @@ async def test_a_callback_that_raises_ends_nothing(caplog: pytest.LogCaptureFixt
 
 
 @aio
-async def test_a_push_that_cannot_be_read_is_counted_and_told_once(
+async def test_an_unreadable_push_is_counted_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
@@ -220,7 +222,7 @@ async def test_a_push_that_cannot_be_read_is_counted_and_told_once(
 
 
 @aio
-async def test_pushes_that_nobody_wants_are_ignored() -> None:
+async def test_pushes_without_a_subscriber_are_ignored() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         await wire.push("woosh.New", {"a": 1})
@@ -232,7 +234,7 @@ async def test_pushes_that_nobody_wants_are_ignored() -> None:
 
 
 @aio
-async def test_an_error_that_answers_nothing_is_told_once(
+async def test_an_error_without_a_request_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
@@ -265,7 +267,7 @@ async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
 
 
 @aio
-async def test_a_slow_consumer_does_not_hold_up_answers() -> None:
+async def test_a_slow_consumer_does_not_delay_answers() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         loop = asyncio.get_running_loop()
@@ -284,11 +286,11 @@ async def test_a_slow_consumer_does_not_hold_up_answers() -> None:
         task = asyncio.ensure_future(client.request(Speak()))
         await wire.answer(await wire.next("woosh.robot.Speak"))
         await soon(task)
-        assert len(seen) < 40  # the answer did not wait for all of them
+        assert len(seen) < 40  # the answer came before all of them were delivered
 
 
 @aio
-async def test_a_flood_does_not_hold_up_answers_and_consumers() -> None:
+async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
     async with Peer("tcp") as peer, peer.client() as client:
         wire = await peer.wire()
         seen: list[Any] = []
@@ -314,7 +316,7 @@ async def taken(queue: PushQueue, count: int) -> None:
 
 
 @aio
-async def test_of_a_state_the_newest_stay_and_of_the_counted_as_many_as_fit() -> None:
+async def test_the_queue_keeps_the_newest_pushes_of_each_type_up_to_its_limit() -> None:
     dropped: Counter[str] = Counter()
     queue = PushQueue({"counted": 20}, dropped)
     seen: list[tuple[str, int]] = []
@@ -331,7 +333,7 @@ async def test_of_a_state_the_newest_stay_and_of_the_counted_as_many_as_fit() ->
     assert [n for name, n in seen if name == "counted"] == list(range(LATEST_DEPTH, sent))
     assert seen == sorted(seen, key=lambda one: (one[1], one[0] == "counted"))
     queue.put("state", lambda: seen.clear())
-    await taken(queue, 1)  # and there is room again
+    await taken(queue, 1)  # now there is room again
     assert not seen
     assert dropped["state"] == 20
 
@@ -347,7 +349,7 @@ async def test_an_empty_queue_waits() -> None:
 
 
 @aio
-async def test_drops_are_told_once(caplog: pytest.LogCaptureFixture) -> None:
+async def test_drops_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     async with Peer() as peer, peer.client(push_queue=3) as client:
         client.subscribe(StatusCode, print)
         envelope = client._connection._codec.decode(  # type: ignore[union-attr]
@@ -356,5 +358,5 @@ async def test_drops_are_told_once(caplog: pytest.LogCaptureFixture) -> None:
         for _ in range(9):
             client._connection._on_push(envelope)  # type: ignore[union-attr]
         assert client.stats.dropped_pushes == {"woosh.robot.count.StatusCode": 6}
-        told = [r for r in caplog.records if "comes faster than it is taken" in r.message]
-        assert [r.levelno for r in told] == [logging.WARNING]
+        logged = [r for r in caplog.records if "faster than its consumers take it" in r.message]
+        assert [r.levelno for r in logged] == [logging.WARNING]

@@ -1,4 +1,4 @@
-"""Requests: which answer belongs to which, and what becomes of those that get none."""
+"""Requests: matching of answers, timeouts, limits and lost connections."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def ask(client: ChassisClient, message: Any, **options: Any) -> asyncio.Task[Ans
 
 
 def pending(client: ChassisClient) -> int:
-    connection = client._connection
-    return 0 if connection is None else len(connection._pending) + len(connection._outbox)
+    sizes = client.debug()
+    return sizes["requests"] + sizes["outbox"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -70,7 +70,7 @@ async def test_a_request_and_its_answer(kind: str) -> None:
 
 
 @aio
-async def test_the_sn_of_each_request_is_another() -> None:
+async def test_each_request_has_its_own_sn() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         tasks = [ask(client, Speak()) for _ in range(20)]
@@ -82,7 +82,7 @@ async def test_the_sn_of_each_request_is_another() -> None:
 
 
 @aio
-async def test_sns_start_again_at_one_and_pass_over_those_in_use() -> None:
+async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         first = ask(client, Speak())
@@ -113,7 +113,7 @@ async def test_answers_may_come_in_any_order(kind: str) -> None:
 
 
 @aio
-async def test_late_and_duplicate_and_wrong_answers_are_counted_and_harm_nothing(
+async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
@@ -131,9 +131,9 @@ async def test_late_and_duplicate_and_wrong_answers_are_counted_and_harm_nothing
         await wire.answer(frame, msg="second")
         assert (await soon(task)).msg == "first"
         await eventually(lambda: client.stats.late_answers == 6)
-        told = [r for r in caplog.records if "nobody waits" in r.message]
-        assert len(told) == 6
-        assert {record.levelno for record in told} == {logging.DEBUG}
+        logged = [r for r in caplog.records if "no request is pending" in r.message]
+        assert len(logged) == 6
+        assert {record.levelno for record in logged} == {logging.DEBUG}
         assert not client.stats.bad_frames
 
 
@@ -175,7 +175,7 @@ async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
 @pytest.mark.parametrize("ok", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_body_that_cannot_be_read_is_told_and_counted(kind: str, ok: bool) -> None:
+async def test_an_unreadable_body_is_logged_and_counted(kind: str, ok: bool) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
         task = ask(client, PoseSpeed())
@@ -189,7 +189,7 @@ async def test_a_body_that_cannot_be_read_is_told_and_counted(kind: str, ok: boo
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_no_answer_in_time_names_the_message_and_the_time(kind: str) -> None:
+async def test_a_timeout_names_the_message_and_the_time(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
         with pytest.raises(RequestTimeoutError, match=r"woosh\.robot\.Speak within 0\.05 s"):
@@ -199,7 +199,7 @@ async def test_no_answer_in_time_names_the_message_and_the_time(kind: str) -> No
 
 
 @aio
-async def test_the_configured_time_is_the_default() -> None:
+async def test_the_configured_timeout_is_the_default() -> None:
     async with Peer() as peer, peer.client(request_timeout=0.04) as client:
         with pytest.raises(RequestTimeoutError, match=r"0\.04 s"):
             await client.request(Speak())
@@ -220,14 +220,14 @@ async def test_cancellation_passes_through_and_leaves_nothing() -> None:
 
 
 @aio
-async def test_cancellation_wins_over_an_answer_that_comes_with_it() -> None:
+async def test_a_cancellation_wins_over_a_simultaneous_answer() -> None:
     async with Peer() as peer, peer.client() as client:
         task = ask(client, Speak())
         await turns(3)
         assert client._connection is not None
-        (future,) = client._connection._pending.values()
+        (request,) = client._connection._pending.values()
         body = Body(JsonCodec(), Envelope("woosh.robot.Speak", {}), pytest.fail)
-        future.set_result(Answer(True, "", body))
+        request.future.set_result(Answer(True, "", body))
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
@@ -235,7 +235,7 @@ async def test_cancellation_wins_over_an_answer_that_comes_with_it() -> None:
 
 
 @aio
-async def test_more_requests_than_allowed_fail_at_once_and_are_not_sent() -> None:
+async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
     async with Peer() as peer, peer.client(max_in_flight=2) as client:
         wire = await peer.wire()
         tasks = [ask(client, Speak()), ask(client, Speak())]
@@ -253,7 +253,7 @@ async def test_more_requests_than_allowed_fail_at_once_and_are_not_sent() -> Non
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_the_end_of_the_connection_fails_all_that_waits_and_nothing_is_sent_again(
+async def test_a_lost_connection_fails_pending_requests_and_nothing_is_sent_again(
     kind: str,
 ) -> None:
     async with Peer(kind) as peer, peer.client() as client:
@@ -278,7 +278,7 @@ async def test_the_end_of_the_connection_fails_all_that_waits_and_nothing_is_sen
 
 
 @aio
-async def test_a_request_that_was_not_sent_yet_is_not_sent_after_a_reconnect() -> None:
+async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
     async with Peer() as peer, peer.client(liveness_timeout=0.4) as client:
         wire = await peer.wire()
         wire.freeze()
@@ -293,7 +293,7 @@ async def test_a_request_that_was_not_sent_yet_is_not_sent_after_a_reconnect() -
 
 
 @aio
-async def test_the_first_cause_is_the_one_that_is_told() -> None:
+async def test_the_first_cause_is_reported() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         task = ask(client, Speak())
@@ -304,7 +304,7 @@ async def test_the_first_cause_is_the_one_that_is_told() -> None:
 
 
 @aio
-async def test_without_a_link_a_request_says_so_and_why() -> None:
+async def test_a_request_without_a_link_says_why() -> None:
     async with Peer() as peer:
         client = peer.client(backoff_min=5, backoff_max=5)
         with pytest.raises(NotConnectedError, match="no attempt has ended yet"):
@@ -332,7 +332,7 @@ async def test_a_request_on_a_dead_connection_was_not_sent() -> None:
 
 
 @aio
-async def test_the_very_moment_of_a_loss_is_told_as_any_other() -> None:
+async def test_a_request_at_the_moment_of_a_loss_says_why() -> None:
     async with Peer() as peer, peer.client() as client:
         assert client._connection is not None
         client._connection._fail(ConnectionLostError("gone"))
@@ -346,7 +346,7 @@ async def test_the_very_moment_of_a_loss_is_told_as_any_other() -> None:
 async def test_the_links_own_requests_name_the_robot() -> None:
     async with Peer("tcp") as peer, peer.client(robot_id=7, liveness_timeout=0.3):
         wire = await peer.wire()
-        await wire.next("woosh.robot.RobotState")  # the probe of a link that is quiet
+        await wire.next("woosh.robot.RobotState")  # the probe of a quiet link
         asked = {frame["type"]: frame["body"] for frame in wire.seen if frame["sn"]}
         assert asked == {
             "woosh.robot.RobotInfo": RobotInfo(robot_id=7).SerializeToString(),
@@ -355,7 +355,7 @@ async def test_the_links_own_requests_name_the_robot() -> None:
 
 
 @aio
-async def test_what_nobody_waits_for_any_more_does_not_pile_up_unsent() -> None:
+async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         wire.freeze()
@@ -364,8 +364,7 @@ async def test_what_nobody_waits_for_any_more_does_not_pile_up_unsent() -> None:
         for _ in range(30):
             with pytest.raises(RequestTimeoutError):
                 await client.request(Speak(text="late"), timeout=0.001)
-        assert client._connection is not None
-        assert not client._connection._outbox
+        assert client.debug()["outbox"] == 0
         task = ask(client, Speak(text="now"))
         await turns()
         wire.thaw()
@@ -398,11 +397,11 @@ async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> N
         task = ask(client, SwitchMap())
         await wire.answer(await wire.next(), msg="x" * 99_000)
         assert len((await soon(task)).msg) == 99_000
-    assert peer.client()._config.max_frame_size == 64 * 1024 * 1024
+    assert peer.client().config.max_frame_size == 64 * 1024 * 1024
 
 
 @aio
-async def test_two_clients_of_one_loop_know_nothing_of_each_other() -> None:
+async def test_two_clients_in_one_loop_are_independent() -> None:
     async with Peer() as one, Peer("tcp") as two, one.client() as first, two.client() as second:
         tasks = [ask(first, Speak(text="1")), ask(second, Speak(text="2"))]
         wires: list[Wire] = [await one.wire(), await two.wire()]
@@ -436,7 +435,7 @@ async def test_a_tap_sees_the_answer_in_its_place_among_the_pushes() -> None:
 
 
 @aio
-async def test_no_tap_is_lost_however_many_wait() -> None:
+async def test_no_tap_is_dropped_however_many_are_queued() -> None:
     seen: list[Any] = []
     async with Peer() as peer, peer.client(push_queue=1) as client:
         wire = await peer.wire()

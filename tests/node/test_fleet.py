@@ -214,7 +214,7 @@ def test_an_end_that_fails_with_one_robot_stops_the_others(
         async def fail(_timeout: float) -> None:
             raise ZeroDivisionError
 
-        monkeypatch.setattr(fleet.agents[0]._chassis, "stop_driving", fail)
+        monkeypatch.setattr(fleet.agents[0]._gate, "close", fail)
     assert not chassis[ROBOTS[1]].last(TWIST).ListFields()
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 

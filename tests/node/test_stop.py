@@ -109,7 +109,7 @@ def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, clien
     stop = client.call_async(Trigger, "stop")
     response = wait_future(start)
     assert not response.ok
-    assert "the service stop took its place" in response.msg
+    assert "cancelled by the `stop` service" in response.msg
     simulator.clear_faults()
     assert wait_future(stop).success
     for load in loads:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.harness import Client, RunningAgent, wait_future, wait_until
 from tests.node.goals import EXECUTING, task
-from woosh_robot_agent.link import latest
+from woosh_robot_agent.motion import gate, latest_wins
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Mode, Twist
@@ -39,7 +39,7 @@ def speeds(simulator: SimulatorThread) -> list[float]:
 def test_each_arrives_in_order(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(latest, "STALL", 3600.0)  # however slow this machine is
+    monkeypatch.setattr(latest_wins, "STALL", 3600.0)  # however slow this machine is
     wanted = [round(0.01 * i, 4) for i in range(1, 31)]
     given = answers([drive(client, linear) for linear in wanted])
     assert all(answer.ok for answer in given)
@@ -77,12 +77,14 @@ def test_newest_wins_while_the_chassis_does_not_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Commands pile up neither here nor there, and nothing comes after the client has stopped."""
-    monkeypatch.setattr(latest, "STALL", 2.0)  # the first is not too old even on a slow machine
+    monkeypatch.setattr(
+        latest_wins, "STALL", 2.0
+    )  # the first is not too old even on a slow machine
     simulator.mute(TWIST)
     drive(client, 0.001)
     simulator.wait_received(TWIST, timeout=15.0)
     begun = time.monotonic()
-    wait_until(lambda: time.monotonic() - begun > 2 * latest.STALL)
+    wait_until(lambda: time.monotonic() - begun > 2 * latest_wins.STALL)
     calls = [drive(client, 0.001 * i) for i in range(2, 12)]
     *held, last = answers(calls)
     assert not any(answer.ok for answer in (*held, last))
@@ -161,8 +163,8 @@ def test_the_end_of_the_agent_long_after_a_velocity_sends_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The chassis has stopped by itself; by now somebody else may drive it."""
-    monkeypatch.setattr(latest, "DRIVING", 0.1)
+    monkeypatch.setattr(gate, "DRIVING", 0.1)
     assert wait_future(drive(client, 0.1)).ok
-    wait_until(lambda: not agent.agent._chassis.driving, "the end of the drive")
+    wait_until(lambda: not agent.agent._gate.driving, "the end of the drive")
     agent.close()
     assert speeds(simulator) == [0.1]

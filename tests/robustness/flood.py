@@ -1,10 +1,8 @@
-"""`scripts/bench --flood`: clients and a chassis that send too much, and one that answers slowly.
+"""`scripts/bench --flood`: too many calls, pushes and bytes, and a chassis that answers slowly.
 
-The agent is a process of its own, so that what is measured is its memory alone: the resident set
-as /proc has it. Two figures stand before the floods: `cold`, right after connecting, and `idle`,
-which is what the floods are judged by, after a short one of each kind, for by then every converter
-is compiled and DDS has its buffers. After each flood the memory must be back within 1.2 times
-idle, for which it gets `SETTLE` s.
+The agent runs in a process of its own, so that the memory of that process is the agent's alone. A
+short flood of each kind comes first: after it every converter is compiled and DDS has its buffers.
+The memory at that point is the idle memory that each flood is compared with.
 """
 
 from __future__ import annotations
@@ -12,44 +10,56 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import sys
+import subprocess
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from subprocess import PIPE
 from typing import Any
 
-from benchmarks.process import MIB, AgentProcess, connected_agent, module, rss
-from benchmarks.table import Figure, markdown
-from tests.harness import Client, own_domain, wait_until
-from tests.robustness.traffic import Surplus
+from benchmarks.processes import MIB, start_module
+from benchmarks.report.figures import Figure, print_and_judge
+from tests.harness import Client
+from tests.robustness.agent_process import DebugAgentProcess, connected_agent
+from tests.robustness.traffic import DuplicateAnswers
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
 from woosh_robot_msgs.srv import General, Twist
 
-MOST_GROWTH = 1.2
-"""Times the idle memory that the agent may hold once a flood is over."""
-SETTLE = 10.0
-"""s after a flood in which the memory must be back."""
-PATIENCE = 60.0
-"""s that what was asked during a flood gets to be answered, on a machine that is too slow."""
+MAX_GROWTH = 1.2
+"""Highest memory after a flood, as a multiple of the idle memory."""
+SETTLE_TIME = 10.0
+"""Time that the memory gets to come down after a flood, in seconds."""
+TIMEOUT = 300.0
+"""Time after which an answer or a push counts as lost, in seconds."""
 CALLERS = 2
-"""Processes that call: one in Python does not reach the rate."""
+"""Number of processes that call, because one in Python does not reach the rate."""
+SLOW_RATE = 200.0
+"""Rate of the calls to a slow chassis, in Hz."""
+_BYSTANDER_CALLS: tuple[tuple[Any, str], ...] = (
+    (General, "robot/General"),
+    (Twist, "robot/Twist"),
+)
+"""Services that the bystander calls, by ROS type and name."""
+_MAX_WARNINGS = 20
+"""Highest number of warnings and errors in the log."""
 _FIRST_MAP = 1_000_000
+"""Map id of push number 0. It tells the pushes of a flood from the simulator's own."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much of a flood.
+    """Size of the floods.
 
     Attributes:
-        seconds: how long it lasts.
-        calls: calls per s.
-        pushes: pushes per s.
-        frame: size of the big frames in MiB, which stays below the agent's max_frame_size of 64.
-        slow: s after which the slow chassis answers.
+        seconds: Duration of each flood, in seconds.
+        calls: Rate of the calls, in Hz.
+        pushes: Rate of the pushes, in Hz.
+        frame: Size of the big frames, in MiB, below the agent's max_frame_size of 64 MiB.
+        slow: Time after which the slow chassis answers, in seconds.
     """
 
     seconds: float = 10.0
@@ -63,39 +73,191 @@ WARM_UP = Size(seconds=0.5, frame=1, slow=0.2)
 
 
 class Bench:
-    """The agent in a process of its own, a chassis, and a bystander who wants to be served.
+    """An agent that is flooded, its chassis, and a bystander: another client that wants answers.
 
     Attributes:
-        figures: what was found so far.
+        figures: Results so far.
+        idle: Idle memory, in bytes; 0 as long as it is unknown.
     """
 
-    def __init__(self, domain: int, simulator: SimulatorThread, agent: AgentProcess) -> None:
-        self.simulator = simulator
-        self.agent = agent
+    def __init__(self, domain: int, simulator: SimulatorThread, agent: DebugAgentProcess) -> None:
         self.figures: list[Figure] = []
         self.idle = 0
+        self._simulator = simulator
+        self._agent = agent
         self._domain = domain
         self._client = Client(domain)
-        self._surplus = Surplus()
-        self._services = [(General, "robot/General", {}), (Twist, "robot/Twist", {})]
-        for srv, name, _ in self._services:
-            self._surplus.watch(self._client.service(srv, name))
-        self.poses = self._client.echo(PoseSpeedMsg, "robot/PoseSpeed")
-        self.codes = self._client.echo(StatusCodeMsg, "robot/StatusCode", depth=5000)
+        self._duplicates = DuplicateAnswers()
+        for srv, name in _BYSTANDER_CALLS:
+            self._duplicates.watch(self._client.service(srv, name))
+        self._poses = self._client.echo(PoseSpeedMsg, "robot/PoseSpeed")
+        self._codes = self._client.echo(StatusCodeMsg, "robot/StatusCode", depth=5000)
 
     def close(self) -> None:
         self._client.close()
 
+    # The floods
+
+    def calls(self, size: Size) -> None:
+        """Call faster than the agent can answer."""
+        self._flood_with_calls("Calls", size.calls, size.seconds)
+
+    def slow(self, size: Size) -> None:
+        """Call while the chassis answers slowly."""
+        slow = self._simulator.inject("delay", seconds=size.slow)
+        self._flood_with_calls(
+            f"Answers after {size.slow:g} s", SLOW_RATE, size.seconds, slow.clear, size.slow
+        )
+
+    def _flood_with_calls(
+        self,
+        part: str,
+        rate: float,
+        seconds: float,
+        finish: Callable[[], None] = lambda: None,
+        slow: float = 0.0,
+    ) -> None:
+        before = self._counters()
+        with self._watch_memory() as samples, self._callers(rate, seconds) as reports:
+            end = time.monotonic() + seconds
+            self._run_bystander(part, lambda: time.monotonic() > end)
+        finish()
+        sent = sum(report["sent"] for report in reports)
+        answered = sum(report["answered"] for report in reports)
+        reached = sum(report["sent"] / report["seconds"] for report in reports)
+        kinds: Counter[str] = Counter()
+        for report in reports:
+            kinds.update(report["kinds"])
+        refused = _total(self._counters()["refused_requests"]) - _total(before["refused_requests"])
+        self._add(part, f"calls, of {rate:.0f}/s wanted", f"{sent}, {reached:.0f}/s")
+        self._add(
+            part,
+            "answered, each once",
+            f"{answered} of {sent}",
+            "all",
+            answered == sent and not any(report["duplicates"] for report in reports),
+        )
+        self._add(
+            part,
+            "answers",
+            ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())),
+            "ok, or refused as too many",
+            kinds.keys() <= {"ok", "too many"} and not (slow and not kinds["too many"]),
+        )
+        self._add(
+            part,
+            "refused, as counted",
+            str(refused),
+            "at least as many as were told so",
+            refused >= kinds["too many"],
+        )
+        if slow:
+            median = max(report["median"] for report in reports)
+            self._add(
+                part,
+                "median wait of the callers, most of them refused",
+                f"{median:.3f} s",
+                "below that of the chassis",
+                median < slow,
+                depends_on_machine=True,
+            )
+        self._finish(part, samples)
+
+    def pushes(self, size: Size) -> None:
+        """Push faster than ROS can publish: states, and status codes, each of which counts."""
+        part = "Pushes"
+        before = self._counters()
+        self._poses.messages.clear()
+        self._codes.messages.clear()
+        sent = {"poses": 0, "codes": 0}
+        over = threading.Event()
+
+        def push() -> None:
+            begin = time.monotonic()
+            while (elapsed := time.monotonic() - begin) < size.seconds:
+                missing = int(elapsed * size.pushes) - sum(sent.values())
+                if missing > 0:
+                    self._simulator.call(lambda chassis, n=missing: _push(chassis, sent, n))
+                time.sleep(0.005)
+            self._simulator.call(lambda chassis: _push(chassis, sent, 10))
+            over.set()
+
+        with self._watch_memory() as samples:
+            pushing = threading.Thread(target=push)
+            begin = time.monotonic()
+            pushing.start()
+            self._run_bystander(part, over.is_set)
+            pushing.join()
+            self._wait_pose(sent["poses"])
+            self._codes.wait(lambda code: code.code == sent["codes"], TIMEOUT)
+            duration = time.monotonic() - begin
+        total = sum(sent.values())
+        self._add(
+            part,
+            f"pushes, of {size.pushes:.0f}/s wanted",
+            f"{total}, {total / size.seconds:.0f}/s; published in {duration:.1f} s",
+        )
+        self._add(part, "last push of each type published", "yes", "yes")
+        numbers = [code.code for code in self._codes.messages]
+        self._add(
+            part,
+            "status codes published in order",
+            str(len(numbers)),
+            "all that were published",
+            numbers == sorted(numbers),
+        )
+        dropped = _total(self._counters()["dropped_pushes"]) - _total(before["dropped_pushes"])
+        self._add(part, "pushes dropped, as counted", str(dropped))
+        self._finish(part, samples)
+
+    def frames(self, size: Size) -> None:
+        """Send frames of almost the largest size that the agent accepts."""
+        part = f"Frames of {size.frame} MiB"
+        before = self._counters()
+        frames = _big_frames(size.frame * MIB)
+        self._poses.messages.clear()
+        over = threading.Event()
+
+        def send() -> None:
+            try:
+                for number, frame in enumerate(frames, 1):
+                    # one at a time, because the simulator's outbox does not hold two
+                    self._simulator.send_raw(frame)
+                    self._simulator.send_raw(_pose(number))
+                    self._wait_pose(number)
+            finally:
+                over.set()
+
+        with self._watch_memory() as samples:
+            sending = threading.Thread(target=send)
+            begin = time.monotonic()
+            sending.start()
+            self._run_bystander(part, over.is_set)
+            sending.join()
+            self._wait_pose(len(frames))
+        duration = time.monotonic() - begin
+        skipped = _total(self._counters()["bad_frames"]) - _total(before["bad_frames"])
+        self._add(
+            part,
+            "frames read, or skipped and counted",
+            f"{len(frames)} in {duration:.1f} s, {skipped} skipped",
+        )
+        self._finish(part, samples)
+
+    # What goes on beside a flood
+
     @contextlib.contextmanager
-    def callers(self, rate: float, seconds: float, service: str) -> Iterator[list[Any]]:
-        """Programs that call; gives the list of their reports, filled at the end of the block."""
-        arguments = (str(rate / CALLERS), str(seconds), service)
+    def _callers(self, rate: float, seconds: float) -> Iterator[list[Any]]:
+        """Run programs that call; the list holds their reports after the end of the block."""
+        arguments = (str(rate / CALLERS), str(seconds))
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         with contextlib.ExitStack() as stack:
             callers = []
             for _ in range(CALLERS):
-                options = {"stdin": PIPE, "stdout": PIPE}
-                caller = module("benchmarks.caller", *arguments, domain=self._domain, **options)
-                stack.callback(_end, caller)
+                caller = start_module(
+                    "benchmarks.programs.flood_caller", *arguments, domain=self._domain, **pipes
+                )
+                stack.callback(_kill, caller)
                 callers.append(caller)
             for caller in callers:
                 assert caller.stdout.readline().strip() == "ready"
@@ -106,71 +268,52 @@ class Bench:
             yield reports
             reports += [json.loads(caller.stdout.readline()) for caller in callers]
 
-    def bystander(self, part: str, until: Callable[[], bool]) -> None:
-        """Ask and stop the robot every 0.1 s as long as the flood lasts: nothing may get lost."""
-        asked: list[tuple[str, float, Any]] = []
+    def _run_bystander(self, part: str, until: Callable[[], bool]) -> None:
+        """Query and stop the robot every 0.1 s during a flood, and check that nothing is lost."""
+        asked: list[tuple[str, Any]] = []
         waits: dict[Any, float] = {}
-        twists = self.simulator.counts["woosh.robot.Twist"]
+        twists = self._simulator.counts["woosh.robot.Twist"]
         while not until():
-            for srv, name, fields in self._services:
-                begun = time.monotonic()
-                future = self._client.call_async(srv, name, **fields)
+            for srv, name in _BYSTANDER_CALLS:
+                begin = time.monotonic()
+                future = self._client.call_async(srv, name)
                 future.add_done_callback(
-                    lambda done, begun=begun: waits.setdefault(done, time.monotonic() - begun)
+                    lambda done, begin=begin: waits.setdefault(done, time.monotonic() - begin)
                 )
-                asked.append((name, begun, future))
+                asked.append((name, future))
             threading.Event().wait(0.1)
         wait_until(
-            lambda: all(future.done() for *_, future in asked),
+            lambda: all(future.done() for _, future in asked),
             f"answers to the bystander during {part}",
-            PATIENCE,
+            TIMEOUT,
         )
-        stops = [future.result() for name, _, future in asked if name == "robot/Twist"]
-        through = self.simulator.counts["woosh.robot.Twist"] - twists
-        self._found(
+        stops = [future.result() for name, future in asked if name == "robot/Twist"]
+        received = self._simulator.counts["woosh.robot.Twist"] - twists
+        self._add(
             part,
             "calls of a bystander answered, each once",
             f"{len(waits)} of {len(asked)}",
             "all",
-            len(waits) == len(asked) and not self._surplus.found,
+            len(waits) == len(asked) and not self._duplicates.found,
         )
-        self._found(
+        self._add(
             part,
-            "his zero velocities that reached the chassis",
-            f"{through} of {len(stops)}",
+            "its zero velocities that reached the chassis",
+            f"{received} of {len(stops)}",
             "all",
-            through == len(stops) and all(stop.ok for stop in stops),
+            received == len(stops) and all(stop.ok for stop in stops),
         )
-        self._found(part, "longest wait of the bystander", f"{max(waits.values()):.2f} s")
-
-    def memory(self, part: str, most: int) -> None:
-        """Judge the memory after a flood."""
-        now = self.agent.settled_rss(MOST_GROWTH * self.idle, SETTLE)
-        self._found(part, "largest memory meanwhile", f"{most / MIB:.0f} MiB")
-        self._found(
-            part,
-            "memory afterwards",
-            f"{now / MIB:.0f} MiB, {now / self.idle:.2f} times idle",
-            f"{MOST_GROWTH} times idle",
-            now <= MOST_GROWTH * self.idle,
-        )
-
-    def still_connected(self, part: str) -> None:
-        connects = self.agent.look()["stats"]["connects"]
-        self._found(part, "times that the link was lost", str(connects - 1), "0", connects == 1)
-
-    def _found(self, part: str, name: str, value: str, limit: str = "", kept: bool = True) -> None:
-        self.figures.append(Figure(part, name, value, limit, kept))
+        self._add(part, "longest wait of the bystander", f"{max(waits.values()):.2f} s")
 
     @contextlib.contextmanager
-    def watched(self) -> Iterator[list[int]]:
-        """Sample the memory during the block."""
-        samples = [rss(self.agent.process.pid)]
+    def _watch_memory(self) -> Iterator[list[int]]:
+        """Sample the agent's memory, in bytes, during the block."""
+        samples = [self._agent.rss]
         stop = threading.Event()
 
         def watch() -> None:
             while not stop.wait(0.1):
-                samples.append(rss(self.agent.process.pid))
+                samples.append(self._agent.rss)
 
         watching = threading.Thread(target=watch)
         watching.start()
@@ -180,227 +323,118 @@ class Bench:
             stop.set()
             watching.join()
 
-    # The floods
-
-    def calls(self, size: Size) -> None:
-        """Clients call faster than the agent can take it."""
-        part = "Calls"
-        before = self.agent.look()["stats"]
-        with self.watched() as samples, self.callers(size.calls, size.seconds, "Speak") as reports:
-            end = time.monotonic() + size.seconds
-            self.bystander(part, lambda: time.monotonic() > end)
-        sent = sum(report["sent"] for report in reports)
-        answered = sum(report["answered"] for report in reports)
-        kinds = _added(report["kinds"] for report in reports)
-        rate = sum(report["sent"] / report["seconds"] for report in reports)
-        once = answered == sent and not any(report["twice"] for report in reports)
-        known = kinds.keys() <= {"ok", "too many"}
-        self._found(part, f"calls, of {size.calls:.0f}/s wanted", f"{sent}, {rate:.0f}/s")
-        self._found(part, "answered, each once", f"{answered} of {sent}", "all", once)
-        told = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-        self._found(part, "answers", told, "done, or refused as too many", known)
-        refused = _grown(before, self.agent.look()["stats"], "refused_requests")
-        self._found(
-            part,
-            "refused, as counted",
-            str(refused),
-            "as many as were told so",
-            refused >= kinds.get("too many", 0),
-        )
-        self._finish(part, samples)
-
-    def pushes(self, size: Size) -> None:
-        """The chassis pushes faster than ROS can take it: states, and codes that each count."""
-        part = "Pushes"
-        before = self.agent.look()["stats"]
-        self.poses.messages.clear()
-        self.codes.messages.clear()
-        sent = {"poses": 0, "codes": 0}
-        over = threading.Event()
-
-        def push() -> None:
-            begun = time.monotonic()
-            while (passed := time.monotonic() - begun) < size.seconds:
-                behind = int(passed * size.pushes) - sum(sent.values())
-                if behind > 0:
-                    self.simulator.call(lambda chassis, count=behind: _push(chassis, sent, count))
-                time.sleep(0.005)
-            self.simulator.call(lambda chassis: _push(chassis, sent, 10))
-            over.set()
-
-        with self.watched() as samples:
-            pushing = threading.Thread(target=push)
-            begun = time.monotonic()
-            pushing.start()
-            self.bystander(part, over.is_set)
-            pushing.join()
-            rate = sum(sent.values()) / size.seconds
-            self._wait_pose(sent["poses"])
-            self.codes.wait(lambda code: code.code == sent["codes"], PATIENCE)
-            taken = time.monotonic() - begun
-        self._found(
-            part,
-            f"pushes, of {size.pushes:.0f}/s wanted",
-            f"{sum(sent.values())}, {rate:.0f}/s; taken in {taken:.1f} s",
-        )
-        self._found(part, "last of each kind published", "yes", "yes")
-        dropped = _grown(before, self.agent.look()["stats"], "dropped_pushes")
-        numbers = [code.code for code in self.codes.messages]
-        self._found(
-            part,
-            "codes published in their order",
-            str(len(numbers)),
-            "all that were",
-            numbers == sorted(numbers),
-        )
-        self._found(part, "dropped, as counted", str(dropped))
-        self._finish(part, samples)
-
-    def frames(self, size: Size) -> None:
-        """The chassis sends frames as large as the agent takes them."""
-        part = f"Frames of {size.frame} MiB"
-        before = self.agent.look()["stats"]
-        frames = _big_frames(size.frame * MIB)
-        self.poses.messages.clear()
-        over = threading.Event()
-
-        def send() -> None:
-            try:
-                for number, frame in enumerate(frames, 1):  # more than one at a time do not fit
-                    self.simulator.send_raw(frame)
-                    self.simulator.send_raw(_pose(number))
-                    self._wait_pose(number)
-            finally:
-                over.set()
-
-        with self.watched() as samples:
-            sending = threading.Thread(target=send)
-            begun = time.monotonic()
-            sending.start()
-            self.bystander(part, over.is_set)
-            sending.join()
-            self._wait_pose(len(frames))
-        seconds = time.monotonic() - begun
-        bad = _grown(before, self.agent.look()["stats"], "bad_frames")
-        self._found(
-            part,
-            "frames read, or skipped and counted",
-            f"{len(frames)} in {seconds:.1f} s, {bad} skipped",
-        )
-        self._finish(part, samples)
-
-    def slow(self, size: Size) -> None:
-        """The chassis takes its time over each answer, and callers do not."""
-        part = f"Answers after {size.slow:g} s"
-        before = self.agent.look()["stats"]
-        slow = self.simulator.inject("delay", seconds=size.slow)
-        with self.watched() as samples, self.callers(200, size.seconds, "Speak") as reports:
-            end = time.monotonic() + size.seconds
-            self.bystander(part, lambda: time.monotonic() > end)
-        slow.clear()
-        sent = sum(report["sent"] for report in reports)
-        answered = sum(report["answered"] for report in reports)
-        kinds = _added(report["kinds"] for report in reports)
-        refused = _grown(before, self.agent.look()["stats"], "refused_requests")
-        self._found(part, "calls", f"{sent}, 200/s wanted")
-        self._found(
-            part,
-            "answered, each once",
-            f"{answered} of {sent}",
-            "all",
-            answered == sent and not any(report["twice"] for report in reports),
-        )
-        told = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-        self._found(
-            part,
-            "answers",
-            told,
-            "done, or refused as too many",
-            kinds.keys() <= {"ok", "too many"} and kinds.get("too many", 0) > 0,
-        )
-        median = max(report["median"] for report in reports)
-        self._found(
-            part,
-            "median wait of the callers, most of them refused",
-            f"{median:.3f} s",
-            "below the chassis's",
-            median < size.slow,
-        )
-        self._found(
-            part,
-            "refused, as counted",
-            str(refused),
-            "as many as were told so",
-            refused >= kinds.get("too many", 0),
-        )
-        self._finish(part, samples)
-
     def _wait_pose(self, number: int) -> None:
-        self.poses.wait(lambda pose: pose.map_id == _FIRST_MAP + number, PATIENCE)
+        self._poses.wait(lambda pose: pose.map_id == _FIRST_MAP + number, TIMEOUT)
+
+    # Results
 
     def _finish(self, part: str, samples: list[int]) -> None:
-        self.still_connected(part)
-        if self.idle:
-            self.memory(part, max(samples))
+        connects = self._counters()["connects"]
+        self._add(part, "times that the link was lost", str(connects - 1), "0", connects == 1)
+        if not self.idle:
+            return
+        now = self._agent.settled_rss(MAX_GROWTH * self.idle, SETTLE_TIME)
+        self._add(part, "highest memory during the flood", f"{max(samples) / MIB:.0f} MiB")
+        self._add(
+            part,
+            "memory afterwards",
+            f"{now / MIB:.0f} MiB, {now / self.idle:.2f} times idle",
+            f"{MAX_GROWTH} times idle",
+            now <= MAX_GROWTH * self.idle,
+            depends_on_machine=True,
+        )
+
+    def _counters(self) -> dict[str, Any]:
+        counters: dict[str, Any] = self._agent.debug()["counters"]
+        return counters
+
+    def _add(
+        self,
+        part: str,
+        name: str,
+        value: str,
+        limit: str = "",
+        ok: bool = True,
+        *,
+        depends_on_machine: bool = False,
+    ) -> None:
+        self.figures.append(Figure(part, name, value, limit, ok, depends_on_machine))
 
 
-def run(size: Size) -> list[Figure]:
-    """All floods, one after the other, on one agent; what was found."""
+def run(size: Size, *, measure_memory: bool = True) -> list[Figure]:
+    """Run all floods on one agent, one after the other, and return the results.
+
+    Args:
+        size: Size of the floods.
+        measure_memory: Compare the memory with that after a warm-up.
+    """
     config = SimulatorConfig(port=0, tcp_port=0, seed=1, max_outbox=1_000_000)
     with (
         own_domain() as domain,
         SimulatorThread(config) as simulator,
-        connected_agent(domain, simulator, poll_timeout=int(PATIENCE * 1000)) as agent,
+        connected_agent(domain, simulator, poll_timeout=int(TIMEOUT * 1000)) as agent,
+        contextlib.closing(Bench(domain, simulator, agent)) as bench,
     ):
-        bench = Bench(domain, simulator, agent)
-        with contextlib.closing(bench):
-            floods = (bench.calls, bench.pushes, bench.frames, bench.slow)
-            cold = agent.sample().rss
+        floods = (bench.calls, bench.pushes, bench.frames, bench.slow)
+        if measure_memory:
+            cold = agent.rss
             for flood in floods:
                 flood(WARM_UP)
-            bench.figures.clear()
-            bench.idle = agent.sample().rss
-            bench.figures += [
+            bench.idle = agent.rss
+            bench.figures = [
                 Figure("Before", "memory when just connected", f"{cold / MIB:.0f} MiB"),
-                Figure("Before", "idle: after a warm-up", f"{bench.idle / MIB:.0f} MiB"),
+                Figure("Before", "idle memory, after a warm-up", f"{bench.idle / MIB:.0f} MiB"),
             ]
-            for flood in floods:
-                flood(size)
-            bench.figures += _logged(agent)
-            return bench.figures
+        for flood in floods:
+            flood(size)
+        return [*bench.figures, *_still_held(agent), *_logged(agent)]
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run all floods and print the table.
 
     Returns:
-        0, or 1 where a limit was exceeded.
+        The exit status: 1 if a limit was exceeded, otherwise 0.
     """
     parser = argparse.ArgumentParser(
         prog="scripts/bench --flood",
-        description="Floods the agent from both sides and prints what became of it. The exit "
-        "status is 1 if a limit was exceeded.",
+        description="Floods the agent with calls, pushes and big frames, and prints the results. "
+        "The exit status is 1 if a limit is exceeded.",
     )
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each flood; default 10")
+    parser.add_argument(
+        "--seconds", type=float, default=10.0, help="duration of each flood (default 10)"
+    )
     options = parser.parse_args(arguments)
-    figures = run(Size(seconds=options.seconds))
-    print(markdown(figures))
-    exceeded = [figure for figure in figures if not figure.kept]
-    for figure in exceeded:
-        print(f"exceeded: {figure.part}: {figure.name}: {figure.value}", file=sys.stderr)
-    return 1 if exceeded else 0
+    return print_and_judge(run(Size(seconds=options.seconds)))
 
 
-def _logged(agent: AgentProcess) -> list[Figure]:
-    """The log says that things are dropped, and when it is over how many: nothing else, no more."""
-    agent.wait_says("requests were refused because too many waited")
-    lines = [line for line in agent.lines if "[WARN]" in line or "[ERROR]" in line]
-    most = 20
+def _still_held(agent: DebugAgentProcess) -> list[Figure]:
+    """Wait until the agent holds nothing of the floods any more."""
+    names = ("requests", "pushes", "goals")
+    deadline = time.monotonic() + TIMEOUT
+    while any((held := agent.held())[name] for name in names) and time.monotonic() < deadline:
+        threading.Event().wait(0.1)
     return [
-        Figure("Log", "warnings and errors", str(len(lines)), f"{most}", len(lines) <= most),
+        Figure("Held afterwards", name, str(held[name]), "0", held[name] == 0) for name in names
+    ]
+
+
+def _logged(agent: DebugAgentProcess) -> list[Figure]:
+    """Check that the log tells when drops begin and how many there were, without flooding."""
+    agent.wait_logged("requests were refused because too many", TIMEOUT)
+    lines = list(agent.lines)
+    warnings = [line for line in lines if "[WARN]" in line or "[ERROR]" in line]
+    return [
+        Figure(
+            "Log",
+            "warnings and errors",
+            str(len(warnings)),
+            str(_MAX_WARNINGS),
+            len(warnings) <= _MAX_WARNINGS,
+        ),
         *(
-            Figure("Log", "said", line.split("]: ", 1)[-1].strip())
-            for line in agent.lines
+            Figure("Log", "summary", line.split("]: ", 1)[-1].strip())
+            for line in lines
             if "that is over" in line
         ),
     ]
@@ -422,7 +456,7 @@ def _code(number: int) -> str:
 
 
 def _big_frames(size: int) -> list[str]:
-    """Pushes that nobody wants, pushes with much that nobody knows, and a late answer."""
+    """Return two pushes that nobody subscribed to or expects, and two with unknown fields."""
     text = "x" * size
     row = '{"id":1,"x":0.25,"y":-1.5,"name":"A1"}'
     rows = ",".join([row] * (size // (len(row) + 1)))
@@ -434,20 +468,14 @@ def _big_frames(size: int) -> list[str]:
     ]
 
 
-def _added(counts: Any) -> dict[str, int]:
-    total: dict[str, int] = {}
-    for each in counts:
-        for kind, count in each.items():
-            total[kind] = total.get(kind, 0) + count
-    return total
+def _total(counter: dict[str, int]) -> int:
+    return sum(counter.values())
 
 
-def _grown(before: dict[str, Any], now: dict[str, Any], name: str) -> int:
-    return sum(now[name].values()) - sum(before[name].values())
-
-
-def _end(process: Any) -> None:
+def _kill(process: subprocess.Popen[str]) -> None:
     process.kill()
     process.wait()
+    assert process.stdin is not None
+    assert process.stdout is not None
     process.stdin.close()
     process.stdout.close()

@@ -1,8 +1,8 @@
-"""Frames, bytes and requests that make no sense: nothing breaks, hangs, or forgets to go on.
+"""Feed malformed frames, bytes and requests to codecs, client and simulator: nothing may break.
 
 scripts/bench --fuzz                            a million inputs
-scripts/bench --fuzz --inputs 20000 --seed 7    fewer, other ones
-scripts/bench --fuzz --target json --first 1234 --inputs 1 --seed 7    one of them again
+scripts/bench --fuzz --inputs 20000 --seed 7    fewer inputs, of another seed
+scripts/bench --fuzz --target json --first 1234 --inputs 1 --seed 7    repeat one input
 """
 
 from __future__ import annotations
@@ -20,33 +20,36 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.report.table import markdown
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
 
-HANG = 120
-"""s after which a portion of inputs counts as hanging."""
-_MOST_MEMORY_MB = 1000
-"""By how much the process may grow over all inputs of one target."""
-_CRASHES_SHOWN = 5
-_INPUT_SHOWN = 4000
-_LINES_SHOWN = 40
+HANG_TIMEOUT = 120
+"""Time after which a batch of inputs counts as hanging, in seconds."""
+_MAX_MEMORY_GROWTH = 1000
+"""Highest growth of the process over all inputs of one target, in MB."""
+_MAX_CRASHES_SHOWN = 5
+_MAX_INPUT_SHOWN = 4000
+"""Length of an input in a report, in characters."""
+_MAX_LINES_SHOWN = 40
+"""Length of a traceback in a report, in lines."""
 
 
-class Hang(Exception):
-    """An input took too long."""
+class HangError(Exception):
+    """A batch of inputs took too long."""
 
 
 @dataclass
 class Result:
-    """What became of a target's inputs.
+    """Results for one target.
 
     Attributes:
-        name: of the target.
-        inputs: how many it took.
-        kinds: how many were accepted, and refused of each kind.
-        crashes: texts to find and repeat each by.
-        seconds: that it took, the making of the inputs included.
-        slowest: s of the slowest input, of the slowest portion's mean where it takes several.
-        memory: MB by which the process grew.
+        name: Name of the target.
+        inputs: Number of inputs.
+        kinds: Number of accepted inputs, and of refused ones by kind.
+        crashes: Report of each crash, with the command that repeats it.
+        seconds: Duration, including the making of the inputs, in seconds.
+        slowest: Longest time that a batch took per input, in seconds.
+        memory: Growth of the process, in MB.
     """
 
     name: str
@@ -59,28 +62,28 @@ class Result:
 
 
 def fuzz(key: str, count: int, seed: int, first: int = 0) -> Result:
-    """Feed one target.
+    """Feed inputs to one target.
 
     Args:
-        key: which one, of `TARGETS`.
-        count: how many inputs.
-        seed: of the inputs.
-        first: number of the first one.
+        key: Key of the target in `TARGETS`.
+        count: Number of inputs.
+        seed: Seed of the inputs.
+        first: Number of the first input.
     """
     target = TARGETS[key]()
     result = Result(target.name)
-    begun, memory = time.monotonic(), _memory()
-    before = signal.signal(signal.SIGALRM, _hang)
+    begin, memory = time.monotonic(), _memory()
+    before = signal.signal(signal.SIGALRM, _raise_hang)
     try:
         for number, batch in batches(target, seed, count, first):
             started = time.monotonic()
-            signal.alarm(HANG)
+            signal.alarm(HANG_TIMEOUT)
             try:
                 result.kinds += target.feed(batch)
             except Exception:
-                told = _told(key, seed, number, batch, traceback.format_exc())
-                result.crashes.append(told)
-                target = _anew(target)
+                report = _report(key, seed, number, batch, traceback.format_exc())
+                result.crashes.append(report)
+                target = _replace(target)
             finally:
                 signal.alarm(0)
             result.inputs += len(batch)
@@ -88,19 +91,19 @@ def fuzz(key: str, count: int, seed: int, first: int = 0) -> Result:
     finally:
         signal.signal(signal.SIGALRM, before)
         target.close()
-    result.seconds = time.monotonic() - begun
+    result.seconds = time.monotonic() - begin
     result.memory = _memory() - memory
-    if result.memory > _MOST_MEMORY_MB:
+    if result.memory > _MAX_MEMORY_GROWTH:
         result.crashes.append(f"{key}: the process grew by {result.memory:.0f} MB")
     return result
 
 
-def _hang(*_: object) -> None:
-    raise Hang(f"more than {HANG} s")
+def _raise_hang(*_: object) -> None:
+    raise HangError(f"a batch took longer than {HANG_TIMEOUT} s")
 
 
-def _anew(target: Target) -> Target:
-    """A target in place of one that has crashed."""
+def _replace(target: Target) -> Target:
+    """Return a new target in place of one that has crashed."""
     try:
         target.close()
     except Exception:
@@ -108,54 +111,72 @@ def _anew(target: Target) -> Target:
     return type(target)()
 
 
-def _told(key: str, seed: int, number: int, batch: Sequence[Any], trace: str) -> str:
+def _report(key: str, seed: int, number: int, batch: Sequence[Any], trace: str) -> str:
     again = f"--target {key} --seed {seed} --first {number} --inputs {len(batch)}"
-    said = "\n".join(line[:200] for line in trace.rstrip().splitlines()[:_LINES_SHOWN])
-    lines = [f"{key}: crash; again: scripts/bench --fuzz {again}", said]
-    for at, data in enumerate(batch[:_CRASHES_SHOWN]):
-        lines.append(f"input {number + at} = {data!r}"[:_INPUT_SHOWN])
+    lines = [f"{key}: crash; repeat it with: scripts/bench --fuzz {again}"]
+    lines += [line[:200] for line in trace.rstrip().splitlines()[:_MAX_LINES_SHOWN]]
+    for at, data in enumerate(batch[:_MAX_CRASHES_SHOWN]):
+        lines.append(f"input {number + at} = {data!r}"[:_MAX_INPUT_SHOWN])
     return "\n".join(lines)
 
 
 def _memory() -> float:
-    """The most that the process has held so far, in MB."""
+    """Return the highest memory of the process so far, in MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def table(results: Sequence[Result]) -> str:
-    """All results as a Markdown table."""
-    lines = [
-        "| target | inputs | accepted | refused, by kind | crashes | inputs/s | slowest, ms | MB |",
-        "|---|---:|---:|---|---:|---:|---:|---:|",
-    ]
+    """Return a table with a row for each target, and one for all of them."""
+    rows: list[tuple[object, ...]] = []
     for one in results:
         refused = ", ".join(
             f"{kind} {number:,}" for kind, number in one.kinds.most_common() if kind != ACCEPTED
         )
-        lines.append(
-            f"| {one.name} | {one.inputs:,} | {one.kinds[ACCEPTED]:,} | {refused or '-'} "
-            f"| {len(one.crashes)} | {one.inputs / max(one.seconds, 1e-9):,.0f} "
-            f"| {one.slowest * 1000:.0f} | {one.memory:.0f} |"
+        rows.append(
+            (
+                one.name,
+                f"{one.inputs:,}",
+                f"{one.kinds[ACCEPTED]:,}",
+                refused or "-",
+                len(one.crashes),
+                f"{one.inputs / max(one.seconds, 1e-9):,.0f}",
+                f"{one.slowest * 1000:.0f}",
+                f"{one.memory:.0f}",
+            )
         )
     total, crashes = sum(one.inputs for one in results), sum(len(one.crashes) for one in results)
-    lines.append(f"| all | {total:,} | | | {crashes} | | | |")
-    return "\n".join(lines)
+    rows.append(("all", f"{total:,}", "", "", crashes, "", "", ""))
+    return markdown(
+        (
+            *("target", "inputs", "accepted", "refused, by kind"),
+            *("crashes", "inputs/s", "slowest, ms", "MB"),
+        ),
+        rows,
+        align="lrrlrrrr",
+    )
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Fuzz what the arguments say, and print the table.
+    """Fuzz the targets and print the table.
 
     Returns:
-        0, or 1 if anything crashed.
+        The exit status: 1 if anything crashed, otherwise 0.
     """
     parser = argparse.ArgumentParser(
         prog="scripts/bench --fuzz", description=__doc__.splitlines()[0] if __doc__ else None
     )
-    parser.add_argument("--inputs", type=int, default=1_000_000, help="how many in all")
-    parser.add_argument("--seed", type=int, help="of the inputs; a new one each time if left out")
-    parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument(
-        "--target", action="append", choices=TARGETS, help="only this one; can be repeated"
+        "--inputs",
+        type=int,
+        default=1_000_000,
+        help="number of inputs, for all targets together (default 1000000)",
+    )
+    parser.add_argument("--seed", type=int, help="seed of the inputs (default: a new one)")
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first input (default 0)"
+    )
+    parser.add_argument(
+        "--target", action="append", choices=TARGETS, help="only this target; may be repeated"
     )
     options = parser.parse_args(arguments)
     seed = random.randrange(2**32) if options.seed is None else options.seed
@@ -164,18 +185,19 @@ def main(arguments: Sequence[str]) -> int:
     print(f"seed {seed}", file=sys.stderr)
     logging.getLogger("woosh_robot_agent").setLevel(logging.ERROR)
     logging.getLogger("woosh_robot_agent").propagate = False
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # handshakes that are broken off
+    logging.getLogger("websockets").setLevel(
+        logging.CRITICAL
+    )  # it logs aborted handshakes as errors
     results = []
     for key in keys:
         count = max(1, round(options.inputs * TARGETS[key].share / shares))
         results.append(fuzz(key, count, seed, options.first))
-        for crash in results[-1].crashes[:_CRASHES_SHOWN]:
+        for crash in results[-1].crashes[:_MAX_CRASHES_SHOWN]:
             print(crash, end="\n\n", file=sys.stderr)
-        print(table(results[-1:]).splitlines()[2], file=sys.stderr)
+        print(
+            f"{key}: {results[-1].inputs} inputs, {len(results[-1].crashes)} crashes",
+            file=sys.stderr,
+        )
     print(table(results))
     print(f"\nseed {seed}")
     return int(any(one.crashes for one in results))
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""Inputs for fuzzing: real frames of every type, and what a seeded mutator makes of them."""
+"""Inputs for fuzzing: real frames of every type, and mutations of them by a seeded generator."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DOCUMENTED = (
     '"value":1,"speed":0.5}]},"moveBase":{"action":1}},"sn":3}',
     '{"type":"woosh.robot.RobotWiFi","body":{"order":"kAdd","content":"eyJzc2lkIjoiYSJ9"},"sn":4}',
 )
-"""Frames as the link's documentation shows them, and two with a oneof and with base64."""
+"""Frames from the link's documentation, one with a oneof and one with base64."""
 
 _FLOATS = (0.0, -0.0, 1.0, -1.0, 0.5, 4.23, 1e-300, 1e38, -1e38, 1e300, 5e-324)
 _ODD_FLOATS = (float("nan"), float("inf"), float("-inf"))
@@ -46,9 +46,10 @@ _RANGES = {
     Kind.CPPTYPE_INT64: (-(2**63), 2**63 - 1),
     Kind.CPPTYPE_UINT64: (0, 2**64 - 1),
 }
-_MOST_DEPTH = 4
+_MAX_DEPTH = 4
+"""Depth down to which messages are filled."""
 _DEEP = 100_000
-"""Brackets in a row, now and then: far more than any reader can follow."""
+"""Number of nested brackets in some inputs, far more than any parser supports."""
 
 _NASTY: tuple[str, ...] = (
     *("null", "true", "false", "0", "-1", "1e3", "-0.0", "1e999", "-1e999", "1.5", "NaN"),
@@ -66,13 +67,13 @@ _TOKENS = ("{", "}", "[", "]", '"', ":", ",", "\\", "\\u", "\0", "\ufeff", "\ud8
 
 
 def filled(rng: random.Random, cls: type[Message], depth: int = 0, odd: float = 0.02) -> Message:
-    """A message with some of its fields set, to ends of their ranges as often as to usual values.
+    """Return a message with some fields set, to limits of their ranges as often as to usual values.
 
     Args:
-        rng: where the choices come from.
-        cls: class of the message.
-        depth: how deep in another one it stands.
-        odd: share of the numbers with a fraction that are not finite.
+        rng: Source of randomness.
+        cls: Class of the message.
+        depth: Depth of the message in an outer one.
+        odd: Share of the floating-point numbers that are not finite.
     """
     message = cls()
     fields = list(cls.DESCRIPTOR.fields)
@@ -81,7 +82,7 @@ def filled(rng: random.Random, cls: type[Message], depth: int = 0, odd: float = 
         if rng.random() > share:
             continue
         if field.message_type is not None and (
-            depth >= _MOST_DEPTH or field.message_type.full_name not in message_types()
+            depth >= _MAX_DEPTH or field.message_type.full_name not in message_types()
         ):
             continue
         value = getattr(message, field.name)
@@ -116,18 +117,18 @@ def _value(rng: random.Random, field: Any, depth: int, odd: float) -> Any:
 
 @cache
 def type_names() -> tuple[str, ...]:
-    """The types that the chassis can be asked for, and all others."""
+    """Return the names of all types, those that the chassis answers first."""
     return (*sorted(HANDLERS), *sorted(message_types()))
 
 
 def request(rng: random.Random) -> tuple[str, Message]:
-    """A request of any type that the chassis knows, and of some that it does not."""
+    """Return a request, in most cases of a type that the chassis answers."""
     name = rng.choice(sorted(HANDLERS)) if rng.random() < 0.95 else rng.choice(type_names())
     return name, filled(rng, message_types()[name])
 
 
 def frame(rng: random.Random, codec: JsonCodec | ProtobufCodec) -> Any:
-    """A whole frame, as a chassis or a client could send it."""
+    """Return a valid frame."""
     name, body = request(rng)
     return codec.encode(
         name, body, sn=rng.choice((0, 1, 7, 2**31 - 1)), ok=rng.choice((None, True)), msg="ü"
@@ -136,7 +137,7 @@ def frame(rng: random.Random, codec: JsonCodec | ProtobufCodec) -> Any:
 
 @cache
 def _corpus(encoding: str) -> tuple[Any, ...]:
-    """Many whole frames to start from, always the same: made once, which is dear."""
+    """Return the valid frames to start from. They are always the same, and expensive to make."""
     rng = random.Random("corpus")
     codec = JsonCodec(defaults=True) if encoding == "json" else ProtobufCodec()
     found = [frame(rng, codec) for _ in range(1500)]
@@ -145,7 +146,7 @@ def _corpus(encoding: str) -> tuple[Any, ...]:
 
 
 def text(rng: random.Random) -> str:
-    """A JSON frame, whole in one of ten, else changed in one to four places."""
+    """Return a JSON frame: one in ten is valid, the others are mutated in one to four places."""
     data: str = rng.choice(_corpus("json"))
     if rng.random() < 0.1:
         return data
@@ -155,17 +156,17 @@ def text(rng: random.Random) -> str:
 
 
 def blob(rng: random.Random) -> bytes:
-    """A protobuf frame, whole in one of ten, else damaged in one to four places."""
+    """Return a protobuf frame: one in ten is valid, the others are mutated in 1 to 4 places."""
     data: bytes = rng.choice(_corpus("protobuf"))
     if rng.random() < 0.1:
         return data
     pack = MessagePackJson.FromString(data)
-    inside = rng.random() < 0.5  # the envelope is whole, its body is not
-    if inside:
+    body_only = rng.random() < 0.5
+    if body_only:
         data = pack.body.value
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         data = rng.choice(_BLOB_MUTATIONS)(rng, data)
-    if inside:
+    if body_only:
         pack.body.value = data
         data = pack.SerializeToString()
     return data
@@ -206,7 +207,7 @@ def _insert_token(rng: random.Random, data: str) -> str:
 
 
 def _change_a_value(rng: random.Random, data: str) -> str:
-    """Put something odd in place of one value of the frame, and leave the rest as it is."""
+    """Replace one value or one name in the frame by an odd one."""
     try:
         tree = json.loads(data)
     except (ValueError, RecursionError):
@@ -252,7 +253,7 @@ def _insert_bytes(rng: random.Random, data: bytes) -> bytes:
          b"\xfa\x06", b"\x08\xff\xff\xff\xff\x0f", rng.randbytes(rng.choice((1, 2, 8, 60))))
     )  # fmt: skip
     if rng.random() < 0.0005:
-        odd = rng.choice((b"\x0b", b"\x0a\x7f")) * _DEEP  # groups and messages without an end
+        odd = rng.choice((b"\x0b", b"\x0a\x7f")) * _DEEP  # groups and messages that do not end
     return data[:start] + odd + data[end:]
 
 

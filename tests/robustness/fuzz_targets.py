@@ -1,7 +1,7 @@
-"""What is fuzzed: the codecs and the framing alone, the client and the simulator by sockets.
+"""Targets of fuzzing: codecs and framing by themselves, client and simulator over sockets.
 
-A target takes the inputs that its seed makes, one by one or some at a time, and raises what must
-not happen: any error but the documented ones, and whatever it finds wrong afterwards.
+A target makes its inputs from a seed and takes them in batches. It raises an exception if anything
+but a documented error comes out of them, or if its state is wrong afterwards.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from typing import Any
 import websockets
 from google.protobuf.message import Message
 
-from tests.link.link_peer import Frame, Packed, Peer, Wire
+from tests.link.link_peer import INFO, Frame, Packed, Peer, Wire
 from tests.robustness import fuzz_inputs as inputs
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.transports import TcpTransport, TransportClosedError, open_transport
+from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.link.transport.opening import open_transport
+from woosh_robot_agent.link.transport.tcp import TcpTransport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.protos import full_name, message_types
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
 from woosh_robot_agent.simulator.pushes import TOPICS
@@ -37,24 +39,24 @@ from woosh_robot_agent.simulator.pushes import TOPICS
 try:
     from tests.table import PAIRS
     from woosh_robot_agent.convert import BadFieldError, converter
-except ImportError:  # where there is no ROS
+except ImportError:  # without ROS
     PAIRS = {}
 
 _OLD = int(websockets.__version__.split(".")[0]) < 14
-"""Whether a text frame that is not UTF-8 ends the connection, before the link has seen it."""
-_ANSWER_LIMIT = 60.0
-_SURE_SN = 1_500_000_000
-"""Serial number of the requests that have to be answered; no input has it."""
+"""True if the library ends a connection at a text frame that is not UTF-8."""
+_ANSWER_TIMEOUT = 60.0
+_UNIQUE = 1_500_000_000
+"""Serial number or other number that no input contains."""
 ACCEPTED = "accepted"
 
 
 class Target(ABC):
-    """One thing to fuzz.
+    """One target.
 
     Attributes:
-        name: for the table and the command line.
-        batch: how many inputs `feed` takes at a time.
-        share: of all inputs, how many are for this target.
+        name: Name in tables, and part of the seed.
+        batch: Number of inputs in a batch.
+        share: Share of all inputs that this target gets.
     """
 
     name: str
@@ -63,25 +65,25 @@ class Target(ABC):
 
     @abstractmethod
     def make(self, rng: random.Random) -> Any:
-        """One input."""
+        """Return an input."""
 
     @abstractmethod
     def feed(self, batch: Sequence[Any]) -> Counter[str]:
-        """Take some inputs.
+        """Take a batch of inputs.
 
         Returns:
-            How many were accepted, and how many refused of each kind.
+            Number of accepted inputs, and of refused ones by kind.
 
         Raises:
-            Exception: it did what it must not.
+            Exception: The target did something it must not do.
         """
 
     def close(self) -> None:  # noqa: B027
-        """Give everything back."""
+        """Release all resources."""
 
 
 class _Codec(Target):
-    """A codec: the envelope, the body as its type says and as another one, and on to ROS."""
+    """A codec: decodes envelope and body, the body also as another type, and converts it to ROS."""
 
     codec: Any
 
@@ -89,7 +91,7 @@ class _Codec(Target):
         (data,) = batch
         try:
             envelope = self.codec.decode(data)
-            envelope.msg.encode()  # can be logged
+            envelope.msg.encode()  # so that it can be logged
             envelope.type.encode()
             classes = [message_types().get(envelope.type), _other_class(data)]
             for cls in classes:
@@ -97,13 +99,13 @@ class _Codec(Target):
                     _to_ros(self.codec.body(envelope, cls))
         except FrameError as error:
             if len(str(error).encode()) > 2000:
-                raise ValueError("no text for people") from error
+                raise ValueError("the text of the error is too long to be logged") from error
             return Counter([error.kind])
         return Counter([ACCEPTED])
 
 
 def _other_class(data: str | bytes) -> type[Message] | None:
-    """For one of eight frames a class that they are not of, the same each time."""
+    """Return for one in eight frames a class other than theirs, always the same one."""
     names = inputs.type_names()
     number = len(data) * 2654435761 >> 3
     return message_types()[names[number % len(names)]] if number % 8 == 0 else None
@@ -116,7 +118,7 @@ def _to_ros(message: Message) -> None:
     convert = converter(*pair)
     try:
         convert.to_proto(convert.to_ros(message))
-    except BadFieldError as error:  # the robot must not get it, but it may say so
+    except BadFieldError as error:  # documented: the value is out of range
         str(error).encode()
 
 
@@ -140,27 +142,27 @@ class ProtobufFrames(_Codec):
 
 
 class _Loop(Target):
-    """A target that works in an event loop."""
+    """A target that runs in an event loop."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
-        self.troubles: list[str] = []
+        self.errors: list[str] = []
         self.loop.set_exception_handler(
-            lambda _, context: self.troubles.append(str(context.get("exception") or context))
+            lambda _, context: self.errors.append(str(context.get("exception") or context))
         )
         self._handler = logging.Handler(logging.ERROR)
-        self._handler.emit = self._logged  # type: ignore[method-assign]
+        self._handler.emit = self._record_error  # type: ignore[method-assign]
         logging.getLogger("woosh_robot_agent").addHandler(self._handler)
 
-    def _logged(self, record: logging.LogRecord) -> None:
+    def _record_error(self, record: logging.LogRecord) -> None:
         if record.levelno >= logging.ERROR:
-            self.troubles.append(logging.Formatter().format(record))
+            self.errors.append(logging.Formatter().format(record))
 
     def feed(self, batch: Sequence[Any]) -> Counter[str]:
         found = self.loop.run_until_complete(self.take(batch))
-        if self.troubles:
-            troubles, self.troubles = self.troubles, []
-            raise AssertionError("\n".join(troubles))
+        if self.errors:
+            errors, self.errors = self.errors, []
+            raise AssertionError("\n".join(errors))
         return found
 
     @abstractmethod
@@ -173,7 +175,7 @@ class _Loop(Target):
 
 
 class TcpFraming(_Loop):
-    """The delimited format: a stream of whole, damaged and badly measured frames."""
+    """The delimited TCP format: valid frames, mutated frames and frames with a wrong length."""
 
     name = "TCP framing"
     share = 0.1
@@ -200,13 +202,13 @@ class TcpFraming(_Loop):
             except FrameError as error:
                 kind = error.kind
             except TransportClosedError as error:
-                said = str(error).partition(":")[0]
-                return found or Counter([re.sub(r"\d+", "so many", said)])
+                text = str(error).partition(":")[0]
+                return found or Counter([re.sub(r"\d+", "N", text)])
             found = found or Counter([kind])
 
 
 class _Writer:
-    """What a transport asks of the side that writes."""
+    """The part of asyncio.StreamWriter that a transport needs for receiving."""
 
     def __init__(self) -> None:
         self.transport: Any = self
@@ -216,58 +218,60 @@ class _Writer:
 
 
 class _Client(_Loop):
-    """The client of a peer that babbles: it counts each frame, and goes on."""
+    """The client, connected to a peer that sends the inputs.
+
+    Each batch gets a new client with requests in flight whose serial numbers are in the inputs too.
+    """
 
     batch = 100
     share = 0.04
     kind: str
+    """Kind of the `Peer`."""
+    marker: Any
+    """Body of the push that follows a batch: once it arrives, all inputs have been read."""
 
     def __init__(self) -> None:
         super().__init__()
         self._stack = contextlib.AsyncExitStack()
-        self.loop.run_until_complete(self._open())
+        self._peer = Peer(self.kind, script=self._script)
+        self.loop.run_until_complete(self._stack.enter_async_context(self._peer))
 
-    async def _open(self) -> None:
-        async def script(wire: Wire, frame: Frame) -> bool:
-            sure = bool(frame.get("sn", 0) >= _SURE_SN)
-            if sure:
-                await wire.answer(frame, {} if self.kind == "json" else b"")
-            return sure
-
-        self._peer = await self._stack.enter_async_context(Peer(self.kind))
-        limits = {"liveness_timeout": 600.0, "max_in_flight": 1000}
-        self._client = await self._stack.enter_async_context(self._peer.client(**limits))
-        self._peer.script = script
-        self._peer.auto = False
-        self._wire = await self._peer.wire()
-        for name in sorted(TOPICS):
-            self._client.subscribe(message_types()[name], lambda push: None)
+    async def _script(self, wire: Wire, frame: Frame) -> bool:
+        """Answer the first RobotInfo of a connection and every Speak, and nothing else."""
+        first_info = frame["type"] == INFO and frame.get("sn") == 1
+        if first_info or frame["type"] == full_name(Speak):
+            await wire.answer(frame, {} if self.kind == "json" else b"")
+        return True
 
     def make(self, rng: random.Random) -> bytes:
         return inputs.text(rng).encode(errors="replace" if _OLD else "surrogatepass")
 
     async def take(self, batch: Sequence[Any]) -> Counter[str]:
-        client, connection = self._client, self._client._connection
-        assert connection is not None, client.last_error
-        stats = client.stats
-        before, rx = Counter(stats.bad_frames), stats.rx
-        connection._next_sn = 1
-        open_ = [asyncio.ensure_future(client.request(RobotInfo())) for _ in range(8)]
-        await asyncio.sleep(0)
-        connection._next_sn = _SURE_SN
-        for data in batch:
-            self._wire.transport.write(self.packed(data))
-        answer = await client.request(Speak(), _ANSWER_LIMIT)
-        assert answer.ok
-        for task in open_:
-            task.cancel()
-        await asyncio.gather(*open_, return_exceptions=True)
-        assert stats.connects == 1, f"the link was lost: {client.last_error}"
-        bad = Counter(stats.bad_frames) - before
-        read = stats.rx - rx - 1  # besides the answer
+        limits = {"liveness_timeout": 600.0, "max_in_flight": 1000}
+        async with self._peer.client(**limits) as client:
+            for name in sorted(TOPICS):
+                client.subscribe(message_types()[name], lambda push: None)
+            received = asyncio.Event()
+            client.subscribe(PoseSpeed, lambda pose: _set_if(received, pose.mileage == _UNIQUE))
+            in_flight = [asyncio.ensure_future(client.request(RobotInfo())) for _ in range(8)]
+            await asyncio.sleep(0)
+            wire = self._peer.wires.pop()
+            before = client.stats.rx
+            for data in batch:
+                wire.transport.write(self.packed(data))
+            await wire.push(full_name(PoseSpeed), self.marker)
+            await asyncio.wait_for(received.wait(), _ANSWER_TIMEOUT)
+            read = client.stats.rx - before - 1  # without the marker
+            bad = Counter(client.stats.bad_frames)
+            answer = await client.request(Speak(), _ANSWER_TIMEOUT)
+            assert answer.ok
+            for task in in_flight:
+                task.cancel()
+            await asyncio.gather(*in_flight, return_exceptions=True)
+            assert client.stats.connects == 1, f"the link was lost: {client.last_error}"
         skipped = sum(number for kind, number in bad.items() if kind != "body")
         assert read + skipped == len(batch), f"{read} read and {skipped} skipped of {len(batch)}"
-        bad.pop("body", None)  # of a frame that was read: an answer or a push, told as such
+        del bad["body"]  # frames with a defect in the body count as read
         return bad + Counter({ACCEPTED: read})
 
     def packed(self, data: bytes) -> bytes:
@@ -281,15 +285,22 @@ class _Client(_Loop):
         super().close()
 
 
+def _set_if(event: asyncio.Event, condition: bool) -> None:
+    if condition:
+        event.set()
+
+
 class JsonClient(_Client):
     name = "client, JSON over WebSocket"
     kind = "json"
+    marker = {"mileage": _UNIQUE}
 
 
 class TcpClient(_Client):
     name = "client, protobuf over TCP"
     kind = "tcp"
     share = 0.02
+    marker = PoseSpeed(mileage=_UNIQUE).SerializeToString()
 
     def make(self, rng: random.Random) -> bytes:
         return inputs.blob(rng)
@@ -299,33 +310,33 @@ class TcpClient(_Client):
 
 
 class _Simulator(_Loop):
-    """The simulated chassis, which has to serve the next client well."""
+    """The simulated chassis, which must serve the next client after any input."""
 
     batch = 50
 
     def __init__(self) -> None:
         super().__init__()
-        self._simulator = SimulatedChassis(
+        self.simulator = SimulatedChassis(
             SimulatorConfig(port=0, tcp_port=0, speed=100, seed=1, max_frame=4 * 1024 * 1024)
         )
-        self.loop.run_until_complete(self._simulator.start())
+        self.loop.run_until_complete(self.simulator.start())
 
     async def open(self, transport: str = "websocket") -> Any:
-        port = self._simulator.port if transport == "websocket" else self._simulator.tcp_port
+        port = self.simulator.port if transport == "websocket" else self.simulator.tcp_port
         where = LinkConfig(ip="127.0.0.1", port=port, transport=transport, connect_timeout=30)
         return await open_transport(where)
 
     async def check(self) -> None:
-        """A new client is answered, and nothing of the state is out of this world."""
+        """Check that a new client is answered and that all numbers of the state are finite."""
         transport = await self.open()
         try:
-            await transport.send(JsonCodec().encode("woosh.robot.RobotInfo", None, sn=_SURE_SN))
+            await transport.send(JsonCodec().encode("woosh.robot.RobotInfo", None, sn=_UNIQUE))
             answer = JsonCodec().decode(await self._within(transport.recv()))
-            assert (answer.sn, answer.ok) == (_SURE_SN, True), answer.msg
+            assert (answer.sn, answer.ok) == (_UNIQUE, True), answer.msg
             JsonCodec().body(answer, RobotInfo)
         finally:
             await transport.close()
-        state = self._simulator.state
+        state = self.simulator.state
         for part in (state, state.pose, state.velocity):
             for field in fields(part):
                 value = getattr(part, field.name)
@@ -334,15 +345,15 @@ class _Simulator(_Loop):
 
     @staticmethod
     async def _within(work: Any) -> Any:
-        return await asyncio.wait_for(work, _ANSWER_LIMIT)
+        return await asyncio.wait_for(work, _ANSWER_TIMEOUT)
 
     def close(self) -> None:
-        self.loop.run_until_complete(self._simulator.stop())
+        self.loop.run_until_complete(self.simulator.stop())
         super().close()
 
 
 class Requests(_Simulator):
-    """Requests of every type with extreme values, and damaged ones, over all three encodings."""
+    """Requests of every type with extreme values, and mutated ones, over all three encodings."""
 
     name = "simulator, requests"
     share = 0.03
@@ -355,7 +366,7 @@ class Requests(_Simulator):
             data = (JsonCodec() if json_ else ProtobufCodec()).encode(name, body, sn=7)
         else:
             data = inputs.text(rng) if json_ else inputs.blob(rng)
-        if isinstance(data, str):  # this client cannot send what is no text
+        if isinstance(data, str):  # the client library sends valid UTF-8 only
             data = data.encode(errors="replace").decode()
         return where, data
 
@@ -368,9 +379,9 @@ class Requests(_Simulator):
                 for to, data in batch:
                     if to == where:
                         await self._within(transport.send(data))
-                # of the encoding that the transport has by default
+                # the default encoding of the transport
                 codec: Any = JsonCodec() if where == "websocket" else ProtobufCodec()
-                await transport.send(codec.encode("woosh.robot.Mode", None, sn=_SURE_SN))
+                await transport.send(codec.encode("woosh.robot.Mode", None, sn=_UNIQUE))
                 await self._within(asyncio.shield(reading))
             finally:
                 reading.cancel()
@@ -385,7 +396,7 @@ class Requests(_Simulator):
             data = await transport.recv()
             text = isinstance(data, str) or data[:1] == b"{"
             answer = (JsonCodec() if text else ProtobufCodec()).decode(data)
-            if answer.sn == _SURE_SN:
+            if answer.sn == _UNIQUE:
                 return
             if answer.ok is None:
                 continue  # a push
@@ -395,7 +406,7 @@ class Requests(_Simulator):
 
 
 class RawBytes(_Simulator):
-    """Bytes into the ports that are no handshake, or a damaged one, or no frames after one."""
+    """Raw bytes: no handshake, a mutated handshake, or a handshake followed by malformed frames."""
 
     name = "simulator, raw bytes"
     share = 0.01
@@ -430,9 +441,9 @@ class RawBytes(_Simulator):
         return Counter({"dropped or skipped": len(batch)})
 
     async def _send(self, tcp: bool, data: bytes) -> None:
-        port = self._simulator.tcp_port if tcp else self._simulator.port
+        port = self.simulator.tcp_port if tcp else self.simulator.port
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        with contextlib.suppress(OSError):  # it may end the connection before it has read all
+        with contextlib.suppress(OSError):  # the simulator may close before it has read everything
             writer.write(data)
             writer.write_eof()
             while await reader.read(65536):
@@ -462,15 +473,15 @@ TARGETS: dict[str, type[Target]] = {
     "requests": Requests,
     "raw": RawBytes,
 }
-"""By the name on the command line."""
+"""Targets by their names on the command line."""
 
 
 def batches(
     target: Target, seed: int, count: int, first: int = 0
 ) -> Iterator[tuple[int, list[Any]]]:
-    """The inputs of a target in the portions that it takes, each with the number of its first.
+    """Yield the inputs of a target in batches, each with the number of its first input.
 
-    The same seed and number give the same input, whatever came before it.
+    An input depends on the seed and its number alone, not on the inputs before it.
     """
     for start in range(first, first + count, target.batch):
         numbers = range(start, min(start + target.batch, first + count))

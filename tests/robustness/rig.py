@@ -1,36 +1,38 @@
-"""A chassis, the agent and a client, kept running over many scenarios, and what may not grow there.
+"""A chassis, the agent and a client that keep running over many scenarios, and checks on them.
 
-The agent and the chassis are in this process, so that one can look into them; between them is a
-real socket, and between the agent and its client DDS.
+The agent and the chassis run in this process. Between them is a real socket, and between the agent
+and its client there is DDS.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import itertools
 import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import GetParameters
 from rclpy.logging import LoggingSeverity
 
-from tests import harness
-from tests.robustness.traffic import Surplus, Traffic
+from tests.harness import Client
+from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.actions import timing
-from woosh_robot_agent.link import transports
+from woosh_robot_agent.link.transport.tcp import TcpTransport
+from woosh_robot_agent.link.transport.websocket import WebSocketTransport
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.testing import AgentInProcess, own_domain
 
 SPEED = 20
-"""How much faster than real time the chassis lives."""
+"""Speed of the simulated chassis, as a multiple of real time."""
 BACKOFF_MAX = 0.2
 MAX_FRAME_MIB = 8
-PATIENCE: dict[str, Any] = {
+SHORT_TIMEOUTS: dict[str, Any] = {
     "poll_timeout": 400,
     "connect_timeout": 1.0,
     "handshake_timeout": 5.0,
@@ -42,10 +44,11 @@ PATIENCE: dict[str, Any] = {
     "goal_link_timeout": 0.6,
     "max_frame_size": MAX_FRAME_MIB * 1024 * 1024,
 }
-"""The agent's parameters: as usual, but in haste."""
+"""Parameters of the agent with which a scenario takes about a second."""
 _POLL_PERIOD = 0.5
-GIVE_UP = 20.0
-"""s after which what should have happened counts as never happening, on the slowest machine."""
+"""Time between two queries for the state of a silent goal, in seconds."""
+NEVER = 60.0
+"""Time after which something that should have happened counts as never happening, in seconds."""
 
 KINDS: tuple[dict[str, str], ...] = (
     {"transport": "websocket", "encoding": "json", "executor": "single"},
@@ -53,22 +56,29 @@ KINDS: tuple[dict[str, str], ...] = (
     {"transport": "websocket", "encoding": "protobuf", "executor": "single"},
     {"transport": "tcp", "encoding": "protobuf", "executor": "events"},
 )
-"""The ways in which the agent can be set up that matter to what happens under faults."""
+"""Settings of the agent that differ in how it meets faults."""
 
 
-class Trouble(Exception):
-    """A promise was broken; the text says which."""
+class BrokenPromiseError(Exception):
+    """The agent broke a promise; the text says which."""
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """What an agent at rest holds; more than that after a scenario is a leak."""
+    """Resources of the process at rest. Growth from one scenario to the next is a leak.
+
+    Attributes:
+        tasks: Number of asyncio tasks in the link thread.
+        threads: Number of threads.
+        files: Number of open files.
+    """
 
     tasks: int
     threads: int
     files: int
 
     def within(self, other: Footprint) -> bool:
+        """Return True if nothing is more than in `other`."""
         return (
             self.tasks <= other.tasks
             and self.threads <= other.threads
@@ -80,38 +90,38 @@ class Rig:
     """Chassis, agent and client.
 
     Args:
-        kind: transport, encoding and executor of the agent; one of `KINDS`.
-        parameters: of the agent, instead of `PATIENCE`.
+        kind: Transport, encoding and executor of the agent; one of `KINDS`.
+        parameters: Further parameters of the agent, by default `SHORT_TIMEOUTS`.
 
     Attributes:
-        simulator: the chassis.
-        agent: the agent.
-        surplus: answers that came a second time.
-        sent_twists: velocity commands that the agent handed to its sockets so far.
+        simulator: The chassis.
+        agent: The agent.
+        duplicates: Answers to calls that were answered already.
+        sent_twists: Number of velocity commands that the agent has handed to its sockets.
     """
 
     def __init__(self, kind: dict[str, str], parameters: dict[str, Any] | None = None) -> None:
         self._marks = itertools.count(1)
-        self.surplus = Surplus()
+        self.duplicates = DuplicateAnswers()
         self.sent_twists = 0
         self._errors: list[str] = []
         self._footprint: Footprint | None = None
         with contextlib.ExitStack() as stack:
-            domain = stack.enter_context(harness.own_domain())
-            stack.enter_context(self._watched_logs())
-            stack.enter_context(self._watched_sockets())
-            stack.enter_context(_hurried_goals())
+            domain = stack.enter_context(own_domain())
+            stack.enter_context(self._record_errors())
+            stack.enter_context(self._count_twists())
+            stack.enter_context(_short_poll_period())
             self.simulator = stack.enter_context(
                 SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=SPEED))
             )
             port = self.simulator.tcp_port if kind["transport"] == "tcp" else self.simulator.port
-            values = {**(PATIENCE if parameters is None else parameters), **kind}
-            self.agent = harness.RunningAgent(domain, ip="127.0.0.1", port=port, **values)
+            values = {**(SHORT_TIMEOUTS if parameters is None else parameters), **kind}
+            self.agent = AgentInProcess(domain, ip="127.0.0.1", port=port, **values)
             stack.callback(self.agent.close)
-            stack.enter_context(self._quiet())
-            self._client = harness.Client(domain)
+            stack.enter_context(self._only_errors_on_terminal())
+            self._client = Client(domain)
             stack.callback(self._client.close)
-            self._client.node.create_subscription(Log, "/rosout", self._rosout, 100)
+            self._client.node.create_subscription(Log, "/rosout", self._record_rosout, 100)
             self.agent.wait_connected()
             self._stack = stack.pop_all()
 
@@ -120,79 +130,77 @@ class Rig:
         self._stack.close()
 
     def traffic(self) -> Traffic:
-        """A user's traffic, none yet."""
-        return Traffic(self._client, self.surplus, self._marks)
+        """Return the traffic of a new scenario."""
+        return Traffic(self._client, self.duplicates, self._marks)
 
-    @property
-    def errors(self) -> list[str]:
-        """What was logged as an error so far, by anybody; empties the list."""
-        told, self._errors = self._errors, []
-        return told
+    def take_errors(self) -> list[str]:
+        """Return the errors that were logged since the last time."""
+        errors, self._errors = self._errors, []
+        return errors
 
-    # What the agent is at
+    # The state of the agent
 
-    def alive(self) -> None:
-        """Raises Trouble if one of the agent's threads has ended or hangs."""
-        if not self.agent._spinner._thread.is_alive():
-            raise Trouble("the agent's executor has ended")
-        self.in_link(lambda: None)
-
-    def in_link(self, look: Callable[[], Any]) -> Any:
-        """What `look` gives in the link's thread."""
-
-        async def run() -> Any:
-            return look()
-
+    def check_alive(self) -> None:
+        """Raise BrokenPromiseError if the agent's executor or its link thread does not respond."""
+        self.debug()
         try:
-            return self.agent.agent._thread.run(run(), GIVE_UP)
+            self._client.call(GetParameters, "agent/get_parameters", NEVER, names=["ip"])
+        except AssertionError:
+            raise BrokenPromiseError("the agent's executor has ended or hangs") from None
+
+    def debug(self) -> dict[str, Any]:
+        """Return the debug state of the agent.
+
+        Raises:
+            BrokenPromiseError: The link thread does not answer.
+        """
+        try:
+            return self.agent.agent.debug(NEVER)
         except TimeoutError:
-            raise Trouble("the agent's link thread hangs") from None
+            raise BrokenPromiseError("the agent's link thread hangs") from None
 
     @property
     def ready(self) -> bool:
-        """Whether the link is up, as the agent has it."""
-        return bool(self.agent.agent._chassis.state.value == "ready")
+        """True if the agent considers its link ready."""
+        return bool(self.debug()["state"] == "ready")
 
-    def at_rest(self) -> str:
-        """What the agent still holds on to; empty when nothing."""
-        agent = self.agent.agent
-        connection = agent._chassis._connection
-        held = {
-            "requests": len(connection._pending) if connection else 0,
-            "velocity commands": len(agent._chassis._latest._unanswered),
-            "goals": agent._actions.open_goals,
-            "runs": agent._actions.running_goals,
-        }
-        return ", ".join(f"{count} {what}" for what, count in held.items() if count)
+    def held(self) -> str:
+        """Return what the agent still works on; empty if it is at rest."""
+        state = self.debug()
+        names = ("requests", "pushes", "goals", "running_goals")
+        return ", ".join(f"{state[name]} {name}" for name in names if state[name])
 
     def footprint(self) -> Footprint:
-        """What the process holds now."""
-        tasks = self.in_link(lambda: len(asyncio.all_tasks(self.agent.agent._thread.loop)) - 1)
+        """Return the current footprint."""
+        tasks = len(self.debug()["tasks"])
         return Footprint(tasks, threading.active_count(), len(os.listdir("/proc/self/fd")))
 
     def check_footprint(self) -> None:
-        """Compare with the first time; raises Trouble if there is more, and stays so."""
+        """Compare with the footprint of the first time.
+
+        Raises:
+            BrokenPromiseError: There is more, and it does not go away.
+        """
         if self._footprint is None:
             self._footprint = self.footprint()
             return
-        deadline = time.monotonic() + GIVE_UP
+        deadline = time.monotonic() + NEVER
         while not (now := self.footprint()).within(self._footprint):
             if time.monotonic() > deadline:
-                names = self.in_link(
-                    lambda: sorted(task.get_name() for task in asyncio.all_tasks())
+                raise BrokenPromiseError(
+                    f"leak: {now}, at first {self._footprint}; tasks: {self.debug()['tasks']}"
                 )
-                raise Trouble(f"leak: {now}, at first {self._footprint}; link's tasks: {names}")
             time.sleep(0.02)
 
-    # Watching
+    # Recording
 
-    def _rosout(self, log: Any) -> None:
+    def _record_rosout(self, log: Any) -> None:
         if log.level >= LoggingSeverity.ERROR:
             self._errors.append(f"{log.name}: {log.msg}")
 
     @contextlib.contextmanager
-    def _quiet(self) -> Iterator[None]:
-        """Only errors on the terminal: the rest is what faults are expected to bring."""
+    def _only_errors_on_terminal(self) -> Iterator[None]:
+        """Hide warnings, because faults are expected to cause them."""
         logger = self.agent.agent.node.get_logger()
         logger.set_level(LoggingSeverity.ERROR)
         try:
@@ -201,7 +209,8 @@ class Rig:
             logger.set_level(LoggingSeverity.UNSET)
 
     @contextlib.contextmanager
-    def _watched_logs(self) -> Iterator[None]:
+    def _record_errors(self) -> Iterator[None]:
+        """Record what Python code logs as an error."""
         handler = logging.Handler(logging.ERROR)
         handler.emit = lambda record: self._errors.append(  # type: ignore[method-assign]
             logging.Formatter("%(name)s: %(message)s").format(record)
@@ -216,38 +225,41 @@ class Rig:
                 logger.removeHandler(handler)
 
     @contextlib.contextmanager
-    def _watched_sockets(self) -> Iterator[None]:
-        """Count the velocity commands that go out, at the last place before the network."""
-        plain = {cls: cls.send for cls in (transports.WebSocketTransport, transports.TcpTransport)}
+    def _count_twists(self) -> Iterator[None]:
+        """Count the agent's velocity commands where they enter the transport."""
+        original = {
+            cls: cls.send for cls in (WebSocketTransport, TcpTransport)
+        }
 
-        def watched(cls: type[Any]) -> Any:
+        def counting(cls: type[Any]) -> Any:
             async def send(transport: Any, data: str | bytes) -> None:
                 if threading.current_thread().name == "link" and is_twist(data):
                     self.sent_twists += 1
-                await plain[cls](transport, data)
+                await original[cls](transport, data)
 
             return send
 
-        for cls in plain:
-            cls.send = watched(cls)  # type: ignore[method-assign]
+        for cls in original:
+            cls.send = counting(cls)  # type: ignore[method-assign]
         try:
             yield
         finally:
-            for cls, send in plain.items():
+            for cls, send in original.items():
                 cls.send = send  # type: ignore[method-assign]
 
 
 def is_twist(data: str | bytes) -> bool:
-    """Whether a frame is a velocity command."""
+    """Return True if a frame is a velocity command."""
     name = "woosh.robot.Twist"
     return f'"{name}"' in data if isinstance(data, str) else name.encode() in data
 
 
 @contextlib.contextmanager
-def _hurried_goals() -> Iterator[None]:
-    usual = timing.DEFAULT_TIMING
-    timing.DEFAULT_TIMING = replace(usual, poll_period=_POLL_PERIOD)
+def _short_poll_period() -> Iterator[None]:
+    """Let silent goals be queried more often than usual."""
+    default = timing.DEFAULT_TIMING
+    timing.DEFAULT_TIMING = replace(default, poll_period=_POLL_PERIOD)
     try:
         yield
     finally:
-        timing.DEFAULT_TIMING = usual
+        timing.DEFAULT_TIMING = default

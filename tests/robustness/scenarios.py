@@ -1,7 +1,8 @@
-"""Seeded scenarios: traffic, one fault or two in the middle of it, and then the promises checked.
+"""Seeded scenarios: traffic with one fault or two, after which the agent's promises are checked.
 
-A seed says everything: which faults, when and how, and what the user does meanwhile. The first
-seeds take each fault alone, the next ones each pair, and so on round again with other moments.
+A seed determines everything: the faults with their times and arguments, and the traffic. The first
+seeds stand for each fault alone and the next ones for each pair. Further seeds repeat these
+combinations at other times.
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from tests.robustness.rig import BACKOFF_MAX, GIVE_UP, KINDS, MAX_FRAME_MIB, Rig, Trouble
+from tests.robustness.rig import (
+    BACKOFF_MAX,
+    KINDS,
+    MAX_FRAME_MIB,
+    NEVER,
+    BrokenPromiseError,
+    Rig,
+)
 from tests.robustness.traffic import Mark, Traffic, marks_of
 from woosh_robot_agent.simulator.faults import FAULTS
 
@@ -22,15 +30,16 @@ ALONE: tuple[tuple[str, ...], ...] = tuple((name,) for name in FAULTS)
 PAIRS: tuple[tuple[str, ...], ...] = tuple(itertools.combinations(FAULTS, 2))
 COMBINATIONS = ALONE + PAIRS
 BLOCK = 23
-"""Scenarios in a row that share one agent, one chassis and one client."""
+"""Number of consecutive scenarios that share one agent, one chassis and one client."""
 BACK_WITHIN = 2.0 + BACKOFF_MAX
-"""s after the chassis's return within which a command must succeed again."""
-_VOLLEY = ("speak", "speak", "query", "twist", "task", "step")
+"""Time after the end of the faults within which a command must succeed again, in seconds."""
+_AT_FAULT = ("speak", "speak", "query", "twist", "task", "step")
+"""Requests to draw from for the moment of a fault, as methods of `Traffic`."""
 _LAST = 1_000_000
-"""Comes after everything else that is due at the same time."""
-_ENDS_BY_ITSELF = 1.0
-"""s that goals get after the faults before their client cancels them."""
-_REQUESTS = (
+"""Rank of an event that comes after all others that are due at the same time."""
+_GOAL_TIME = 1.0
+"""Time that goals get after the faults before their client cancels them, in seconds."""
+_REQUEST_TYPES = (
     "woosh.robot.RobotInfo",
     "woosh.robot.Speak",
     "woosh.robot.Twist",
@@ -43,17 +52,17 @@ _REQUESTS = (
 
 
 def _any_answers(rng: random.Random) -> dict[str, Any]:
-    """Which answers a fault of the answers hits: all, or those to one type; some, or no end."""
+    """Draw which answers a fault affects: of all types or one, a number of them or all."""
     arguments: dict[str, Any] = {}
     if rng.random() < 0.5:
-        arguments["type"] = rng.choice(_REQUESTS)
+        arguments["type"] = rng.choice(_REQUEST_TYPES)
     if rng.random() < 0.5:
         arguments["count"] = rng.randint(1, 5)
     return arguments
 
 
 def _any_frames(rng: random.Random) -> dict[str, Any]:
-    """As `_any_answers`, or pushes, or everything that the chassis says."""
+    """Draw which frames a fault affects: some answers, the pushes, or all frames."""
     frames = rng.choice(("answers", "answers", "pushes", "all"))
     return {"frames": frames, **(_any_answers(rng) if frames == "answers" else {})}
 
@@ -85,17 +94,25 @@ _ARGUMENTS: dict[str, Callable[[random.Random], dict[str, Any]]] = {
     "obstacle": lambda rng: {"ahead": rng.uniform(0.6, 2.0), "radius": rng.uniform(0.1, 0.4)},
     "burst": lambda rng: {"count": rng.randint(100, 3000)},
 }
-"""How the arguments of a fault are drawn; its defaults where it is not named."""
-_LENGTHS = {"half_open": (0.3, 1.5), "freeze": (0.2, 1.0), "off": (0.2, 0.8)}
-"""Shortest and longest duration of a lasting fault, s, where it is not the usual one."""
-_USUAL_LENGTH = (0.1, 0.6)
-_SHOWN_BY = {"accept_then_drop": "drop"}
-"""What has to happen too for a fault to show: this one meets new connections only."""
+"""Functions that draw the arguments of a fault. A fault that is not listed gets its defaults."""
+_DURATIONS = {"half_open": (0.3, 1.5), "freeze": (0.2, 1.0), "off": (0.2, 0.8)}
+"""Shortest and longest duration of some faults, in seconds."""
+_DEFAULT_DURATIONS = (0.1, 0.6)
+"""Shortest and longest duration of the other faults, in seconds."""
+_TRIGGERS = {"accept_then_drop": "drop"}
+"""Faults that must be injected too for a fault to show: this one affects new connections only."""
 
 
 @dataclass(frozen=True)
 class PlannedFault:
-    """One fault: s of real time from the scenario's start."""
+    """One fault.
+
+    Attributes:
+        name: Name of the fault.
+        arguments: Its arguments.
+        at: Time of its beginning, in seconds of real time since the start of the scenario.
+        until: Time of its end.
+    """
 
     name: str
     arguments: dict[str, Any]
@@ -105,33 +122,34 @@ class PlannedFault:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a seed stands for.
+    """The scenario of a seed.
 
     Attributes:
-        seed: the seed.
-        kind: the agent's set-up.
-        faults: one or two.
-        acts: what the user does, as names of methods of `Traffic`, and when.
+        seed: The seed.
+        kind: Settings of the agent.
+        faults: One fault or two.
+        requests: Times of the user's requests, and their names as methods of `Traffic`.
     """
 
     seed: int
     kind: dict[str, str]
     faults: tuple[PlannedFault, ...]
-    acts: tuple[tuple[float, str], ...]
-
-    @property
-    def title(self) -> str:
-        return " + ".join(fault.name for fault in self.faults)
+    requests: tuple[tuple[float, str], ...]
 
 
 @dataclass
 class Outcome:
-    """What became of a scenario.
+    """Result of a scenario.
 
     Attributes:
-        recovery: s from the chassis's return to the first command that succeeded.
-        violations: promises that were broken.
-        clean: whether the next scenario can go on with the same rig.
+        seed: Seed of the scenario.
+        faults: Names of its faults.
+        calls: Number of calls.
+        answered_once: Number of calls that got exactly one answer.
+        goals: Number of goals.
+        goals_ended: Number of goals that ended.
+        recovery: Time from the end of the faults to the first command that succeeded, in seconds.
+        violations: Broken promises.
     """
 
     seed: int
@@ -142,133 +160,131 @@ class Outcome:
     goals_ended: int = 0
     recovery: float = 0.0
     violations: list[str] = field(default_factory=list)
-    clean: bool = True
 
 
 def plan(seed: int) -> Plan:
-    """The scenario of a seed."""
+    """Return the scenario of a seed."""
     rng = random.Random(seed)
     length = rng.uniform(0.5, 0.9)
     faults = []
     for name in COMBINATIONS[seed % len(COMBINATIONS)]:
         at = rng.uniform(0.05, 0.6) * length
-        lasts = rng.uniform(*_LENGTHS.get(name, _USUAL_LENGTH))
+        lasts = rng.uniform(*_DURATIONS.get(name, _DEFAULT_DURATIONS))
         arguments = _ARGUMENTS.get(name, lambda _rng: {})(rng)
         faults.append(PlannedFault(name, arguments, at, at + lasts))
     last = max(faults, key=lambda fault: fault.until)
     length = max(length, last.until)
-    faults[faults.index(last)] = replace(last, until=length)  # the end: the chassis is back
-    acts = [
+    faults[faults.index(last)] = replace(last, until=length)  # the scenario ends with this fault
+    requests = [
         (rng.uniform(0, length), rng.choice(("query", "query", "speak", "speak", "set_sound")))
         for _ in range(rng.randint(10, 25))
     ]
     if rng.random() < 0.6:
         begin, period = rng.uniform(0, length / 2), rng.uniform(0.02, 0.08)
-        acts += [(begin + i * period, "twist") for i in range(rng.randint(5, 15))]
-    for act in ("task", "step", "lift"):
+        requests += [(begin + i * period, "twist") for i in range(rng.randint(5, 15))]
+    for name in ("task", "step", "lift"):
         if rng.random() < 0.5:
-            acts += [(rng.uniform(0, length), act) for _ in range(rng.randint(1, 2))]
-    for fault in faults:  # a fault that meets nothing under way shows little
-        acts += [(fault.at, act) for act in rng.choices(_VOLLEY, k=rng.randint(1, 6))]
-    acts += [(rng.uniform(0, length), "cancel") for _ in range(rng.randint(0, 2))]
+            requests += [(rng.uniform(0, length), name) for _ in range(rng.randint(1, 2))]
+    for fault in faults:  # a fault shows little when nothing is in flight
+        requests += [(fault.at, name) for name in rng.choices(_AT_FAULT, k=rng.randint(1, 6))]
+    requests += [(rng.uniform(0, length), "cancel") for _ in range(rng.randint(0, 2))]
     kind = KINDS[seed // BLOCK % len(KINDS)]
-    return Plan(seed, kind, tuple(faults), tuple(sorted(acts)))
+    return Plan(seed, kind, tuple(faults), tuple(sorted(requests)))
 
 
-def run(rig: Rig, what: Plan, back_within: float = BACK_WITHIN) -> Outcome:
-    """Play a scenario and check what the agent promises.
+def run(rig: Rig, scenario: Plan, back_within: float = BACK_WITHIN) -> Outcome:
+    """Play a scenario and check the agent's promises.
 
     Args:
-        rig: of the plan's kind.
-        what: the scenario.
-        back_within: s within which the agent must be back in service.
+        rig: A rig with the settings of the scenario.
+        scenario: The scenario.
+        back_within: Time within which the agent must be back in service, in seconds.
     """
-    outcome = Outcome(what.seed, tuple(fault.name for fault in what.faults))
+    outcome = Outcome(scenario.seed, tuple(fault.name for fault in scenario.faults))
     traffic = rig.traffic()
     try:
-        _play(rig, what, traffic, outcome, back_within)
-    except (Trouble, AssertionError) as trouble:
-        outcome.violations.append(str(trouble))
-    outcome.violations += [f"error in the log: {text}" for text in rig.errors]
-    outcome.clean = not outcome.violations
+        _play(rig, scenario, traffic, outcome, back_within)
+    except (BrokenPromiseError, AssertionError) as error:
+        outcome.violations.append(str(error))
+    outcome.violations += [f"error in the log: {text}" for text in rig.take_errors()]
     return outcome
 
 
-def _play(rig: Rig, what: Plan, traffic: Traffic, outcome: Outcome, back_within: float) -> None:
-    begin = _until_served(rig, traffic)[0]
+def _play(rig: Rig, scenario: Plan, traffic: Traffic, outcome: Outcome, back_within: float) -> None:
+    first_text = _until_served(traffic)[0]
     rig.check_footprint()
-    rng = random.Random(what.seed)
-    _timeline(rig, what, traffic, rng)
+    rng = random.Random(scenario.seed)
+    _play_timeline(rig, scenario, traffic, rng)
     rig.simulator.clear_faults()
-    _, outcome.recovery = _until_served(rig, traffic)
+    _, outcome.recovery = _until_served(traffic)
     if outcome.recovery > back_within:
         outcome.violations.append(f"back in service only after {outcome.recovery:.2f} s")
 
     _wait(lambda: not traffic.open_calls)
-    twists = rig.sent_twists  # those who asked have their answers: from now on none may be sent
+    twists = rig.sent_twists  # every caller has its answer: from now on none may be sent
     outcome.calls = len(traffic.calls)
-    outcome.violations += [f"never answered: {call.what}" for call in traffic.open_calls]
-    surplus, rig.surplus.found = rig.surplus.found, []
-    outcome.violations += [f"answered twice: {what}" for what in surplus]
-    outcome.answered_once = outcome.calls - len(traffic.open_calls) - len(surplus)
+    outcome.violations += [f"never answered: {call.name}" for call in traffic.open_calls]
+    duplicates, rig.duplicates.found = rig.duplicates.found, []
+    outcome.violations += [f"answered twice: {call}" for call in duplicates]
+    outcome.answered_once = outcome.calls - len(traffic.open_calls) - len(duplicates)
 
-    _wait(lambda: not traffic.open_goals, _ENDS_BY_ITSELF)
+    _wait(lambda: not traffic.open_goals, _GOAL_TIME)
     for goal in traffic.open_goals:
         traffic.cancel_goal(goal)
     _wait(lambda: not traffic.open_goals)
     outcome.goals = len(traffic.goals)
     outcome.goals_ended = outcome.goals - len(traffic.open_goals)
-    outcome.violations += [f"never ended: {goal.what}" for goal in traffic.open_goals]
-    outcome.violations += [f"{goal.what}: {goal.error}" for goal in traffic.goals if goal.error]
+    outcome.violations += [f"never ended: {goal.name}" for goal in traffic.open_goals]
+    outcome.violations += [f"{goal.name}: {goal.error}" for goal in traffic.goals if goal.error]
 
-    _wait(lambda: not rig.at_rest())
-    if held := rig.at_rest():
-        outcome.violations.append(f"the agent still holds {held}")
-    rig.alive()
-    outcome.violations += _replays(rig, traffic, begin)
+    if not _wait(lambda: not rig.held()):
+        outcome.violations.append(f"the agent still holds {rig.held()}")
+    rig.check_alive()
+    outcome.violations += _replays(rig, traffic, first_text)
     _settle_chassis(rig)
     rig.check_footprint()
     if rig.sent_twists != twists:
-        outcome.violations.append("a velocity command was sent after everybody had his answer")
+        outcome.violations.append("a velocity command was sent after every call had been answered")
 
 
-def _timeline(rig: Rig, what: Plan, traffic: Traffic, rng: random.Random) -> None:
-    """Let everything happen when it is due."""
+def _play_timeline(rig: Rig, scenario: Plan, traffic: Traffic, rng: random.Random) -> None:
+    """Make requests and faults at their times."""
     events: list[tuple[float, int, Callable[[], Any]]] = []
-    for fault in what.faults:
-        cleared: list[Callable[[], Any]] = []
+    for fault in scenario.faults:
+        injected: list[Callable[[], Any]] = []
 
-        def inject(fault: PlannedFault = fault, cleared: list[Any] = cleared) -> None:
-            cleared.append(rig.simulator.inject(fault.name, **fault.arguments).clear)
-            if fault.name in _SHOWN_BY:
-                rig.simulator.inject(_SHOWN_BY[fault.name])
+        def inject(fault: PlannedFault = fault, injected: list[Any] = injected) -> None:
+            injected.append(rig.simulator.inject(fault.name, **fault.arguments).clear)
+            if fault.name in _TRIGGERS:
+                rig.simulator.inject(_TRIGGERS[fault.name])
 
         events.append((fault.at, _LAST, inject))
-        events.append((fault.until, _LAST, lambda cleared=cleared: cleared.pop()()))
-    for number, (at, act) in enumerate(what.acts):
-        events.append((at, number, lambda act=act: getattr(traffic, act)(rng)))
-    begun = time.monotonic()
-    for at, _, happen in sorted(events, key=lambda event: event[:2]):
-        time.sleep(max(0.0, begun + at - time.monotonic()))
-        happen()
+        events.append((fault.until, _LAST, lambda injected=injected: injected.pop()()))
+    for number, (at, name) in enumerate(scenario.requests):
+        events.append((at, number, lambda name=name: getattr(traffic, name)(rng)))
+    begin = time.monotonic()
+    for at, _, event in sorted(events, key=lambda each: each[:2]):
+        time.sleep(max(0.0, begin + at - time.monotonic()))
+        event()
 
 
-def _until_served(rig: Rig, traffic: Traffic) -> tuple[str, float]:
-    """Ask until a command succeeds; returns its text, and the s that it took."""
-    begun = time.monotonic()
+def _until_served(traffic: Traffic) -> tuple[str, float]:
+    """Repeat a command until it succeeds; return its text, and the time it took in seconds."""
+    begin = time.monotonic()
     while True:
         call = traffic.speak()
         if not _wait(call.future.done):
-            raise Trouble(f"never answered: {call.what}")
-        taken = time.monotonic() - begun
+            raise BrokenPromiseError(f"never answered: {call.name}")
+        duration = time.monotonic() - begin
         if call.future.result().ok:
-            return call.what.split(" ", 1)[1], taken
-        if taken > GIVE_UP:
-            raise Trouble(f"not back in service: {call.future.result().msg}")
+            return call.name.split(" ", 1)[1], duration
+        if duration > NEVER:
+            raise BrokenPromiseError(f"not back in service: {call.future.result().msg}")
         time.sleep(0.02)
 
 
-def _wait(condition: Callable[[], Any], timeout: float = GIVE_UP) -> bool:
+def _wait(condition: Callable[[], Any], timeout: float = NEVER) -> bool:
+    """Wait for a condition; return False if it does not come true in time."""
     deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > deadline:
@@ -277,25 +293,31 @@ def _wait(condition: Callable[[], Any], timeout: float = GIVE_UP) -> bool:
     return True
 
 
-def _replays(rig: Rig, traffic: Traffic, begin: str) -> list[str]:
-    """What the chassis got that nobody asked for, or got more often than it was asked."""
+def _replays(rig: Rig, traffic: Traffic, first_text: str) -> list[str]:
+    """Return a violation for each command that the chassis got more often than it was requested.
+
+    Args:
+        rig: The rig.
+        traffic: The traffic of the scenario.
+        first_text: Text that the robot was told to say at the start of the scenario.
+    """
     got: Counter[Mark] = Counter()
     for each in reversed(rig.simulator.received):
         marks = marks_of(each.message)
         got.update(marks)
-        if marks == [("Speak", begin)]:
+        if marks == [("Speak", first_text)]:
             break
     else:
-        return ["the chassis does not know the beginning of the scenario any more"]
+        return ["the chassis's record does not reach back to the start of the scenario"]
     return [
-        f"the chassis got {mark} {count} times, and should {traffic.asked[mark]} times"
+        f"the chassis got {mark} {count} times instead of {traffic.allowed[mark]}"
         for mark, count in got.items()
-        if count > traffic.asked[mark]
+        if count > traffic.allowed[mark]
     ]
 
 
 def _settle_chassis(rig: Rig) -> None:
-    """End what the robot still does by itself: a goal that was given up with the link, say."""
+    """End what the robot still does, such as a goal that the agent gave up with the link."""
 
     def settle(simulator: Any) -> bool:
         chassis = simulator.chassis
@@ -305,4 +327,4 @@ def _settle_chassis(rig: Rig) -> None:
         return not chassis.tasks.active
 
     if not _wait(lambda: rig.simulator.call(settle)):
-        raise Trouble("the chassis does not come to rest")
+        raise BrokenPromiseError("the chassis does not come to rest")

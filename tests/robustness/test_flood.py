@@ -1,14 +1,18 @@
-"""The bridge under load; `scripts/bench --flood` does the same for longer."""
+"""Every call under load is answered once, and nothing stays behind.
+
+`scripts/bench --flood` goes on for longer and judges the memory too.
+"""
 
 from __future__ import annotations
 
 import pytest
 
-from benchmarks.table import markdown
+from benchmarks.report.figures import figures_table
 from tests.robustness.flood import Size, run
 
 
-@pytest.mark.timeout(600)
-def test_floods_leave_nothing_behind_and_hold_up_nobody() -> None:
-    figures = run(Size(seconds=2.0, slow=2.0))
-    assert all(figure.kept for figure in figures), "\n" + markdown(figures)
+@pytest.mark.timeout(900)
+def test_floods_are_answered_and_leave_nothing_behind() -> None:
+    figures = run(Size(seconds=2.0, frame=10, slow=2.0), measure_memory=False)
+    broken = [each for each in figures if not each.ok and not each.depends_on_machine]
+    assert not broken, "\n" + figures_table(figures)

@@ -1,6 +1,8 @@
-"""A short run of the fuzzing of what the link reads; scripts/bench --fuzz has the long one."""
+"""Codecs and client survive malformed input; `scripts/bench --fuzz` sends much more."""
 
 from __future__ import annotations
+
+import random
 
 import pytest
 
@@ -21,15 +23,15 @@ SEED = 1
         ("tcp-client", 1000),
     ],
 )
-def test_no_input_breaks_it(key: str, count: int) -> None:
+def test_no_input_breaks_the_target(key: str, count: int) -> None:
     result = fuzz(key, count, SEED)
     assert not result.crashes, result.crashes[0]
     assert result.inputs == count
-    assert result.kinds[ACCEPTED] > count / 10, "most of it would be noise"
+    assert result.kinds[ACCEPTED] > count / 10, "most inputs are noise"
     assert result.kinds.total() - result.kinds[ACCEPTED] > count / 20
 
 
-def test_an_input_can_be_made_again_by_its_number() -> None:
+def test_input_depends_on_its_seed_and_number_alone() -> None:
     for target in (TARGETS["json"](), TARGETS["protobuf"](), TARGETS["framing"]()):
         ((_, first),) = batches(target, SEED, 1, first=37)
         inputs = [each for _, batch in batches(target, SEED, 40) for each in batch]
@@ -37,7 +39,7 @@ def test_an_input_can_be_made_again_by_its_number() -> None:
         assert len(set(inputs)) > 30
 
 
-def test_what_breaks_is_told_with_what_it_takes_to_repeat_it(
+def test_crash_is_reported_with_the_command_that_repeats_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     feed = TARGETS["json"].feed
@@ -55,9 +57,7 @@ def test_what_breaks_is_told_with_what_it_takes_to_repeat_it(
     assert "input " in result.crashes[0]
 
 
-def test_the_inputs_have_the_extremes_among_them() -> None:
-    import random
-
+def test_inputs_include_the_extremes() -> None:
     texts = [text(random.Random(f"x{n}")) for n in range(20_000)]
     for odd in ("[" * 1000, "1e999", "\\ud800", "9" * 500, "null", "\\u0000", "kNoSuchName"):
         assert any(odd in each for each in texts), odd

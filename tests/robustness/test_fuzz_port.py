@@ -1,4 +1,4 @@
-"""A short run of the fuzzing of the simulator's ports; scripts/bench --fuzz has the long one."""
+"""The simulator survives malformed input on its ports; `scripts/bench --fuzz` sends much more."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SEED = 1
 
 
 @pytest.mark.parametrize(("key", "count"), [("requests", 1000), ("raw", 500)])
-def test_no_input_breaks_it_for_the_next_client(key: str, count: int) -> None:
+def test_simulator_serves_the_next_client_after_any_input(key: str, count: int) -> None:
     result = fuzz(key, count, SEED)
     assert not result.crashes, result.crashes[0]
     assert result.inputs == count
@@ -23,11 +23,11 @@ def test_no_input_breaks_it_for_the_next_client(key: str, count: int) -> None:
         assert result.kinds["refused with a text"] > count / 20
 
 
-def test_a_state_that_is_not_finite_would_be_noticed() -> None:
-    """The check itself, on a state that no request may bring about."""
+def test_check_notices_a_state_that_is_not_finite() -> None:
+    """No request may cause such a state, so the test sets it directly."""
     target = Requests()
     try:
-        target._simulator.chassis.base.pose = Pose(math.nan)
+        target.simulator.chassis.base.pose = Pose(math.nan)
         with pytest.raises(AssertionError):
             target.loop.run_until_complete(target.check())
     finally:

@@ -1,7 +1,7 @@
-"""What a busy user of the agent does, with a record of what became of each thing that it asked.
+"""Traffic of a busy user of the agent, with a record of every request and its outcome.
 
-Every command carries a mark of its own (a text, a task id, a velocity, an angle), so that the
-chassis's record tells which of them it got, and how often.
+Every command carries a unique mark (a text, a task id, a velocity or an angle). The marks in the
+chassis's record of received messages show which commands it got, and how often.
 """
 
 from __future__ import annotations
@@ -48,35 +48,42 @@ QUERIES = (
     (SceneDataEasy, "map/SceneDataEasy"),
 )
 START = (4.23, -6.67, -0.26)
-"""Where the simulated robot starts, in m and rad: the tasks stay near it."""
+"""Start pose of the simulated robot, in metres and radians. The tasks stay near it."""
 Mark = tuple[str, Any]
-"""Short name of a message type, and what tells a command from all others of the type."""
-_AS_OFTEN_AS_NEEDED = 1_000_000
+"""Short name of a message type, and the value that is unique among the commands of this type."""
+_UNLIMITED = 1_000_000
+"""Number of times that a cancel may reach the chassis."""
 _EXECUTE = 1
 _ROTATE = 2
 
 
 @dataclass
 class Call:
-    """One call of a service: what for people, and its answer's future."""
+    """One call of a service.
 
-    what: str
+    Attributes:
+        name: Service and mark, for messages.
+        future: Future of the answer.
+    """
+
+    name: str
     future: Any
 
 
 @dataclass
 class TrackedGoal:
-    """One goal from its sending on; changed in the client's executor only, as rclpy wants it.
+    """One goal. Only the client's executor changes it, because rclpy's clients are not thread-safe.
 
     Attributes:
-        what: for people, with the mark.
-        cancel_mark: by which its cancel is known at the chassis.
-        cancels: times that its client asked to cancel it.
-        result: the future of its end, once it is accepted.
-        error: what went wrong with ROS itself, empty if nothing did.
+        name: Action and mark, for messages.
+        cancel_mark: Mark of its cancel at the chassis.
+        cancels: Number of times that its client asked to cancel it.
+        handle: The client's goal handle, as soon as the server has answered.
+        result: Future of the result, as soon as the goal is accepted.
+        error: Why the goal failed within ROS; empty if it did not.
     """
 
-    what: str
+    name: str
     cancel_mark: Mark
     cancels: int = 0
     handle: Any = None
@@ -86,7 +93,7 @@ class TrackedGoal:
     def accepted(self, future: Any) -> None:
         self.handle = future.result()
         if not self.handle.accepted:
-            self.error = "it was not accepted"
+            self.error = "the server did not accept the goal"
             return
         self.result = self.handle.get_result_async()
         if self.cancels:
@@ -102,82 +109,86 @@ class TrackedGoal:
         return bool(self.error) or (self.result is not None and self.result.done())
 
 
-class Surplus:
-    """Notes answers to calls that were answered before; rclpy would drop them without a word."""
+class DuplicateAnswers:
+    """Records answers to calls that were answered already, which rclpy drops silently.
+
+    Attributes:
+        found: Service and sequence number of each duplicate.
+    """
 
     def __init__(self) -> None:
         self.found: list[str] = []
         self._watched: set[Any] = set()
 
     def watch(self, service: Any) -> None:
-        """Watch one rclpy client from now on."""
+        """Watch one rclpy client. Watching it again has no effect."""
         if service in self._watched:
             return
         self._watched.add(service)
-        expect = service.get_pending_request
+        get_request = service.get_pending_request
 
-        def expect_once(sequence: int) -> Any:
+        def get_once(sequence: int) -> Any:
             try:
-                return expect(sequence)
+                return get_request(sequence)
             except KeyError:
                 self.found.append(f"{service.srv_name}, call {sequence}")
                 raise
 
-        service.get_pending_request = expect_once
+        service.get_pending_request = get_once
 
 
 class Traffic:
     """The traffic of one scenario.
 
     Args:
-        client: asks the agent.
-        surplus: watches the answers.
-        marks: makes the marks, each only once in a chassis's life.
+        client: Client of the agent.
+        duplicates: Watches the services that are called.
+        marks: Numbers to make marks of, each unique for one chassis.
 
     Attributes:
-        calls: all calls of services.
-        goals: all goals.
-        asked: how often each command may reach the chassis, by message type and mark.
+        calls: All calls of services.
+        goals: All goals.
+        allowed: Number of times that each command may reach the chassis, by mark.
     """
 
-    def __init__(self, client: Client, surplus: Surplus, marks: Iterator[int]) -> None:
+    def __init__(self, client: Client, duplicates: DuplicateAnswers, marks: Iterator[int]) -> None:
         self.calls: list[Call] = []
         self.goals: list[TrackedGoal] = []
-        self.asked: Counter[Mark] = Counter()
+        self.allowed: Counter[Mark] = Counter()
         self._client = client
-        self._surplus = surplus
+        self._duplicates = duplicates
         self._marks = marks
 
-    # What it can do; each returns at once
+    # Requests. Each method returns at once
 
     def query(self, rng: random.Random) -> None:
-        """Ask for a state."""
+        """Query one of the states."""
         self._call(*rng.choice(QUERIES))
 
     def speak(self, _rng: random.Random | None = None) -> Call:
-        """Have it say something that nobody said before."""
+        """Let the robot say a unique text."""
         text = f"say {next(self._marks)}"
         return self._call(Speak, "robot/Speak", SpeakMsg(text=text), ("Speak", text))
 
     def set_sound(self, rng: random.Random) -> None:
-        """Change a setting."""
+        """Change the volume."""
         arg = SoundMsg(volume=rng.randint(0, 100))
         self._call(SetSound, "setting/Sound", arg, ("Sound", ""))
 
     def twist(self, _rng: random.Random | None = None) -> None:
-        """Have it creep at a speed that nobody asked for before."""
+        """Let the robot creep at a unique velocity."""
         mark = next(self._marks)
         linear = round((-1) ** mark * (0.01 + mark % 40_000 * 1e-6), 6)
         self._call(Twist, "robot/Twist", TwistMsg(linear=linear), ("Twist", linear))
 
     def task(self, rng: random.Random) -> None:
-        """Have it go a short way."""
+        """Let the robot go a short distance."""
         mark = next(self._marks)
         goal = _short_task(rng.uniform(0.2, 1.5), mark)
         self._goal(ExecTask, "robot/ExecTask", goal, ("ExecTask", mark), ("ActionOrder", ""))
 
     def step(self, rng: random.Random) -> None:
-        """Have it turn, by an angle that nobody asked for before."""
+        """Let the robot turn by a unique angle."""
         angle = round(rng.randint(3, 30) / 10 + next(self._marks) % 90_000 * 1e-6, 6)
         marks = [("CallAction", (what, angle)) for what in ("execute", "cancel")]
         self._goal(StepControl, "ros/StepControl", _turn(angle), *marks)
@@ -188,39 +199,41 @@ class Traffic:
         self._goal(LiftControl, "ros/LiftControl", _lift(rng.randint(1, 2)), *marks)
 
     def cancel(self, rng: random.Random) -> None:
-        """Cancel one of the goals that are under way."""
+        """Cancel one of the open goals, if there is one."""
         if self.open_goals:
             self.cancel_goal(rng.choice(self.open_goals))
 
     def cancel_goal(self, goal: TrackedGoal) -> None:
-        """Cancel a goal. The wish stands until it has got through, however often that takes."""
-        self.asked[goal.cancel_mark] = _AS_OFTEN_AS_NEEDED
+        """Cancel a goal. The agent may repeat the cancel until it gets through."""
+        self.allowed[goal.cancel_mark] = _UNLIMITED
         self._client.executor.create_task(goal.cancel)
 
-    # What became of it
+    # Outcome
 
     @property
     def open_calls(self) -> list[Call]:
+        """Calls without an answer."""
         return [call for call in self.calls if not call.future.done()]
 
     @property
     def open_goals(self) -> list[TrackedGoal]:
+        """Goals without a result."""
         return [goal for goal in self.goals if not goal.done]
 
     def _call(self, srv: Any, name: str, arg: Any = None, mark: Mark | None = None) -> Call:
         service = self._client.service(srv, name)
-        self._surplus.watch(service)
+        self._duplicates.watch(service)
         request = srv.Request()
         if arg is not None:
             request.arg = arg
         if mark is not None:
-            self.asked[mark] += 1
+            self.allowed[mark] += 1
         call = Call(name if mark is None else f"{name} {mark[1]}", service.call_async(request))
         self.calls.append(call)
         return call
 
     def _goal(self, action: Any, name: str, goal: Any, start: Mark, cancel: Mark) -> None:
-        self.asked[start] += 1
+        self.allowed[start] += 1
         tracked = TrackedGoal(f"{name} {start[1]}", cancel)
         self.goals.append(tracked)
         client = self._client.action(action, name)
@@ -230,13 +243,16 @@ class Traffic:
 
 
 def marks_of(message: Message) -> list[Mark]:
-    """By what a command that the chassis got is known in `Traffic.asked`; none for others."""
+    """Return the marks of a message that the chassis got, as in `Traffic.allowed`.
+
+    Queries and stops have none.
+    """
     kind = message.DESCRIPTOR.name
     if isinstance(message, pack.Speak):
         return [(kind, message.text)]
     if isinstance(message, pack.ExecTask):
         return [(kind, message.task_id)]
-    if isinstance(message, pack.Twist):  # a stop is nobody's: the agent may send it for safety
+    if isinstance(message, pack.Twist):  # the agent may send a stop by itself
         return [(kind, round(message.linear, 6))] if message.linear else []
     if isinstance(message, CallAction):
         what = "execute" if _command(message).action == _EXECUTE else "cancel"

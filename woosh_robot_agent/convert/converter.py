@@ -11,7 +11,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.convert import to_proto, to_ros
 from woosh_robot_agent.convert.mapping import pairs
 from woosh_robot_agent.link.body import Body
-from woosh_robot_agent.link.codecs.json_mapping import from_json
+from woosh_robot_agent.link.codecs.json_reader import from_json
 
 _UNUSUAL = (AttributeError, TypeError, ValueError, OverflowError)
 """What compiled functions raise for JSON that is not as it should be."""

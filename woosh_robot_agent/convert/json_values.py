@@ -9,7 +9,7 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 
-from woosh_robot_agent.link.codecs.json_mapping import blank_of, scalar_reader
+from woosh_robot_agent.link.codecs.json_scalars import blank_of, scalar_reader
 
 _MOST_FLOAT32 = 3.4e38
 """Beyond it a double may have no float32, which ROS's conversion to C does not look at."""

@@ -19,7 +19,8 @@ from woosh_robot_agent.convert.mapping import (
 )
 from woosh_robot_agent.convert.new import New
 from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.link.codecs.json_mapping import blank_of, is_repeated, json_names
+from woosh_robot_agent.link.codecs.json_fields import is_repeated, json_names
+from woosh_robot_agent.link.codecs.json_scalars import blank_of
 from woosh_robot_agent.ros_types import class_of
 
 Make = Callable[[Any], Any]

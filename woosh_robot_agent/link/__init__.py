@@ -1,5 +1,7 @@
 """The link to a chassis, usable without ROS.
 
+To drive the robot with velocities, use `woosh_robot_agent.motion.MotionGate` around the client.
+
 Example::
 
     import asyncio
@@ -16,10 +18,10 @@ Example::
     asyncio.run(main())
 """
 
+from woosh_robot_agent.link.answer import Answer
 from woosh_robot_agent.link.body import Body
-from woosh_robot_agent.link.client import ChassisClient, LinkState
+from woosh_robot_agent.link.client import ChassisClient
 from woosh_robot_agent.link.config import LinkConfig
-from woosh_robot_agent.link.connection import Answer
 from woosh_robot_agent.link.errors import (
     ConnectionLostError,
     HandshakeError,
@@ -29,6 +31,7 @@ from woosh_robot_agent.link.errors import (
     SupersededError,
     TooManyRequestsError,
 )
+from woosh_robot_agent.link.state import LinkState
 
 __all__ = [
     "Answer",

@@ -5,11 +5,17 @@ from __future__ import annotations
 import random
 
 _JITTER = 0.2
-"""Share by which a pause is shorter at random, so that many agents do not knock in step."""
+"""Maximum share by which a pause is shortened at random, so that many agents do not retry in
+step."""
 
 
 class Backoff:
-    """Pauses that double from `shortest` to `longest` s, with jitter, until reset."""
+    """Pauses with jitter that double each time, until reset.
+
+    Args:
+        shortest: first pause, in seconds.
+        longest: longest pause, in seconds.
+    """
 
     def __init__(self, shortest: float, longest: float) -> None:
         self._shortest = shortest
@@ -17,11 +23,11 @@ class Backoff:
         self._next = shortest
 
     def next(self) -> float:
-        """The pause before the next attempt, in s."""
+        """Return the pause before the next attempt, in seconds."""
         pause = self._next
         self._next = min(self._longest, pause * 2)
         return pause * (1 - _JITTER * random.random())
 
     def reset(self) -> None:
-        """Start small again."""
+        """Start again with the shortest pause."""
         self._next = self._shortest

@@ -1,4 +1,4 @@
-"""The body of a frame: kept as it came, and read when somebody wants it."""
+"""The body of a frame, decoded on demand."""
 
 from __future__ import annotations
 
@@ -8,41 +8,41 @@ from typing import Any, NoReturn, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.codecs.json_mapping import FieldError
+from woosh_robot_agent.link.codecs.json_errors import FieldError
 from woosh_robot_agent.protos import message_types
 
 T = TypeVar("T")
 
 
 class Body:
-    """The body of one frame.
+    """The body of one frame, decoded on demand.
 
     Args:
-        codec: reads it.
+        codec: decodes the body.
         envelope: the frame.
-        tell_bad: is told, once, that it cannot be read.
+        on_bad: called once if the body cannot be read.
 
     Attributes:
-        type: protobuf full name of its message, as the frame gives it.
+        type: protobuf full name of the body's message, as the frame gives it.
     """
 
-    __slots__ = ("_codec", "_error", "_message", "_tell_bad", "_value", "type")
+    __slots__ = ("_codec", "_error", "_message", "_on_bad", "_value", "type")
 
     def __init__(
-        self, codec: Codec, envelope: Envelope, tell_bad: Callable[[FrameError], None]
+        self, codec: Codec, envelope: Envelope, on_bad: Callable[[FrameError], None]
     ) -> None:
         self.type = envelope.type
         self._value = envelope.body
         self._codec = codec
-        self._tell_bad = tell_bad
+        self._on_bad = on_bad
         self._message: Message | None = None
         self._error: FrameError | None = None
 
     def message(self) -> Any:
-        """The message, made the first time it is asked for.
+        """Return the body as a protobuf message, which is decoded by the first call.
 
         Raises:
-            FrameError: its type is unknown, or it is no such message.
+            FrameError: the type is unknown, or the body does not fit it.
         """
         if self._message is None:
             if self._error is not None:
@@ -57,14 +57,16 @@ class Body:
         return self._message
 
     def read(self, from_json: Callable[[object], T], from_message: Callable[[Any], T]) -> T:
-        """What one of two functions makes of it: JSON need not become a message before.
+        """Return the body as converted by one of two functions.
+
+        A JSON body is converted directly, without a protobuf message in between.
 
         Args:
-            from_json: takes the JSON value, if it came as such; raises FieldError.
-            from_message: takes the message else.
+            from_json: converts the JSON value of a JSON body; raises FieldError.
+            from_message: converts the protobuf message of any other body.
 
         Raises:
-            FrameError: see `message`.
+            FrameError: the type is unknown, or the body does not fit it.
         """
         if isinstance(self._value, bytes):
             return from_message(self.message())
@@ -76,5 +78,5 @@ class Body:
     def _fail(self, error: FrameError) -> NoReturn:
         if self._error is None:
             self._error = error
-            self._tell_bad(error)
+            self._on_bad(error)
         raise error from None

@@ -1,4 +1,4 @@
-"""How to reach a chassis, and the link's limits."""
+"""Configuration of a link: address of the chassis, encoding, timeouts and limits."""
 
 from __future__ import annotations
 
@@ -9,36 +9,44 @@ from ipaddress import IPv6Address
 from typing import Literal
 
 DEFAULT_IP = "169.254.128.2"
+"""Address of a chassis as it is delivered."""
 DEFAULT_PORTS = {"websocket": 5480, "tcp": 5481}
+"""Default port of each transport."""
 ENCODINGS = ("json", "protobuf")
+"""Encodings of a frame."""
 MIB = 1024 * 1024
+"""One mebibyte, in bytes."""
 
 
 @dataclass(frozen=True)
 class LinkConfig:
-    """Address, encoding, timeouts in s and limits of one link.
+    """Address, encoding, timeouts and limits of one link. All times are in seconds.
 
     Attributes:
         ip: address or host name of the chassis.
-        port: 0 takes the transport's default, 5480 for websocket and 5481 for tcp.
+        port: port of the chassis; 0 takes the transport's default, 5480 for websocket and 5481
+            for tcp.
         transport: `websocket` or `tcp`.
-        encoding: `json` or `protobuf`; tcp carries protobuf whatever stands here.
-        request_timeout: longest wait for an answer.
-        connect_timeout: longest wait for the connection, the WebSocket's opening included.
-        handshake_timeout: longest wait for the first RobotInfo, which makes the link ready.
-        close_timeout: longest wait for an orderly close.
-        liveness_timeout: silence, pings unanswered, after which the link counts as lost.
-        backoff_min: first pause between attempts; each further one is twice as long.
-        backoff_max: longest pause between attempts.
-        stable_after: how long a link must be ready before the pauses start small again.
+        encoding: `json` or `protobuf`; ignored by tcp, which always carries protobuf.
+        request_timeout: maximum wait for an answer.
+        connect_timeout: maximum duration of connecting, including the WebSocket handshake.
+        handshake_timeout: maximum wait for the first RobotInfo, which makes the link ready.
+        close_timeout: maximum duration of an orderly close.
+        liveness_timeout: time without a sign of life, pings unanswered, after which the link
+            counts as lost.
+        backoff_min: first pause between attempts to connect; it doubles with each attempt.
+        backoff_max: longest pause between attempts to connect.
+        stable_after: time that a link must have been ready before the pauses start again with
+            the first.
         max_frame_size: largest frame that is read, in bytes.
-        max_in_flight: requests that may wait for their answers at one time.
-        robot_id: id of the robot that the link's own requests are meant for, where a gateway serves
-            several; 0 is not sent.
-        push_queue: pushes that may wait for a slow consumer where each one counts.
+        max_in_flight: maximum number of requests in flight.
+        push_queue: maximum number of pushes that wait for a slow consumer, for each type of which
+            every push counts.
+        robot_id: id of the robot that the link's own requests are for, where a gateway serves
+            several robots; 0 is not sent.
 
     Raises:
-        ValueError: a value makes no sense; the text says which and why.
+        ValueError: a value is not valid; the text names the value and the reason.
     """
 
     ip: str = DEFAULT_IP
@@ -98,12 +106,12 @@ class LinkConfig:
 
     @property
     def effective_port(self) -> int:
-        """The port with the transport's default put in."""
+        """The configured port, or the transport's default if that is 0."""
         return self.port or DEFAULT_PORTS[self.transport]
 
     @property
     def address(self) -> str:
-        """The chassis's address as a URL, e.g. `ws://169.254.128.2:5480`."""
+        """Address of the chassis as a URL, e.g. `ws://169.254.128.2:5480`."""
         host = f"[{self.ip}]" if ":" in self.ip else self.ip
         scheme = "ws" if self.transport == "websocket" else "tcp"
         return f"{scheme}://{host}:{self.effective_port}"

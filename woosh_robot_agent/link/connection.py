@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.answer import Answer
 from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import LinkConfig
-from woosh_robot_agent.link.drop_log import Losses
+from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.link.errors import (
     ConnectionLostError,
     LinkError,
@@ -27,66 +28,53 @@ from woosh_robot_agent.link.errors import (
 from woosh_robot_agent.link.liveness import Liveness
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.link.timeouts import drop
-from woosh_robot_agent.link.transports import Transport, TransportClosedError
+from woosh_robot_agent.link.timeouts import cancel_and_wait
+from woosh_robot_agent.link.transport.base import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name
 
 _LOG = logging.getLogger(__name__)
 _MAX_SN = 2**31 - 1
-_TURN = 0.005
-"""s after which the reader lets others work, so that a flood does not starve them."""
+"""Largest serial number; the next one is 1."""
+_TIME_SLICE = 0.005
+"""Time after which the reader lets other tasks run, in seconds, so that a flood does not starve
+them."""
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What the chassis answered.
+@dataclass(slots=True)
+class _Pending:
+    """A request that waits for its answer.
 
     Attributes:
-        ok: whether the chassis accepted the request.
-        msg: the chassis's text, untouched.
-        raw: the answer's body, not read yet.
+        message: the request.
+        future: gets the answer.
+        urgent: True if the request does not count against `max_in_flight`.
+        tap: called with the answer when it is read; None for none.
     """
 
-    ok: bool
-    msg: str
-    raw: Body
-
-    @property
-    def type(self) -> str:
-        """Protobuf full name of the body, as the chassis gives it."""
-        return self.raw.type
-
-    @property
-    def body(self) -> Message | None:
-        """The answer's message; None where it has an unknown type or cannot be read."""
-        try:
-            return self.raw.message()  # type: ignore[no-any-return]
-        except FrameError:
-            return None
-
-    @property
-    def defect(self) -> str:
-        """Why `body` is None, else empty."""
-        try:
-            self.raw.message()
-        except FrameError as error:
-            return f"the answer cannot be read: {error}"
-        return ""
+    message: Message
+    future: asyncio.Future[Answer]
+    urgent: bool
+    tap: Callable[[Answer], None] | None
 
 
 class Connection:
-    """Runs over one open transport until it ends or is closed; never used again after that.
+    """One connection over an open transport, until it ends or is closed; it cannot be reused.
 
     Args:
-        transport: open, and from now on owned by the connection.
+        transport: an open transport; the connection closes it.
         codec: encoding of all frames.
-        config: timeouts and limits; those that are read each time may be changed.
+        config: timeouts and limits.
         stats: counters to add to.
-        log: for what is told once.
-        losses: for what is dropped.
-        on_push: gets each push; must not block.
+        log: log for bad frames.
+        drops: log for refused requests.
+        on_push: called with each push; must not block.
+
+    Attributes:
+        config: timeouts and limits. A new configuration takes effect at once, except for
+            `liveness_timeout`.
+        ended: future that gets the cause when the connection has ended.
     """
 
     def __init__(
@@ -96,34 +84,34 @@ class Connection:
         config: LinkConfig,
         stats: LinkStats,
         log: LogOnce,
-        losses: Losses,
+        drops: DropLog,
         on_push: Callable[[Envelope], None],
     ) -> None:
+        self.config = config
         self._transport = transport
         self._codec = codec
-        self.config = config
         self._stats = stats
         self._log = log
-        self._losses = losses
+        self._drops = drops
         self._on_push = on_push
         self._loop = asyncio.get_running_loop()
-        self._pending: dict[int, asyncio.Future[Answer]] = {}
-        self._urgent: set[int] = set()
-        self._taps: dict[int, Callable[[Answer], None]] = {}
+        self.ended: asyncio.Future[LinkError] = self._loop.create_future()
+        self._cause: LinkError | None = None
+        """The error that ended the connection."""
+        self._pending: dict[int, _Pending] = {}
+        """Requests that wait for their answers, by serial number."""
+        self._urgent_pending = 0
+        """Number of pending requests that are urgent."""
         self._outbox: OrderedDict[int, tuple[str | bytes, float]] = OrderedDict()
-        """Frames to send, and the loop time until when, by sn; subscriptions have negative keys."""
-        self._requests: dict[int, Message] = {}
-        """Those that wait for their answers, by sn."""
+        """Frames waiting to be sent and their deadlines (loop time), by serial number; subscribe
+        frames have negative keys."""
         self._outbox_filled = asyncio.Event()
         self._next_sn = 1
-        self._subscribes = 0
+        self._subscribe_frames = 0
         self._sent = 0
         self._liveness = Liveness(
             transport, config.liveness_timeout, self._probe, lambda: self._sent
         )
-        self._cause: LinkError | None = None
-        self.ended: asyncio.Future[LinkError] = self._loop.create_future()
-        """Done with the cause when the connection has ended."""
         self._tasks = [
             self._loop.create_task(self._guard(work), name=f"link {work.__name__}")
             for work in (self._read, self._write, self._liveness.watch)
@@ -134,54 +122,45 @@ class Connection:
         message: Message,
         timeout: float | None = None,
         *,
-        urgent: bool = False,
         first: bool = False,
-        fresh: float = math.inf,
+        urgent: bool = False,
+        send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
-        """Send a request and wait for its answer, a refusal included.
+        """Send a request and wait for its answer, which may be a refusal.
 
         Args:
-            message: the request; its full name is the frame's type.
-            timeout: s to wait, the configured `request_timeout` by default.
-            urgent: send it even when too many requests wait already; it keeps no other out.
-            first: send it before everything that has not been sent yet.
-            fresh: s after which it is too old to be sent, if the connection is that busy.
-            tap: gets the answer the moment it is read, in order with the pushes.
+            message: the request.
+            timeout: time to wait for the answer, in seconds; by default the configured
+                `request_timeout`.
+            first: send it before all other frames that wait to be sent.
+            urgent: send it even if `max_in_flight` requests are in flight, and do not count it as
+                one of them.
+            send_within: maximum time that the request may wait to be sent, in seconds.
+            tap: called with the answer as soon as it is read, in order with the pushes.
 
         Raises:
             NotConnectedError: the connection has ended; nothing was sent.
             TooManyRequestsError: nothing was sent.
-            SupersededError: it was not fresh any more; it was not sent.
+            SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer in time.
-            ConnectionLostError: the connection ended first.
+            ConnectionLostError: the connection ended before the answer.
         """
         name = full_name(message)
         if self._cause is not None:
             raise NotConnectedError(f"{name} was not sent: {self._cause}") from self._cause
-        waiting = len(self._pending) - len(self._urgent)
-        if waiting >= self.config.max_in_flight and not urgent:
-            text = (
-                f"{name} was not sent: {waiting} requests wait for the chassis's answer "
-                "already; call more slowly, or raise max_in_flight"
-            )
-            self._stats.refused_requests[name] += 1
-            self._losses.count("requests were refused because too many waited", text)
-            raise TooManyRequestsError(text)
-        waited = self.config.request_timeout if timeout is None else timeout
+        if not urgent:
+            self._check_in_flight(name)
+        wait = self.config.request_timeout if timeout is None else timeout
         sn = self._take_sn()
         data = self._codec.encode(name, message, sn=sn, timestamp=time.time_ns() // 1_000_000)
         future: asyncio.Future[Answer] = self._loop.create_future()
-        self._pending[sn] = future
-        self._requests[sn] = message
-        if urgent:
-            self._urgent.add(sn)
-        if tap is not None:
-            self._taps[sn] = tap
+        self._pending[sn] = _Pending(message, future, urgent, tap)
+        self._urgent_pending += urgent
         started = self._loop.time()
-        timer = self._loop.call_later(waited, self._expire, future, name, waited)
+        timer = self._loop.call_later(wait, self._expire, future, name, wait)
         try:
-            self._put(sn, data, self._loop.time() + fresh)
+            self._put(sn, data, started + send_within)
             if first:
                 self._outbox.move_to_end(sn, last=False)
             answer = await future
@@ -189,53 +168,64 @@ class Connection:
             return answer
         finally:
             timer.cancel()
-            self._outbox.pop(sn, None)  # nobody waits for it any more: not to be sent late
-            self._pending.pop(sn, None)
-            self._requests.pop(sn, None)
-            self._urgent.discard(sn)
-            self._taps.pop(sn, None)
+            self._outbox.pop(sn, None)  # its caller has gone; it must not be sent later
+            del self._pending[sn]
+            self._urgent_pending -= urgent
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
-        """Do not send those requests for which `which` is true, if they have not been sent yet.
+        """Withdraw requests that wait to be sent; those that were sent are not affected.
 
-        Those who wait for their answers get a SupersededError with `reason`.
+        The caller of a withdrawn request gets a SupersededError.
+
+        Args:
+            which: selects the requests.
+            reason: the text of the error, after "not sent: ".
         """
-        waiting = [sn for sn in self._outbox if sn in self._requests]
-        for sn in [sn for sn in waiting if which(self._requests[sn])]:
-            del self._outbox[sn]
-            future = self._pending[sn]
-            if not future.done():
-                future.set_exception(SupersededError(f"not sent: {reason}"))
+        waiting = [(sn, self._pending[sn]) for sn in self._outbox if sn in self._pending]
+        for sn, pending in waiting:
+            if which(pending.message):
+                del self._outbox[sn]
+                if not pending.future.done():
+                    pending.future.set_exception(SupersededError(f"not sent: {reason}"))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
-        """Ask for pushes of these types, or no more of them; the chassis does not answer this."""
+        """Ask for pushes of these types, or for no more of them. The chassis does not answer."""
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
-            self._subscribes += 1
-            self._put(-self._subscribes, data, math.inf)
+            self._subscribe_frames += 1
+            self._put(-self._subscribe_frames, data, math.inf)
 
     async def close(self, cause: LinkError) -> None:
-        """End the connection: fail what waits with the first cause, close within the bound."""
+        """End the connection within `close_timeout`; pending requests fail with the first cause."""
         self._fail(cause)
         try:
-            await drop(*self._tasks)
+            await cancel_and_wait(*self._tasks)
             await self._transport.close(self.config.close_timeout)
         finally:
             self._transport.abort()
+
+    def debug(self) -> dict[str, int]:
+        """Return the sizes of everything that may grow; see `ChassisClient.debug`."""
+        return {
+            "requests": len(self._pending),
+            "outbox": len(self._outbox),
+            "tasks": sum(not task.done() for task in self._tasks),
+        }
 
     def _fail(self, cause: LinkError) -> None:
         if self._cause is not None:
             return
         self._cause = cause
-        for future in self._pending.values():
-            if not future.done():  # each its own error: a raised one holds on to its callers
-                future.set_exception(type(cause)(str(cause)))
+        for pending in self._pending.values():
+            if not pending.future.done():
+                # each its own error, since a raised one keeps its caller's frames alive
+                pending.future.set_exception(type(cause)(str(cause)))
         self._outbox.clear()
         if not self.ended.done():
             self.ended.set_result(cause)
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
-        """Let one of the connection's tasks end the whole connection, whatever ended the task."""
+        """Run one of the connection's tasks; its end ends the whole connection."""
         try:
             await work()
         except asyncio.CancelledError:
@@ -250,6 +240,17 @@ class Connection:
 
     # Sending
 
+    def _check_in_flight(self, name: str) -> None:
+        in_flight = len(self._pending) - self._urgent_pending
+        if in_flight >= self.config.max_in_flight:
+            text = (
+                f"{name} was not sent because {in_flight} requests are in flight; call less often, "
+                "or raise max_in_flight"
+            )
+            self._stats.refused_requests[name] += 1
+            self._drops.count("requests were refused because too many were in flight", text)
+            raise TooManyRequestsError(text)
+
     def _take_sn(self) -> int:
         while True:
             sn = self._next_sn
@@ -257,16 +258,16 @@ class Connection:
             if sn not in self._pending:
                 return sn
 
-    def _put(self, key: int, data: str | bytes, until: float) -> None:
-        self._outbox[key] = data, until
+    def _put(self, key: int, data: str | bytes, deadline: float) -> None:
+        self._outbox[key] = data, deadline
         self._outbox_filled.set()
 
     async def _write(self) -> None:
         while True:
             while self._outbox:
-                key, (data, until) = self._outbox.popitem(last=False)
-                if self._loop.time() > until:
-                    self._outdated(self._pending.get(key))
+                key, (data, deadline) = self._outbox.popitem(last=False)
+                if self._loop.time() > deadline:
+                    self._outdate(key)
                     continue
                 await self._transport.send(data)
                 self._sent += 1
@@ -274,19 +275,19 @@ class Connection:
             self._outbox_filled.clear()
             await self._outbox_filled.wait()
 
-    @staticmethod
-    def _outdated(future: asyncio.Future[Answer] | None) -> None:
-        if future is not None and not future.done():
-            future.set_exception(
-                SupersededError("not sent: the connection was busy until it was too old")
+    def _outdate(self, sn: int) -> None:
+        pending = self._pending.get(sn)
+        if pending is not None and not pending.future.done():
+            pending.future.set_exception(
+                SupersededError("not sent: the connection was busy until the request was too old")
             )
 
-    def _expire(self, future: asyncio.Future[Answer], name: str, waited: float) -> None:
+    def _expire(self, future: asyncio.Future[Answer], name: str, wait: float) -> None:
         if not future.done():
             self._stats.timeouts[name] += 1
             future.set_exception(
                 RequestTimeoutError(
-                    f"the chassis did not answer {name} within {waited:g} s; whether it took "
+                    f"the chassis did not answer {name} within {wait:g} s; whether it took "
                     "effect is not known"
                 )
             )
@@ -294,7 +295,7 @@ class Connection:
     # Receiving
 
     async def _read(self) -> None:
-        turn = self._loop.time()
+        slice_started = self._loop.time()
         while True:
             try:
                 envelope = self._codec.decode(await self._transport.recv())
@@ -307,21 +308,21 @@ class Connection:
                     self._answer(envelope)
                 else:
                     self._on_push(envelope)
-            if self._loop.time() - turn > _TURN:
+            if self._loop.time() - slice_started > _TIME_SLICE:
                 await asyncio.sleep(0)
-                turn = self._loop.time()
+                slice_started = self._loop.time()
 
     def _answer(self, envelope: Envelope) -> None:
-        future = self._pending.get(envelope.sn)
-        if future is None or future.done():
+        pending = self._pending.get(envelope.sn)
+        if pending is None or pending.future.done():
             self._stats.late_answers += 1
-            _LOG.debug("nobody waits for answer %d (%s)", envelope.sn, envelope.type)
+            _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
         body = Body(self._codec, envelope, self._count_bad)
         answer = Answer(bool(envelope.ok), envelope.msg, body)
-        future.set_result(answer)
-        if tap := self._taps.get(envelope.sn):
-            tap(answer)
+        pending.future.set_result(answer)
+        if pending.tap is not None:
+            pending.tap(answer)
 
     def _count_bad(self, error: FrameError) -> None:
         self._stats.bad_frames[error.kind] += 1

@@ -1,4 +1,4 @@
-"""Tells of what is dropped: once when it begins, and once, with the number, when it is over."""
+"""Logging of drops: a warning when a series of them begins, and their number when it has ended."""
 
 from __future__ import annotations
 
@@ -7,71 +7,71 @@ import logging
 from dataclasses import dataclass
 
 QUIET = 3.0
-"""s without a loss of the kind after which it is over."""
+"""Time without a drop of the same kind after which a series has ended, in seconds."""
 
 
 @dataclass(slots=True)
-class _Spell:
-    """Losses of one kind without a longer pause.
+class _Series:
+    """Drops of one kind that follow each other closely.
 
     Attributes:
-        since: loop time of the first.
-        last: loop time of the last so far.
-        count: how many.
-        timer: ends the spell.
+        first: loop time of the first drop.
+        last: loop time of the latest drop.
+        count: number of drops.
+        timer: checks whether the series has ended.
     """
 
-    since: float
+    first: float
     last: float
     count: int
     timer: asyncio.TimerHandle
 
 
-class Losses:
-    """Remembers what is being dropped now; used in the event loop.
+class DropLog:
+    """Logs what is dropped. Use it in the event loop.
 
     Args:
-        logger: gets the first loss of a spell at WARNING, its number at INFO when it is over.
+        logger: gets the first drop of a series at WARNING, and their number at INFO.
     """
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
-        self._spells: dict[str, _Spell] = {}
+        self._series: dict[str, _Series] = {}
 
     def count(self, kind: str, text: str) -> None:
-        """One more was dropped.
+        """Count one drop.
 
         Args:
-            kind: what was dropped, in words that a number can stand before.
-            text: why, and what to do; told if this is the first in a while.
+            kind: what was dropped, as words that can follow a number: "requests were refused".
+            text: why it was dropped and what to do; logged for the first drop of a series.
         """
         loop = asyncio.get_running_loop()
         now = loop.time()
-        spell = self._spells.get(kind)
-        if spell is None:
+        series = self._series.get(kind)
+        if series is None:
             self._logger.warning("%s", text)
-            timer = loop.call_at(now + QUIET, self._look, kind)
-            self._spells[kind] = _Spell(now, now, 1, timer)
+            timer = loop.call_at(now + QUIET, self._check, kind)
+            self._series[kind] = _Series(now, now, 1, timer)
         else:
-            spell.last = now
-            spell.count += 1
+            series.last = now
+            series.count += 1
 
     def finish(self) -> None:
-        """Tell the numbers now; nothing more will come."""
-        for kind in tuple(self._spells):
+        """End all series now and log their numbers."""
+        for kind in tuple(self._series):
             self._end(kind)
 
-    def _look(self, kind: str) -> None:
-        spell = self._spells[kind]
+    def _check(self, kind: str) -> None:
+        series = self._series[kind]
         loop = asyncio.get_running_loop()
-        if loop.time() < spell.last + QUIET:
-            spell.timer = loop.call_at(spell.last + QUIET, self._look, kind)
+        if loop.time() < series.last + QUIET:
+            series.timer = loop.call_at(series.last + QUIET, self._check, kind)
         else:
             self._end(kind)
 
     def _end(self, kind: str) -> None:
-        spell = self._spells.pop(kind)
-        spell.timer.cancel()
+        series = self._series.pop(kind)
+        series.timer.cancel()
         self._logger.info(
-            "%d %s in %.1f s; that is over", spell.count, kind, spell.last - spell.since
+            "%d %s within %.1f s; that is over", series.count, kind, series.last - series.first
         )

@@ -1,10 +1,10 @@
-"""Why a request to the chassis failed. Each text names the cause and the remedy."""
+"""Errors of requests to the chassis. Each text names the cause and the remedy."""
 
 from __future__ import annotations
 
 
 class LinkError(Exception):
-    """Base of all errors of the link."""
+    """Base class of all errors of the link."""
 
 
 class NotConnectedError(LinkError):
@@ -12,20 +12,20 @@ class NotConnectedError(LinkError):
 
 
 class ConnectionLostError(LinkError):
-    """The link went down; whether a request under way took effect is not known."""
+    """The link went down before the answer; the request may have taken effect."""
 
 
 class HandshakeError(LinkError):
-    """Something answered at the address, but not as a chassis does."""
+    """The other end accepted the connection but does not behave like a chassis."""
 
 
 class RequestTimeoutError(LinkError):
-    """The chassis did not answer in time; whether the request took effect is not known."""
+    """The chassis did not answer in time; the request may have taken effect."""
 
 
 class TooManyRequestsError(LinkError):
-    """As many requests as allowed wait for their answers already; nothing was sent."""
+    """The maximum number of requests is in flight already; nothing was sent."""
 
 
 class SupersededError(LinkError):
-    """A newer request of the same kind took this one's place; it was not sent."""
+    """The request was withdrawn or waited too long to be sent; nothing was sent."""

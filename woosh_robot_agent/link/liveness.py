@@ -1,4 +1,4 @@
-"""Notices when the other end is gone: from silence, and from its taking nothing."""
+"""Detection of a lost link: the other end is silent, or takes nothing any more."""
 
 from __future__ import annotations
 
@@ -6,97 +6,103 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from woosh_robot_agent.link.errors import ConnectionLostError, RequestTimeoutError
-from woosh_robot_agent.link.timeouts import within
-from woosh_robot_agent.link.transports import Transport
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.link.transport.base import Transport
 
 _IDLE_SHARE = 0.4
-"""Share of the limit that may pass in silence before the other end is asked for a sign of life."""
+"""Share of the timeout that may pass in silence before the other end is probed."""
 _MARGIN = 0.03
-"""Share of the limit that is left for timers that come late, so that the limit is kept."""
+"""Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
 _BUSY_SHARE = 0.3
-"""Share of the limit by which a timer that comes late shows that this program itself was busy: what
-is then left of the limit could be too short for an answer."""
+"""A timer that fires late by more than this share of the timeout shows that this program was busy.
+The delay is not counted as silence, since the rest could be too short for an answer."""
 
 
 class Liveness:
-    """Judges one connection.
+    """Decides whether the other end of one connection is alive.
 
-    Signs of life are valid frames, and bytes on their way in either direction: a map of several
-    MiB may take longer than the limit.
+    Signs of life are valid frames, and bytes of unfinished frames in either direction: a map of
+    several MiB may take longer than the timeout.
 
     Args:
-        transport: what to watch.
-        limit: s without a sign of life within which the other end counts as gone.
+        transport: the transport to watch.
+        timeout: time without a sign of life after which the link counts as lost, in seconds.
         probe: asks for a sign of life and waits for it.
-        sent: number of frames that the transport has taken so far.
+        sent: returns the number of frames that the transport has taken so far.
     """
 
     def __init__(
         self,
         transport: Transport,
-        limit: float,
+        timeout: float,
         probe: Callable[[], Awaitable[None]],
         sent: Callable[[], int],
     ) -> None:
         self._transport = transport
-        self._limit = limit
-        self._patience = limit * (1 - _MARGIN)
+        self._timeout = timeout
+        self._patience = timeout * (1 - _MARGIN)
         self._probe = probe
         self._sent = sent
         self._now = asyncio.get_running_loop().time
-        self._heard = self._taken = self._now()
-        self._before = (sent(), 0)
+        self._heard_at = self._taken_at = self._now()
+        self._previous = (sent(), 0)
+        """Frames sent, and bytes waiting to be sent, at the last check."""
 
     def heard(self) -> None:
-        """A sign of life came."""
-        self._heard = self._now()
+        """Note a sign of life."""
+        self._heard_at = self._now()
 
     async def watch(self) -> None:
-        """Watch for as long as the other end lives.
+        """Watch the connection for as long as the other end is alive.
 
         Raises:
-            ConnectionLostError: it does no longer.
+            ConnectionLostError: the other end is not alive any more.
         """
         while True:
-            quiet = self._look()
-            if quiet < self._limit * _IDLE_SHARE:
-                await self._pause(self._limit * _IDLE_SHARE - quiet)
+            quiet = self._check()
+            if quiet < self._timeout * _IDLE_SHARE:
+                await self._sleep(self._timeout * _IDLE_SHARE - quiet)
                 continue
             try:
-                await within(max(self._patience - quiet, 0.01), self._asked())
+                await run_with_timeout(max(self._patience - quiet, 0.01), self._ask())
             except (TimeoutError, RequestTimeoutError):
-                if self._look() >= self._patience:
+                if self._check() >= self._patience:
                     raise ConnectionLostError(
-                        f"nothing was heard for {self._limit:g} s; is the robot on, and in reach "
-                        "of the network?"
+                        f"nothing was heard for {self._timeout:g} s; check that the robot is on "
+                        "and that the network reaches it"
                     ) from None
 
-    async def _pause(self, seconds: float) -> None:
-        """Sleep; time by which that took too long, this program was busy and could hear nothing."""
+    async def _sleep(self, seconds: float) -> None:
+        """Sleep, and do not count as silence a time in which this program was busy."""
         due = self._now() + seconds
         await asyncio.sleep(seconds)
         late = self._now() - due
-        if late > self._limit * _BUSY_SHARE:
-            self._heard += late
-            self._taken += late
+        if late > self._timeout * _BUSY_SHARE:
+            self._heard_at += late
+            self._taken_at += late
 
-    async def _asked(self) -> None:
+    async def _ask(self) -> None:
         await self._probe()
         self.heard()
 
-    def _look(self) -> float:
-        """The s since the last sign of life; raises when the other end takes nothing."""
+    def _check(self) -> float:
+        """Return the time since the last sign of life, in seconds.
+
+        Raises:
+            ConnectionLostError: the other end takes nothing any more.
+        """
         now = self._now()
-        self._heard = max(self._heard, self._transport.heard)
+        self._heard_at = max(self._heard_at, self._transport.progress_at)
         sent, backlog = self._sent(), self._transport.backlog()
-        sent_before, backlog_before = self._before
-        self._before = sent, backlog
-        if sent == sent_before and backlog < backlog_before:
-            self._heard = now
-        if not backlog or sent != sent_before or backlog < backlog_before:
-            self._taken = now
-        elif now - self._taken >= self._limit:
+        previous_sent, previous_backlog = self._previous
+        self._previous = sent, backlog
+        if sent == previous_sent and backlog < previous_backlog:
+            self._heard_at = now
+        if not backlog or sent != previous_sent or backlog < previous_backlog:
+            self._taken_at = now
+        elif now - self._taken_at >= self._timeout:
             raise ConnectionLostError(
-                f"the chassis has taken nothing for {self._limit:g} s, with {backlog} bytes waiting"
+                f"the chassis has taken nothing for {self._timeout:g} s; bytes waiting to be sent: "
+                f"{backlog}"
             )
-        return now - self._heard
+        return now - self._heard_at

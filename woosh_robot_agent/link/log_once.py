@@ -1,21 +1,21 @@
-"""Logging that says a thing once: the first of a kind at WARNING, repeats at DEBUG."""
+"""Logging without repetition: the first of a kind at WARNING, repeats at DEBUG."""
 
 from __future__ import annotations
 
 import logging
 
-_KINDS = 200
-"""Kinds that are remembered at most; the texts of other people's errors can be without number."""
+_MAX_KINDS = 200
+"""Maximum number of kinds that are remembered, since the texts of errors can vary without end."""
 _LONGEST_KIND = 200
 _LONGEST_LINE = 1000
 
 
-def shown(text: str, limit: int = 500) -> str:
-    """A text as it may stand in a log: one line, without control characters, of bounded length.
+def one_line(text: str, limit: int = 500) -> str:
+    """Return a text as one line for a log, with control characters escaped.
 
     Args:
-        text: any text, of the chassis perhaps.
-        limit: characters of it at most.
+        text: any text, possibly from the chassis.
+        limit: maximum length in characters; the rest is cut off.
     """
     cut = text[:limit]
     if not cut.isprintable():
@@ -24,27 +24,31 @@ def shown(text: str, limit: int = 500) -> str:
 
 
 class LogOnce:
-    """Remembers which kinds of trouble were told, until they are over."""
+    """Logs each kind of trouble once, until it is over.
+
+    Args:
+        logger: the logger to use.
+    """
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
-        self._told: dict[str, None] = {}
+        self._logged: dict[str, None] = {}
 
     def warn(self, kind: str, text: str) -> None:
-        """Log `text`; at WARNING if nothing of this kind was told since it was last cleared."""
+        """Log `text`, at WARNING if this kind was not logged since it was last cleared."""
         kind = kind[:_LONGEST_KIND]
-        told = kind in self._told
-        if not told:
-            if len(self._told) >= _KINDS:
-                del self._told[next(iter(self._told))]
-            self._told[kind] = None
+        repeated = kind in self._logged
+        if not repeated:
+            if len(self._logged) >= _MAX_KINDS:
+                del self._logged[next(iter(self._logged))]
+            self._logged[kind] = None
         self._logger.log(
-            logging.DEBUG if told else logging.WARNING, "%s", shown(text, _LONGEST_LINE)
+            logging.DEBUG if repeated else logging.WARNING, "%s", one_line(text, _LONGEST_LINE)
         )
 
     def clear(self, kind: str | None = None) -> None:
-        """The trouble is over: all of it, or the one kind."""
+        """Forget one kind of trouble, or all of them, because it is over."""
         if kind is None:
-            self._told.clear()
+            self._logged.clear()
         else:
-            self._told.pop(kind[:_LONGEST_KIND], None)
+            self._logged.pop(kind[:_LONGEST_KIND], None)

@@ -1,4 +1,4 @@
-"""The queue between the reader, which must never wait, and those who take the pushes."""
+"""The queue between the reader, which never waits, and the consumers of pushes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 LATEST_DEPTH = 50
-"""Pushes of one state that may wait; beyond it the newest ones stay. So many are what comes at 3000
-Hz while another program has the core."""
+"""Maximum number of queued pushes of a type whose newest values are enough. It holds what arrives
+at 3000 Hz while another program uses the core."""
 
 
 class PushQueue:
-    """Pushes in the order in which they came, bounded per type.
+    """A queue of pushes in the order of their arrival, with a limit for each type.
 
     Args:
-        depths: how many may wait, by type, where that is not `LATEST_DEPTH`.
-        dropped: where drops are counted, by type.
+        depths: maximum number of queued pushes, by type; `LATEST_DEPTH` for all other types.
+        dropped: counter of drops, by type.
     """
 
     def __init__(self, depths: Mapping[str, float], dropped: Counter[str]) -> None:
@@ -26,8 +26,15 @@ class PushQueue:
         self._waiting: dict[str, int] = {}
         self._filled = asyncio.Event()
 
+    def __len__(self) -> int:
+        return len(self._queue)
+
     def put(self, name: str, deliver: Callable[[], None]) -> bool:
-        """Add a push, as what delivers it; False if an older one of its type had to go."""
+        """Add a push, as the function that delivers it.
+
+        Returns:
+            False if the oldest push of this type was dropped for it.
+        """
         waiting = self._waiting.get(name, 0)
         fits = waiting < self._depths.get(name, LATEST_DEPTH)
         if fits:
@@ -40,7 +47,7 @@ class PushQueue:
         return fits
 
     async def get(self) -> Callable[[], None]:
-        """Wait for the next push; the caller delivers it."""
+        """Wait for the next push and return the function that delivers it."""
         while True:
             if self._queue:
                 name, deliver = self._queue.popleft()

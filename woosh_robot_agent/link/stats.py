@@ -1,4 +1,4 @@
-"""What the link counts."""
+"""Counters of the link."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class LinkStats:
-    """Totals since the client was made.
+    """Totals since the client was created.
 
     Attributes:
-        connects: times that the link became ready.
+        connects: number of times that the link became ready.
         rx: valid frames received.
         tx: frames sent.
         bad_frames: frames that could not be read, by kind of defect.
-        dropped_pushes: pushes that gave way to newer ones, by message type.
-        refused_requests: requests that were not sent because too many waited already, by message
+        dropped_pushes: pushes that were dropped because newer ones came, by message type.
+        refused_requests: requests that were not sent because too many were in flight, by message
             type.
-        superseded: velocity commands that were not sent because they were out of date.
         timeouts: requests that were not answered in time, by message type.
-        late_answers: answers to which no request was waiting any more.
-        round_trip: time of the last answered request or ping in s, None before the first.
+        late_answers: answers to requests that were not pending any more.
+        round_trip: round-trip time of the last answered request or ping, in seconds; None before
+            the first.
     """
 
     connects: int = 0
@@ -30,7 +30,6 @@ class LinkStats:
     bad_frames: Counter[str] = field(default_factory=Counter)
     dropped_pushes: Counter[str] = field(default_factory=Counter)
     refused_requests: Counter[str] = field(default_factory=Counter)
-    superseded: int = 0
     timeouts: Counter[str] = field(default_factory=Counter)
     late_answers: int = 0
     round_trip: float | None = None

@@ -1,19 +1,18 @@
-"""Who wants which pushes, and their delivery in the order of the wire."""
+"""Subscriptions to pushes, and the delivery of pushes to their consumers in order of arrival."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
+from woosh_robot_agent.link.answer import Answer
 from woosh_robot_agent.link.body import Body
+from woosh_robot_agent.link.callbacks import call
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.connection import Answer
-from woosh_robot_agent.link.drop_log import Losses
-from woosh_robot_agent.link.log_once import LogOnce, shown
+from woosh_robot_agent.link.drop_log import DropLog
+from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.link.push_queue import PushQueue
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -21,125 +20,130 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.protos import full_name
 
-_LOG = logging.getLogger(__name__)
-_TURN = 0.005
-"""s after which the delivery lets others work, so that slow consumers do not starve them."""
+_TIME_SLICE = 0.005
+"""Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
+starve them."""
 _ANSWER = "answer"
-"""Name under which answers stand in the queue."""
+"""Name of answers in the queue."""
 _SNAPSHOT = "snapshot"
-"""Name under which the RobotInfo of a new link stands in the queue."""
+"""Name of the first RobotInfo of a link in the queue."""
 
 COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
-"""Types of which each push matters; of the others the newest do."""
+"""Types of which every push counts. Of all other types the newest values are enough."""
 
 
 class Subscriptions:
-    """Takes frames from the reader, and calls those who want them from a task of its own.
+    """Queues the pushes that the reader takes, and calls their consumers from a task of its own.
 
     Args:
-        depth: how many pushes may wait of each type of which each one matters.
+        depth: maximum number of queued pushes for each type of which every push counts.
         stats: counters to add to.
-        log: for what is told once.
-        losses: for what is dropped.
+        log: log for errors that the chassis reports, and for pushes that cannot be read.
+        drops: log for dropped pushes.
     """
 
-    def __init__(self, depth: int, stats: LinkStats, log: LogOnce, losses: Losses) -> None:
+    def __init__(self, depth: int, stats: LinkStats, log: LogOnce, drops: DropLog) -> None:
         self._stats = stats
         self._log = log
-        self._losses = losses
+        self._drops = drops
         self._callbacks: dict[str, list[Callable[[Body], None]]] = {}
         self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
-        self._depths = {_ANSWER: math.inf}  # of these, as many as requests were made
+        self._depths = {_ANSWER: math.inf}  # the number of requests limits them
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, stats.dropped_pushes)
 
     def set_depth(self, depth: int) -> None:
-        """Change how many counted pushes may wait."""
+        """Change the maximum number of queued pushes of types of which every push counts."""
         self._depths.update(dict.fromkeys(COUNTED_PUSHES, depth))
 
     @property
+    def queued(self) -> int:
+        """Number of queued pushes and answers."""
+        return len(self._queue)
+
+    # Consumers
+
+    @property
     def wanted(self) -> list[str]:
-        """Types that somebody wants."""
+        """Types that have a consumer."""
         return [name for name, callbacks in self._callbacks.items() if callbacks]
 
     def add(self, name: str, callback: Callable[[Body], None]) -> bool:
-        """Call `callback` with each push of type `name`; whether it is the first one to want it."""
+        """Call `callback` with each push of type `name`.
+
+        Returns:
+            True if it is the first consumer of this type.
+        """
         callbacks = self._callbacks.setdefault(name, [])
         callbacks.append(callback)
         return len(callbacks) == 1
 
     def remove(self, name: str, callback: Callable[[Body], None]) -> bool:
-        """Call it no more; whether nobody wants the type now."""
+        """End a subscription.
+
+        Returns:
+            True if the type has no consumer any more.
+        """
         callbacks = self._callbacks[name]
         callbacks.remove(callback)
         return not callbacks
 
     def on_snapshot(self, callback: Callable[[RobotInfo], None]) -> None:
-        """Call `callback` with the RobotInfo of each new link."""
+        """Call `callback` with the first RobotInfo of each link."""
         self._snapshot_callbacks.append(callback)
 
-    # For the reader, which must not wait
+    # Called by the reader; these methods never wait
 
-    def pushed(self, codec: Codec, envelope: Envelope) -> None:
-        """Take a push."""
+    def put_push(self, codec: Codec, envelope: Envelope) -> None:
+        """Queue a push if it has a consumer."""
         name = envelope.type
         if not self._callbacks.get(name):
             if envelope.ok is False:
                 self._log.warn(
-                    f"error {envelope.msg}", f"the chassis reports: {shown(envelope.msg)}"
+                    f"error {envelope.msg}", f"the chassis reports: {one_line(envelope.msg)}"
                 )
             return
-        body = Body(codec, envelope, partial(self._skipped, name))
+        body = Body(codec, envelope, partial(self._count_bad, name))
         if not self._queue.put(name, partial(self._deliver, body)):
-            self._losses.count(
-                f"older {name} gave way to newer ones",
-                f"{name} comes faster than it is taken: the oldest are dropped",
+            self._drops.count(
+                f"pushes of {name} were dropped",
+                f"{name} comes faster than its consumers take it; dropping the oldest pushes",
             )
 
-    def snapshot(self, answer: Answer) -> None:
-        """Take the answer that made the link ready."""
+    def put_snapshot(self, answer: Answer) -> None:
+        """Queue the first RobotInfo of a link."""
         if answer.ok and isinstance(answer.body, RobotInfo):
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer.body))
 
-    def answered(self, tap: Callable[[Answer], None], answer: Answer) -> None:
-        """Take an answer that somebody wants in its place among the pushes."""
+    def put_answer(self, tap: Callable[[Answer], None], answer: Answer) -> None:
+        """Queue an answer for `tap`, in its place among the pushes."""
         self._queue.put(_ANSWER, partial(call, tap, answer))
 
     # Delivery
 
-    async def dispatch(self) -> None:
-        """Deliver, for ever."""
-        # those from before a restart belong to another link, perhaps to another event loop
+    async def deliver(self) -> None:
+        """Deliver what is queued, until cancelled."""
+        # what an earlier run left in the queue belongs to another link
         self._queue = queue = PushQueue(self._depths, self._stats.dropped_pushes)
         now = asyncio.get_running_loop().time
-        turn = now()
+        slice_started = now()
         while True:
             (await queue.get())()
-            if now() - turn > _TURN:
+            if now() - slice_started > _TIME_SLICE:
                 await asyncio.sleep(0)
-                turn = now()
+                slice_started = now()
 
     def _deliver(self, body: Body) -> None:
         for callback in tuple(self._callbacks[body.type]):
             try:
                 call(callback, body)
-            except FrameError:  # the body has told of it
+            except FrameError:  # `_count_bad` has logged it
                 return
 
-    def _skipped(self, name: str, error: FrameError) -> None:
+    def _count_bad(self, name: str, error: FrameError) -> None:
         self._stats.bad_frames[error.kind] += 1
         self._log.warn(f"bad push: {name}", f"skipped a push ({error.kind}): {error}")
 
     def _deliver_snapshot(self, info: RobotInfo) -> None:
         for callback in tuple(self._snapshot_callbacks):
             call(callback, info)
-
-
-def call(callback: Callable[[Any], None], argument: object) -> None:
-    """Call a consumer. Its mistake is logged, and ends nothing; a body's, FrameError, is raised."""
-    try:
-        callback(argument)
-    except FrameError:
-        raise
-    except (Exception, asyncio.CancelledError):  # the latter is none of ours: nothing awaits here
-        _LOG.exception("a callback failed")

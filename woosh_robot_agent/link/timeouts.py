@@ -1,4 +1,4 @@
-"""Waiting with a bound."""
+"""Waiting for asynchronous work with a timeout."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 _GRACE = 1.0
-"""Longest wait in s for cancelled work to end; it does at once unless a library holds it up."""
+"""Maximum wait for cancelled work to end, in seconds. Only a library that blocks uses it up."""
 
 
-async def within(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T]) -> T:
-    """What `work` gives; it is cancelled when it takes too long, or when its caller is.
+async def run_with_timeout(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T]) -> T:
+    """Return the result of `work`; cancel it on timeout, and when the caller is cancelled.
 
-    `asyncio.wait_for` of Python 3.10 and 3.11 swallows a cancellation that meets a result, and
-    waits without a bound for cancelled work.
+    Use it instead of `asyncio.wait_for`, which in Python 3.10 and 3.11 swallows a cancellation that
+    meets a result, and waits for cancelled work without a limit.
 
     Raises:
-        TimeoutError: `work` took longer than `timeout` s.
+        TimeoutError: `work` took longer than `timeout` seconds.
     """
     task = asyncio.ensure_future(work)
     try:
@@ -29,28 +29,28 @@ async def within(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T
         raise TimeoutError(f"not within {timeout:g} s")
     finally:
         if not task.done():
-            await drop(task)
+            await cancel_and_wait(task)
         elif not task.cancelled():
-            task.exception()  # retrieved, whether anybody gets it or not
+            task.exception()  # marks it as retrieved
 
 
-async def drop(*tasks: asyncio.Future[Any]) -> None:
-    """Cancel tasks, and wait a moment for their end."""
+async def cancel_and_wait(*tasks: asyncio.Future[Any]) -> None:
+    """Cancel tasks and wait for their end, at most one second."""
     for task in tasks:
         task.cancel()
-        task.add_done_callback(_retrieve)
+        task.add_done_callback(_retrieve_exception)
     if tasks:
         await asyncio.wait(tasks, timeout=_GRACE)
 
 
-async def settle(task: asyncio.Future[Any]) -> None:
-    """Wait a moment for a task that is about to end by itself, then `drop` it."""
+async def wait_then_cancel(task: asyncio.Future[Any]) -> None:
+    """Wait at most one second for a task that is about to end by itself, then cancel it."""
     try:
         await asyncio.wait({task}, timeout=_GRACE)
     finally:
-        await drop(task)
+        await cancel_and_wait(task)
 
 
-def _retrieve(task: asyncio.Future[Any]) -> None:
+def _retrieve_exception(task: asyncio.Future[Any]) -> None:
     if not task.cancelled():
         task.exception()

@@ -1,1 +1,14 @@
-"""Everything that decides whether the robot may move. `gate` is the only way to the wheels."""
+"""Everything that decides whether the robot may move: `MotionGate` is the only way to the wheels.
+
+Example::
+
+    async with ChassisClient("172.20.8.74") as chassis:
+        gate = MotionGate(chassis)
+        await gate.request(Twist(linear=0.2))
+"""
+
+from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.stop import StopReport
+from woosh_robot_agent.motion.velocity_driver import VelocityDriver, VelocityLimits
+
+__all__ = ["MotionGate", "StopReport", "VelocityDriver", "VelocityLimits"]

@@ -1,44 +1,194 @@
-"""The gate through which every request that moves the robot passes."""
+"""The gate through which every request that moves the robot passes, and the rules that it keeps.
+
+1. There is one way to the wheels. The gate reserves the requests that command motion, and the
+   chassis client sends them for nobody else.
+2. The latest velocity wins, and a stale one is not sent. See `LatestWins`.
+3. Nothing is sent twice: the gate retries nothing, and a request that was made without a link, or
+   before a link was lost, is not sent on a later one.
+4. A stop goes before all that waits. What waits, and what comes shortly after, does not move the
+   robot.
+5. Once the gate is closed, nothing moves the robot. If it may still drive by a velocity that was
+   sent here, it gets a zero.
+6. A zero is not sent to a robot that somebody else drives: a task or an action that the chassis
+   accepted takes the wheels from the velocities before it.
+
+Who drives by a stream of velocities uses `VelocityDriver`, which has the rules for streams.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+import logging
+import math
+import time
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import Answer, ChassisClient
+from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, SupersededError
+from woosh_robot_agent.link.drop_log import DropLog
+from woosh_robot_agent.motion.latest_wins import STALL, LatestWins
+from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
+from woosh_robot_agent.motion.stop import StopReport, cancel_orders
+from woosh_robot_agent.motion.wheel_owner import WheelOwner
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+
+_LOG = logging.getLogger(__name__)
+
+DRIVING = 3 * STALL
+"""Time after a velocity in which the robot may still drive by it, in seconds.
+
+The chassis goes on with a velocity for a while, and then slows down by itself.
+"""
+HOLD = 0.5
+"""Time after a stop in which nothing that moves the robot is sent, in seconds.
+
+A goal that a client sent before the stop may arrive after it.
+"""
 
 
 class MotionGate:
-    """Passes commands on to the chassis.
+    """The only sender of requests that move the robot. Used in the event loop of the link.
 
     Args:
-        chassis: the link; used in its event loop only.
+        chassis: the link.
+        open_goals: returns the number of goals that the robot may be at work on.
+
+    Attributes:
+        superseded: number of velocities that were not sent because they were out of date.
     """
 
-    def __init__(self, chassis: ChassisClient) -> None:
+    def __init__(self, chassis: ChassisClient, open_goals: Callable[[], int] = lambda: 0) -> None:
         self._chassis = chassis
+        self._send = chassis.reserve(commands_motion)  # rule 1
+        self._open_goals = open_goals
+        self._reported_owner = WheelOwner(chassis)
+        self._velocities = LatestWins[Answer]()
+        self._last_velocity = Twist()
+        """The last velocity that was sent, zero included."""
+        self._drives_until = -math.inf
+        """Monotonic time until which the robot may drive by a velocity that was sent here."""
+        self._forbidden = ""
+        """Why nothing that moves the robot is sent."""
+        self._forbidden_until = -math.inf
+        """Time of the event loop until which `_forbidden` holds."""
+        self._stop_callbacks: list[Callable[[], None]] = []
+        self._drops = DropLog(_LOG)
+        self.superseded = 0
+        chassis.on_state(self._link_changed)
 
     async def request(
         self,
         message: Message,
         timeout: float | None = None,
         *,
-        first: bool = False,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
-        """Send a command and wait for the answer; see `ChassisClient.request`."""
-        return await self._chassis.request(message, timeout, first=first, tap=tap)
+        """Send a command and wait for the answer. Commands that move nothing just pass.
 
-    def withdraw(self, reason: str, seconds: float) -> None:
-        """Send nothing that moves the robot; see `ChassisClient.withdraw_motion`."""
-        self._chassis.withdraw_motion(reason, seconds)
+        Args:
+            message: the command.
+            timeout: as in `ChassisClient.request`.
+            tap: as in `ChassisClient.request`.
+
+        Raises:
+            SupersededError: the rules forbid to send it; nothing was sent.
+            LinkError: as in `ChassisClient.request`.
+        """
+        if not commands_motion(message):
+            return await self._chassis.request(message, timeout, tap=tap)
+        return await self._request(message, timeout, tap=tap)
+
+    async def stop(self, timeout: float) -> StopReport:
+        """Send a zero velocity and cancel everything that moves the robot, before all that waits.
+
+        Args:
+            timeout: time to wait for each answer, in seconds.
+        """
+        for callback in self._stop_callbacks:
+            callback()
+        self._forbid("cancelled by the `stop` service", HOLD)  # rule 4
+        orders = [Twist(), *cancel_orders().values()]
+        # each is put before all that waits: the one to be sent first comes last
+        answers = await asyncio.gather(
+            *(self._order(message, timeout) for message in reversed(orders))
+        )
+        zero, *cancels = reversed(answers)
+        return StopReport(zero, dict(zip(cancel_orders(), cancels, strict=True)))
+
+    async def close(self, timeout: float) -> None:
+        """Send nothing that moves the robot any more, and stop it if it may drive by a velocity.
+
+        Args:
+            timeout: time to wait for the answer to the zero, in seconds.
+
+        Raises:
+            LinkError: the chassis did not confirm the zero.
+        """
+        self._forbid("the agent is stopping", math.inf)  # rule 5
+        if self.driving:
+            await self.request(Twist(), timeout)
+
+    def on_stop(self, callback: Callable[[], None]) -> None:
+        """Have `callback` called at the beginning of each stop."""
+        self._stop_callbacks.append(callback)
 
     @property
     def driving(self) -> bool:
-        """Whether the robot may still drive by a velocity that was sent here."""
-        return self._chassis.driving
+        """True if the robot may still drive by a velocity that was sent here."""
+        return time.monotonic() < self._drives_until
 
-    async def stop_driving(self, timeout: float) -> None:
-        """Send a zero velocity if the last one that was sent was not zero."""
-        await self._chassis.stop_driving(timeout)
+    @property
+    def owner(self) -> str:
+        """Name of what drives the robot without velocities; empty if nothing does."""
+        return "a goal" if self._open_goals() else self._reported_owner.name
+
+    async def _request(self, message: Message, timeout: float | None, **options: Any) -> Answer:
+        if not isinstance(message, Twist):
+            return await self._pass(message, timeout, **options)
+
+        def send(send_within: float) -> Coroutine[Any, Any, Answer]:
+            return self._pass(message, timeout, urgent=True, send_within=send_within, **options)
+
+        try:
+            return await self._velocities.request(message, send)  # rule 2
+        except SupersededError as error:
+            if self._forbidden_until < math.inf:  # a stream at the end of the program is no news
+                self.superseded += 1
+                self._drops.count("velocity commands were out of date and not sent", str(error))
+            raise
+
+    async def _pass(self, message: Message, timeout: float | None, **options: Any) -> Answer:
+        """Send a request that commands motion, if it is allowed now. Nothing waits here."""
+        moves = may_move(message)
+        if moves and asyncio.get_running_loop().time() < self._forbidden_until:  # rules 4 and 5
+            raise SupersededError(f"not sent: {self._forbidden}")
+        if isinstance(message, Twist):
+            self._last_velocity = message
+            if moves and self._chassis.state is LinkState.READY:
+                self._drives_until = time.monotonic() + DRIVING
+        answer = await self._send(message, timeout, **options)  # rule 3: once
+        stopped = message is self._last_velocity and not moves
+        if stopped or (answer.ok and takes_wheels(message)):  # rule 6
+            self._drives_until = -math.inf
+        return answer
+
+    async def _order(self, message: Message, timeout: float) -> Answer | LinkError:
+        """Send an order of a stop before all that waits; return the error if there is no answer."""
+        try:
+            return await self._request(message, timeout, first=True)
+        except LinkError as error:
+            return error
+
+    def _forbid(self, reason: str, duration: float) -> None:
+        """Send nothing that moves: nothing that waits, and nothing that comes in `duration` s."""
+        until = asyncio.get_running_loop().time() + duration
+        if until > self._forbidden_until:
+            self._forbidden, self._forbidden_until = reason, until
+        self._velocities.withdraw(reason)
+        self._chassis.withdraw(may_move, reason)
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is LinkState.STOPPED:
+            self._drops.finish()

@@ -9,19 +9,9 @@ from functools import partial
 from typing import NamedTuple
 
 from woosh_robot_agent.link.codecs.frames import Codec
-from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.transports import Transport, TransportClosedError
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.simulator.hooks import Encoded, Outgoing
-
-JSON: Codec = JsonCodec(defaults=True)
-PROTOBUF: Codec = ProtobufCodec()
-
-
-def codec_of(data: str | bytes) -> Codec:
-    """The codec of a frame: text is JSON, bytes are protobuf."""
-    return JSON if isinstance(data, str) else PROTOBUF
-
 
 _MOST_BYTES = 64 * 1024 * 1024
 """Bytes that may wait for a client when one more frame comes, be they few frames or many."""
@@ -46,7 +36,7 @@ class Client:
         waiting: How many of its requests wait, to be done or for their answers to be let go.
     """
 
-    def __init__(self, transport: Transport, max_outbox: int) -> None:
+    def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
         self.transport = transport
         self.topics: dict[str, Codec] = {}
         self.spoke = False

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.codecs.choice import server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.client import Client, codec_of
+from woosh_robot_agent.simulator.client import Client
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.dispatch import HANDLERS, Answer, dispatch, refusal
 from woosh_robot_agent.simulator.hooks import Hooks, Outgoing
@@ -97,7 +98,7 @@ class Exchange:
 
     def receive(self, client: Client, data: str | bytes) -> None:
         """Deal with a frame, in the encoding in which it came."""
-        codec = codec_of(data)
+        codec = server_codec(data)
         try:
             request = self._read(client, codec, data)
         except FrameError as error:

@@ -9,10 +9,10 @@ from typing import TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import Codec
-from woosh_robot_agent.link.transports import Transport
+from woosh_robot_agent.link.server.base import ServerTransport
 
 #: Writes something to a connection where an ordinary frame would be sent.
-Write = Callable[[Transport], Awaitable[None]]
+Write = Callable[[ServerTransport], Awaitable[None]]
 #: An encoded frame, or what writes one that could not be sent in the ordinary way.
 Encoded = str | bytes | Write
 #: Makes what goes out of an encoded frame.

@@ -12,7 +12,9 @@ from types import TracebackType
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.transports import Transport, TransportClosedError, WebSocketTransport
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.server.websocket import WebSocketServerTransport
+from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.client import Client
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -314,7 +316,7 @@ class SimulatedChassis:
 
     # Clients and time
 
-    async def _serve(self, transport: Transport) -> None:
+    async def _serve(self, transport: ServerTransport) -> None:
         if self.connections >= self.config.max_connections:
             if not self._crowded:
                 _log.warning(
@@ -333,7 +335,7 @@ class SimulatedChassis:
         client = Client(transport, self.config.max_outbox)
         self._exchange.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
-        client.spoke = isinstance(transport, WebSocketTransport)  # by its handshake
+        client.spoke = isinstance(transport, WebSocketServerTransport)  # by its handshake
         self._expect_words(client)
         _log.info("%s connected", transport.peer)
         if self._held:

@@ -62,8 +62,13 @@ class Status:
         )
 
 
-def link_status(chassis: ChassisClient) -> Status:
-    """The link: state, since when, how it does, and what was lost."""
+def link_status(chassis: ChassisClient, superseded: int) -> Status:
+    """The link: state, since when, how it does, and what was lost.
+
+    Args:
+        chassis: the link.
+        superseded: number of velocities that were not sent because they were out of date.
+    """
     stats, status = chassis.stats, Status("link")
     if chassis.state is not LinkState.READY:
         why = f": {chassis.last_error}" if chassis.last_error else ""
@@ -80,7 +85,7 @@ def link_status(chassis: ChassisClient) -> Status:
         "parse errors": sum(stats.bad_frames.values()),
         "drops": sum(stats.dropped_pushes.values()),
         "refused requests": sum(stats.refused_requests.values()),
-        "superseded velocities": stats.superseded,
+        "superseded velocities": superseded,
         "timeouts": sum(stats.timeouts.values()),
         "late answers": stats.late_answers,
     }
@@ -179,7 +184,7 @@ class Diagnostics(Part):
     def _message(self) -> DiagnosticArray:
         chassis = self._host.chassis
         info = self._host.known.get(_INFO)
-        statuses = [link_status(chassis)]
+        statuses = [link_status(chassis, self._host.gate.superseded)]
         serial = ""
         if isinstance(info, RobotInfo):
             serial = str(info.robot_id or info.genral.serial_number)

@@ -37,6 +37,7 @@ PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (CmdVel, ("enable_cmd_vel",)),
     (InitialPose, ("enable_initialpose",)),
     (GoalPose, ("enable_goal_pose",)),
+    (Stop, ("enable_stop",)),
     (Connected, ("enable_connected",)),
     (Diagnostics, ("enable_diagnostics",)),
 )
@@ -72,11 +73,6 @@ async def _keep_running(part: Part) -> None:
 
 def _parts(host: PartContext) -> Iterator[Part]:
     settings = host.settings()
-    cmd_vel: CmdVel | None = None
     for make, switches in PARTS:
         if any(getattr(settings, switch) for switch in switches):
-            part = make(host)
-            cmd_vel = part if isinstance(part, CmdVel) else cmd_vel
-            yield part
-    if settings.enable_stop:
-        yield Stop(host, cmd_vel)
+            yield make(host)

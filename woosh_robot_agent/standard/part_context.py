@@ -10,7 +10,6 @@ from typing import Any
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient
@@ -43,7 +42,6 @@ class PartContext:
         gate: passes commands on.
         known: what the chassis last said.
         requests: makes the chassis's messages.
-        actions: the goals of other clients.
         settings: gives the parameters' values of the moment.
     """
 
@@ -53,7 +51,6 @@ class PartContext:
     gate: MotionGate
     known: LastKnown
     requests: RequestMaker
-    actions: Actions
     settings: Callable[[], StandardSettings]
 
     def frame(self, which: str) -> str:

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
 import rclpy
@@ -127,6 +127,11 @@ class AgentProcess:
         lines: what it has logged.
     """
 
+    module = "woosh_robot_agent.agent"
+    """Module that is started."""
+    popen_options: Mapping[str, Any] = {"stdin": subprocess.DEVNULL}
+    """Further options of `subprocess.Popen`."""
+
     def __init__(
         self, domain: int, namespace: str = NAMESPACE, *arguments: str, **parameters: Any
     ) -> None:
@@ -136,11 +141,11 @@ class AgentProcess:
         for name, value in parameters.items():
             options += ["-p", f"{name}:={json.dumps(value)}"]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "woosh_robot_agent.agent", *options, *arguments],
+            [sys.executable, "-m", self.module, *options, *arguments],
             env={**os.environ, **domain_variables(domain), "PYTHONUNBUFFERED": "1"},
-            stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
+            **self.popen_options,
         )
         self.lines: list[str] = []
         self._reader = threading.Thread(target=self._read, name="agent's log", daemon=True)

@@ -13,11 +13,11 @@ from enum import Enum
 from typing import NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.codecs.choice import client_codec
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.timeouts import within
-from woosh_robot_agent.link.transports import Transport, TransportClosedError, open_transport
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.link.transport.base import Transport, TransportClosedError
+from woosh_robot_agent.link.transport.opening import open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
@@ -152,7 +152,7 @@ async def _resolve(config: LinkConfig) -> list[tuple[str, int]]:
     loop = asyncio.get_running_loop()
     asking = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
     try:
-        found = await within(config.connect_timeout, asking)
+        found = await run_with_timeout(config.connect_timeout, asking)
     except (TimeoutError, OSError, UnicodeError) as error:
         raise _Failed(
             f"no address is known of {config.ip} ({error})",
@@ -188,7 +188,8 @@ async def _knock_at_all(
 async def _knock(config: LinkConfig, address: tuple[str, int]) -> str | None:
     """Connect and go; why the port is closed, or None."""
     try:
-        _, writer = await within(config.connect_timeout, asyncio.open_connection(*address))
+        opening = asyncio.open_connection(*address)
+        _, writer = await run_with_timeout(config.connect_timeout, opening)
     except ConnectionError as error:  # the other end said so: it is there
         return _plain(error)
     except TimeoutError:
@@ -247,8 +248,7 @@ async def _open(config: LinkConfig) -> Transport:
 
 
 async def _ask(transport: Transport, config: LinkConfig) -> _Told:
-    use_json = config.transport == "websocket" and config.encoding == "json"
-    codec: Codec = JsonCodec() if use_json else ProtobufCodec()
+    codec = client_codec(config)
     bad: list[FrameError] = []
     started = time.time()
     try:
@@ -260,7 +260,7 @@ async def _ask(transport: Transport, config: LinkConfig) -> _Told:
                 timestamp=round(started * 1000),
             )
         )
-        answer = await within(config.handshake_timeout, _answer(transport, codec, bad))
+        answer = await run_with_timeout(config.handshake_timeout, _answer(transport, codec, bad))
     except TransportClosedError as error:
         raise _Failed(
             f"it hung up when asked ({error})",

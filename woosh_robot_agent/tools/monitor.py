@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.live import Live
 
-from woosh_robot_agent.link.timeouts import within
+from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.tools.keys import keys
 from woosh_robot_agent.tools.link_source import LinkSource
 from woosh_robot_agent.tools.options import add_link_options, link_config
@@ -133,7 +133,7 @@ async def _log(source: Source, console: Console, stopping: asyncio.Event, interv
 
 async def _pause(stopping: asyncio.Event, seconds: float) -> None:
     try:
-        await within(seconds, stopping.wait())
+        await run_with_timeout(seconds, stopping.wait())
     except TimeoutError:
         pass
 

@@ -13,12 +13,12 @@ from enum import Enum
 from typing import NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
+from woosh_robot_agent.link.codecs.choice import server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name, message_types
-from woosh_robot_agent.simulator.client import codec_of
 from woosh_robot_agent.tools.recording import Event, Frame, Record, Recording
 
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, full_name(Subscription))
@@ -151,7 +151,7 @@ def _decode(record: Record) -> Envelope | None:
     if isinstance(record, Event) or record.invalid:
         return None
     try:
-        return codec_of(record.data).decode(record.data)
+        return server_codec(record.data).decode(record.data)
     except FrameError:
         return None
 
@@ -238,7 +238,7 @@ def subscribe(topics: set[str], envelope: Envelope, frame: str | bytes) -> None:
     Raises:
         FrameError: it cannot be read.
     """
-    subscription = codec_of(frame).body(envelope, Subscription)
+    subscription = server_codec(frame).body(envelope, Subscription)
     if subscription.sub:
         topics.update(subscription.topics)
     else:
@@ -255,7 +255,7 @@ def _body(envelope: Envelope, frame: str | bytes) -> bytes:
     cls = message_types().get(envelope.type)
     if cls is not None:
         try:
-            return codec_of(frame).body(envelope, cls).SerializeToString(deterministic=True)
+            return server_codec(frame).body(envelope, cls).SerializeToString(deterministic=True)
         except FrameError:
             pass  # to be compared as it stands
     if isinstance(envelope.body, bytes):

@@ -8,8 +8,8 @@ import logging
 from dataclasses import dataclass, field
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.timeouts import drop, within
-from woosh_robot_agent.link.transports import Listener
+from woosh_robot_agent.link.server.listener import Listener
+from woosh_robot_agent.link.timeouts import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.tools.recording import Side, Writer
 from woosh_robot_agent.tools.wiretap import DelimitedEar, Ear, UnreadableError, WebSocketEar
 
@@ -62,7 +62,7 @@ class Recorder:
     async def stop(self) -> None:
         """Drop everybody and listen no more; the writer stays open."""
         tasks = tuple(self._tasks)
-        await drop(*tasks)
+        await cancel_and_wait(*tasks)
         if self._listener is not None:
             await self._listener.close()
 
@@ -98,7 +98,7 @@ class Recorder:
         peer = writer.get_extra_info("peername")
         try:
             opening = asyncio.open_connection(config.ip, config.effective_port)
-            there, back = await within(config.connect_timeout, opening)
+            there, back = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
             reason = error.strerror or str(error) or type(error).__name__
             self._writer.event(connection.number, "refused", "chassis", reason)
@@ -116,7 +116,7 @@ class Recorder:
             await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
             await asyncio.wait(pumps, timeout=_LINGER)
         finally:
-            await drop(*pumps)
+            await cancel_and_wait(*pumps)
         for pump in pumps:
             if not pump.cancelled() and (mistake := pump.exception()):
                 raise mistake

@@ -8,18 +8,17 @@ import logging
 from collections import Counter
 from functools import partial
 
+from woosh_robot_agent.link.codecs.choice import JSON, server_codec
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.transports import (
-    Listener,
-    Transport,
-    TransportClosedError,
-    serve_tcp,
-    serve_websocket,
-)
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.server.listener import Listener
+from woosh_robot_agent.link.server.tcp import serve_tcp
+from woosh_robot_agent.link.server.websocket import serve_websocket
+from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_types
-from woosh_robot_agent.simulator.client import JSON, Client, codec_of
+from woosh_robot_agent.simulator.client import Client
 from woosh_robot_agent.tools.playback import (
     Kind,
     Playback,
@@ -204,7 +203,7 @@ class ReplayedChassis:
             client.drop()
         self._clients.clear()
 
-    async def _serve(self, transport: Transport) -> None:
+    async def _serve(self, transport: ServerTransport) -> None:
         if not self._listeners:  # it was on its way when the connection was lost
             transport.abort()
             return
@@ -227,7 +226,7 @@ class ReplayedChassis:
             await transport.close(_CLOSE_TIMEOUT)
 
     def _receive(self, client: Client, data: str | bytes) -> None:
-        codec = codec_of(data)
+        codec = server_codec(data)
         envelope = codec.decode(data)
         if client in self._clients:
             self._clients[client] = codec
@@ -265,7 +264,7 @@ def _in(codec: Codec, frame: str | bytes, sn: int | None) -> str | bytes:
         frame: as recorded; it stays as it is where nothing has to be changed.
         sn: serial number to put in, None for a push.
     """
-    recorded = codec_of(frame)
+    recorded = server_codec(frame)
     if recorded is not codec:
         return _transcoded(recorded, codec, frame, sn)
     if sn is None:

@@ -1,1 +1,1 @@
-"""Encodings of the frames: JSON text and protobuf bytes."""
+"""Encodings of frames: JSON text and protobuf bytes."""

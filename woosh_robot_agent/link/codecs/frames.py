@@ -1,4 +1,4 @@
-"""What a frame says, whatever its encoding: the envelope around one protobuf message."""
+"""Envelope of a frame, independent of its encoding, and the interface of a codec."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from google.protobuf.message import Message
 M = TypeVar("M", bound=Message)
 
 SUBSCRIPTION_TYPE = "woosh.Subscription"
-"""`type` of a subscribe frame; on the wire it is not the body's protobuf full name."""
-
+"""`type` of a subscribe frame, which is not the full name of its body's message."""
 
 _LONGEST_TYPE = 200
-"""Characters of a type's name; those of the chassis have less than half as many."""
+"""Longest type name that is kept, in characters. Real ones are less than half as long."""
 
 
-def usable_type(name: str) -> str:
-    """The type that a frame gives, cut where no name is as long: it gets into errors and logs."""
+def clip_type_name(name: str) -> str:
+    """Return the type name that a frame gives, cut to a length that fits errors and logs."""
     return name[:_LONGEST_TYPE]
 
 
@@ -26,7 +25,7 @@ class FrameError(Exception):
     """A frame that cannot be read.
 
     Attributes:
-        kind: a short constant name of the defect, to count and to log once by.
+        kind: short constant name of the defect, used to count it and to log it once.
     """
 
     def __init__(self, kind: str, detail: str) -> None:
@@ -40,11 +39,12 @@ class Envelope:
 
     Attributes:
         type: protobuf full name of the body's message.
-        body: the body as the codec left it; `Codec.body` makes a message of it.
-        ok: whether the chassis accepted the request; None where the frame is not an answer.
-        msg: the chassis's text, in the chassis's own language.
-        sn: serial number of the request and its answer, 1..2^31-1; 0 where there is none.
-        timestamp: Unix time in ms, None where the sender left it out.
+        body: the body, not decoded yet; pass it to `Codec.body`.
+        ok: True if the chassis accepted the request, False if it refused; None if the frame is
+            not an answer.
+        msg: text of the chassis, in the language of the chassis.
+        sn: serial number of the request and its answer, 1..2^31-1; 0 if there is none.
+        timestamp: Unix time in ms; None if the sender left it out.
     """
 
     type: str
@@ -68,18 +68,27 @@ class Codec(Protocol):
         msg: str = "",
         timestamp: int | None = None,
     ) -> str | bytes:
-        """The frame as it goes on the wire; `ok` None makes it a request or a push."""
+        """Return a frame as it goes on the wire.
+
+        Args:
+            type_name: protobuf full name of the body's message.
+            body: None for an empty body.
+            sn: serial number of a request or an answer; 0 for a push.
+            ok: True or False for an answer; None for a request or a push.
+            msg: text of an answer.
+            timestamp: Unix time in ms; None to leave it out.
+        """
 
     def decode(self, data: str | bytes) -> Envelope:
-        """Read the envelope and leave the body for later.
+        """Return the envelope of a frame, with the body not decoded yet.
 
         Raises:
-            FrameError: the data is no frame of this encoding.
+            FrameError: the data is not a frame of this encoding.
         """
 
     def body(self, envelope: Envelope, cls: type[M]) -> M:
-        """Read the body of a decoded frame as a message of `cls`.
+        """Return the body of a decoded frame as a message of `cls`.
 
         Raises:
-            FrameError: the body is not such a message.
+            FrameError: the body does not fit `cls`.
         """

@@ -1,4 +1,4 @@
-"""The envelope as one JSON object in a text frame: what real chassis are known to speak."""
+"""JSON encoding: one object in a text frame. Real chassis are known to use this one."""
 
 from __future__ import annotations
 
@@ -7,24 +7,22 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, usable_type
-from woosh_robot_agent.link.codecs.json_mapping import (
-    LONGEST_NUMBER,
-    FieldError,
-    from_json,
-    to_json,
-)
+from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
+from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError
+from woosh_robot_agent.link.codecs.json_reader import from_json
+from woosh_robot_agent.link.codecs.json_scalars import LONGEST_NUMBER
+from woosh_robot_agent.link.codecs.json_writer import to_json
 
-_BAD_INTEGER = (ValueError, TypeError, OverflowError)
-_MOST_PARTS = 1_000_000
-"""Objects, lists and names in a frame: two bytes on the wire can take a hundred of memory."""
+_MAX_PARTS = 1_000_000
+"""Maximum number of objects, lists and names in a frame. Two bytes of them on the wire can take a
+hundred bytes of memory."""
 
 
 class JsonCodec:
     """Frames as JSON text.
 
     Args:
-        defaults: write fields at their default too, as the chassis does; a client need not.
+        defaults: include fields that have their default value, as the chassis does.
     """
 
     def __init__(self, *, defaults: bool = False) -> None:
@@ -40,7 +38,6 @@ class JsonCodec:
         msg: str = "",
         timestamp: int | None = None,
     ) -> str:
-        """See `Codec.encode`."""
         frame: dict[str, Any] = {
             "type": type_name,
             "body": {} if body is None else to_json(body, defaults=self._defaults),
@@ -55,7 +52,6 @@ class JsonCodec:
         return json.dumps(frame, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
     def decode(self, data: str | bytes) -> Envelope:
-        """See `Codec.decode`."""
         try:
             text = data if isinstance(data, str) else data.decode()
             _check_parts(text)
@@ -69,15 +65,15 @@ class JsonCodec:
         ok = frame.get("ok")
         try:
             sn = _integer(frame.get("sn")) or 0
-        except _BAD_INTEGER as error:
-            raise FrameError("envelope", f"sn is no integer: {error}") from None
+        except BAD_VALUE as error:
+            raise FrameError("envelope", f"sn is not an integer: {error}") from None
         try:
             timestamp = _integer(frame.get("timestamp"))
-        except _BAD_INTEGER:  # nobody acts upon it
+        except BAD_VALUE:  # nothing depends on it
             timestamp = None
         type_name = frame.get("type")
-        type_name = usable_type(_text(type_name)) if isinstance(type_name, str) else ""
-        if not type_name and not sn:  # an answer is found by its sn, so it may lack the type
+        type_name = clip_type_name(_text(type_name)) if isinstance(type_name, str) else ""
+        if not type_name and not sn:  # an answer needs only its sn
             raise FrameError("envelope", "no type")
         return Envelope(
             type=type_name,
@@ -89,7 +85,6 @@ class JsonCodec:
         )
 
     def body(self, envelope: Envelope, cls: type[M]) -> M:
-        """See `Codec.body`."""
         message = cls()
         if envelope.body is not None:
             try:
@@ -100,11 +95,11 @@ class JsonCodec:
 
 
 def _check_parts(text: str) -> None:
-    if len(text) > _MOST_PARTS:
+    if len(text) > _MAX_PARTS:
         parts = text.count("{") + text.count("[") + text.count(":")
-        if parts > _MOST_PARTS:
+        if parts > _MAX_PARTS:
             raise FrameError(
-                "oversize", f"{parts} objects, lists and names in one frame, over {_MOST_PARTS}"
+                "oversize", f"{parts} objects, lists and names in one frame, more than {_MAX_PARTS}"
             )
 
 
@@ -122,10 +117,10 @@ def _integer(value: Any) -> int | None:
 
 
 def _text(value: object) -> str:
-    """A text of the envelope; what is none is not worth losing an answer for."""
+    """Return a text of the envelope; a value of another type does not make the frame bad."""
     if not isinstance(value, str):
         return str(value) if isinstance(value, int | float) else ""
     if value.isascii():
         return value
-    # JSON can hold half a surrogate pair, which no log and no ROS message takes
+    # JSON can hold half a surrogate pair; logs and ROS messages cannot
     return value.encode("utf-8", "replace").decode()

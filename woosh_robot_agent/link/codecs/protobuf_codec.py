@@ -1,20 +1,20 @@
-"""The envelope as a serialized woosh.commu_pack.MessagePackJson, for gateways and for speed."""
+"""Protobuf encoding: a serialized woosh.commu_pack.MessagePackJson, for gateways and for speed."""
 
 from __future__ import annotations
 
 from google.protobuf.message import DecodeError, Message
 
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, usable_type
+from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 
 _TYPE_URL_PREFIX = "type.googleapis.com/"
 _UNREADABLE = (DecodeError, ValueError, RecursionError)
-"""The last one with protobuf's pure Python, which knows no limit of its own."""
-_JSON_HERE = "a text frame on a protobuf link: check `encoding`"
+"""RecursionError comes from protobuf's pure Python implementation, which has no limit of depth."""
+_TEXT_FRAME = "a text frame on a protobuf link; check `encoding`"
 
 
 class ProtobufCodec:
-    """Frames as protobuf bytes. They carry no timestamp."""
+    """Frames as protobuf bytes, which have no timestamp."""
 
     def encode(
         self,
@@ -26,7 +26,6 @@ class ProtobufCodec:
         msg: str = "",
         timestamp: int | None = None,
     ) -> bytes:
-        """See `Codec.encode`."""
         pack = MessagePackJson(type=type_name, sn=sn, ok=bool(ok), msg=msg)
         if body is not None:
             pack.body.type_url = _TYPE_URL_PREFIX + body.DESCRIPTOR.full_name
@@ -34,20 +33,19 @@ class ProtobufCodec:
         return pack.SerializeToString()
 
     def decode(self, data: str | bytes) -> Envelope:
-        """See `Codec.decode`."""
         if isinstance(data, str):
-            raise FrameError("encoding", _JSON_HERE)
+            raise FrameError("encoding", _TEXT_FRAME)
         pack = MessagePackJson()
         try:
             pack.ParseFromString(data)
         except _UNREADABLE as error:
-            if data[:1] == b"{":  # which no MessagePackJson begins with
-                raise FrameError("encoding", _JSON_HERE) from None
+            if data[:1] == b"{":  # no MessagePackJson begins with it
+                raise FrameError("encoding", _TEXT_FRAME) from None
             raise FrameError("protobuf", f"not a MessagePackJson: {error}") from None
-        if not pack.type and not pack.sn:  # an answer is found by its sn, so it may lack the type
+        if not pack.type and not pack.sn:  # an answer needs only its sn
             raise FrameError("envelope", "no type")
         return Envelope(
-            type=usable_type(pack.type),
+            type=clip_type_name(pack.type),
             body=pack.body.value,
             ok=pack.ok if pack.sn else None,
             msg=pack.msg,
@@ -55,7 +53,6 @@ class ProtobufCodec:
         )
 
     def body(self, envelope: Envelope, cls: type[M]) -> M:
-        """See `Codec.body`."""
         message = cls()
         try:
             message.ParseFromString(envelope.body)  # type: ignore[arg-type]  # decode() left bytes

@@ -12,7 +12,8 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import Codec, FrameError
-from woosh_robot_agent.link.transports import Transport, varint
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.transport.tcp import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.faults.answer_faults import COUNT, FRAMES, TYPE, on_frames
@@ -72,7 +73,7 @@ def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded
 def _broken_off(data: str | bytes) -> Write:
     raw = _bytes(data)
 
-    async def write(transport: Transport) -> None:
+    async def write(transport: ServerTransport) -> None:
         header = transport.header(len(raw), text=isinstance(data, str))
         await transport.send_raw(header + raw[: len(raw) // 2])
         transport.abort()
@@ -89,7 +90,7 @@ def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
         raw += _tag(_UNKNOWN_NUMBER, _DELIMITED) + varint(padding)
     filling = (b" " if text else b"\0") * _CHUNK
 
-    async def write(transport: Transport) -> None:
+    async def write(transport: ServerTransport) -> None:
         await transport.send_raw(transport.header(len(raw) + padding, text=text) + raw)
         left = padding
         while left:
@@ -106,7 +107,7 @@ def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Enco
     if not isinstance(data, str):
         return bytes(raw)
 
-    async def write(transport: Transport) -> None:
+    async def write(transport: ServerTransport) -> None:
         # The library would not send it as text.
         await transport.send_raw(transport.header(len(raw), text=True) + raw)
 

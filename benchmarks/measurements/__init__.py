@@ -1,0 +1,1 @@
+"""The benchmarks of speed (`speed`, `links`, `scale`), and a module for each group of figures."""

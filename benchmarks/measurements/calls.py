@@ -1,0 +1,258 @@
+"""Service calls through the agent and through the floors."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+
+from benchmarks.measurements.samples import (
+    MICROSECONDS,
+    Measured,
+    Spread,
+    no_garbage_collection,
+)
+from benchmarks.options import TURNS, Options
+from benchmarks.processes import Program, running
+from benchmarks.programs.start import agent, echo_chassis
+from woosh_robot_agent.testing import own_domain, wait_until
+from woosh_robot_agent.testing.agents import NAMESPACE
+from woosh_robot_msgs.srv import PoseSpeed, ScannerData
+
+Service = tuple[Any, str]
+"""ROS type and name of a service."""
+POSE_SPEED: Service = (PoseSpeed, "robot/PoseSpeed")
+SCAN: Service = (ScannerData, "robot/ScannerData")
+_DELAY = 0.05
+"""Time that the chassis takes for each concurrent call, in seconds."""
+_CONCURRENT = 10
+"""Number of concurrent calls."""
+_CALL_TIMEOUT = 30.0
+"""Time after which a call counts as never answered, in seconds."""
+
+
+class Caller:
+    """Calls a service of the agent with an executor of its own in this thread.
+
+    Make it before the agent: DDS discovers the last one to join the fastest.
+    """
+
+    def __init__(self, domain: int) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node(f"caller_{domain}", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._srv: Any = None
+        self._client: Any = None
+
+    def use(self, srv: Any, name: str) -> None:
+        """Select the service to call; return when it answers."""
+        if self._client is not None:
+            self._node.destroy_client(self._client)
+        self._srv = srv
+        self._client = self._node.create_client(
+            srv, f"{NAMESPACE}/{name}", qos_profile=QoSProfile(depth=1000)
+        )
+        wait_until(self._client.service_is_ready, "the service", _CALL_TIMEOUT)
+        # a service that is ready may not have discovered this client yet
+        wait_until(lambda: self._call(0.2), "the first answer", _CALL_TIMEOUT)
+
+    def warm_up(self, seconds: float) -> None:
+        """Call for a while without recording, until discovery is over and caches are warm."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.calls(5)
+
+    def calls(self, count: int) -> list[float]:
+        """Call one time after the other; return the round-trip times, in seconds."""
+        times = []
+        for _ in range(count):
+            begin = time.perf_counter()
+            if not self._call(_CALL_TIMEOUT):
+                raise AssertionError("a call was not answered")
+            times.append(time.perf_counter() - begin)
+        return times
+
+    def _call(self, timeout: float) -> bool:
+        """Call once; return True if the answer came in time."""
+        deadline = time.monotonic() + timeout
+        future = self._client.call_async(self._srv.Request())
+        while not future.done() and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=timeout)
+        return bool(future.done())
+
+    def concurrent_calls(self, count: int, in_flight: int) -> float:
+        """Keep `in_flight` calls in flight; return the time that all calls took, in seconds."""
+        begin = time.perf_counter()
+        started = done = 0
+
+        def start() -> None:
+            nonlocal started
+            if started < count:
+                started += 1
+                self._client.call_async(self._srv.Request()).add_done_callback(finish)
+
+        def finish(_future: Any) -> None:
+            nonlocal done
+            done += 1
+            start()
+
+        for _ in range(in_flight):
+            start()
+        deadline = time.monotonic() + 2 * _CALL_TIMEOUT
+        while done < count:
+            if time.monotonic() > deadline:
+                raise AssertionError(f"only {done} of {count} calls were answered")
+            self._executor.spin_once(timeout_sec=5.0)
+        return time.perf_counter() - begin
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+
+@contextlib.contextmanager
+def calling(domain: int) -> Iterator[Caller]:
+    """Provide a caller for the length of the block."""
+    caller = Caller(domain)
+    try:
+        yield caller
+    finally:
+        caller.close()
+
+
+@dataclass(frozen=True)
+class RoundTrips:
+    """Cost of calls.
+
+    Attributes:
+        times: Round-trip times.
+        cpu: CPU time of the called program per call, in microseconds.
+    """
+
+    times: Spread
+    cpu: float
+
+
+class _Recorder:
+    """Adds up the cost of calls."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._cpu = 0.0
+
+    def add(self, times: list[float], cpu: float) -> None:
+        """Add the round-trip times of some calls and their total CPU time, in seconds."""
+        self._times += times
+        self._cpu += cpu
+
+    @property
+    def round_trips(self) -> RoundTrips:
+        """Cost of all calls so far."""
+        return RoundTrips(Spread.of(self._times), self._cpu / len(self._times) * MICROSECONDS)
+
+
+class CalledProgram(_Recorder):
+    """A program whose service is called.
+
+    Args:
+        program: The program.
+        caller: Calls it. Its service must be selected.
+    """
+
+    def __init__(self, program: Program, caller: Caller) -> None:
+        super().__init__()
+        self._program = program
+        self._caller = caller
+
+    def call(self, count: int) -> None:
+        """Call `count` times, after a few calls that are not recorded."""
+        with no_garbage_collection():
+            self._caller.calls(max(1, count // 10))
+            cpu = self._program.cpu
+            self.add(self._caller.calls(count), self._program.cpu - cpu)
+
+
+class WebSocketFloor(_Recorder):
+    """Requests and answers over a bare WebSocket."""
+
+    def __init__(self, program: Program) -> None:
+        super().__init__()
+        self._program = program
+
+    def call(self, count: int) -> None:
+        """Send `count` requests, after a few requests that are not recorded."""
+        self._program.send(count)
+        result = self._program.receive()
+        self.add(result["times"], result["cpu"])
+
+
+def call_repeatedly(
+    program: Program, caller: Caller, service: Service, count: int, options: Options
+) -> RoundTrips:
+    """Call one service of a program, one call after the other, and return the cost."""
+    caller.use(*service)
+    caller.warm_up(1.0 * options.scale)
+    called = CalledProgram(program, caller)
+    called.call(count)
+    return called.round_trips
+
+
+def measure(domain: int, options: Options) -> Measured:
+    """Measure sequential calls of agent and floors by turns, then concurrent calls of the agent."""
+    with (
+        calling(domain) as caller,
+        echo_chassis(domain, options.transport) as (chassis, port),
+        agent(domain, port, options) as program,
+        own_domain() as floor_domain,
+        calling(floor_domain) as floor_caller,
+        running("benchmarks.floors.service", domain=floor_domain) as floor,
+        echo_chassis(floor_domain, "websocket") as (_, floor_port),
+        running(
+            "benchmarks.floors.websocket", f"ws://127.0.0.1:{floor_port}", domain=floor_domain
+        ) as socket,
+    ):
+        for each in (caller, floor_caller):
+            each.use(*POSE_SPEED)
+            each.warm_up(1.0 * options.scale)
+        called_agent = CalledProgram(program, caller)
+        called_floors = (CalledProgram(floor, floor_caller), WebSocketFloor(socket))
+        for _ in range(TURNS):
+            for called in (called_agent, *called_floors):
+                called.call(options.samples(2000 // TURNS))
+        concurrent = _concurrent(chassis, caller, options.samples(600))
+    trips = called_agent.round_trips
+    floors = [called.round_trips for called in called_floors]
+    return {
+        "service_rtt": _ratio(trips.times.median, [each.times.median for each in floors]),
+        "service_rtt_p99": _ratio(trips.times.p99, [each.times.p99 for each in floors]),
+        "service_cpu": _ratio(trips.cpu, [each.cpu for each in floors]),
+        "concurrent": concurrent,
+    }
+
+
+def _ratio(value: float, floors: list[float]) -> tuple[float, str]:
+    """Return the value over the sum of the floors, and both as text."""
+    terms = " + ".join(f"{each:.0f}" for each in floors)
+    return value / sum(floors), f"{value:.0f} / ({terms}) µs"
+
+
+def _concurrent(chassis: Program, caller: Caller, count: int) -> tuple[float, str]:
+    """Return the throughput of concurrent calls over the ideal one, and both as text."""
+    chassis.send("delay", _DELAY)
+    caller.concurrent_calls(2 * _CONCURRENT, _CONCURRENT)
+    count = max(count, 2 * _CONCURRENT)
+    with no_garbage_collection():
+        duration = caller.concurrent_calls(count, _CONCURRENT)
+    chassis.send("delay", 0)
+    ideal = count / _CONCURRENT * _DELAY
+    return ideal / duration, f"{count / duration:.0f} / {_CONCURRENT / _DELAY:.0f} calls/s"

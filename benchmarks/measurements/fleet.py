@@ -1,0 +1,186 @@
+"""Number of robots that this machine serves when each pushes PoseSpeed at 20 Hz.
+
+All robots push at the same moment, which is the hardest case. They count as served if at least
+99.9 % of the pushes of every robot reach a subscriber and the 99th percentile of all latencies is
+below one period. Chassis and subscribers share the cores with the agents; their CPU time is
+reported.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+from benchmarks.measurements.pushes import PushPath, PushRun, subscribing
+from benchmarks.measurements.samples import MICROSECONDS, Measured
+from benchmarks.options import Options
+from benchmarks.processes import Program, running
+from benchmarks.programs.start import agent_command, echo_chassis
+from woosh_robot_agent.testing import own_domain
+
+RATE = 20.0
+"""Rate at which each robot pushes, in Hz."""
+STEP = 5
+"""Number of robots that are added at a time, and of those that share a process."""
+MAX_ROBOTS = 120
+"""Number of robots at which a measurement ends even if more could be served."""
+WAYS = {"one process per robot": False, f"{STEP} robots per process": True}
+"""The two ways to run several robots: True if robots share a process."""
+_MAX_PER_DOMAIN = 20
+"""Number of robots in one ROS domain. On the loopback, DDS finds at most 32 participants in one."""
+_DURATION = 5.0
+
+
+@dataclass
+class _Domain:
+    """One ROS domain with its robots and their subscriber."""
+
+    number: int
+    namespaces: list[str] = field(default_factory=list)
+    subscriber: Program | None = None
+    stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
+
+    def subscribe(self) -> Program:
+        """Replace the subscriber by one to all robots of the domain."""
+        self.stack.close()
+        self.subscriber = self.stack.enter_context(subscribing(self.number, *self.namespaces))
+        return self.subscriber
+
+
+class Fleet:
+    """A growing number of robots with their agents, and one chassis that plays all of them.
+
+    Args:
+        options: Options of the measurement.
+        shared: Run several robots in one process instead of one process per robot.
+
+    Attributes:
+        agents: Programs that run the agents.
+    """
+
+    def __init__(self, options: Options, *, shared: bool) -> None:
+        self._options = options
+        self._shared = shared
+        self._stack = contextlib.ExitStack()
+        self._domains: list[_Domain] = []
+        self.agents: list[Program] = []
+        self._path: PushPath | None = None
+        self._chassis: Program | None = None
+        self._port = 0
+
+    def __enter__(self) -> Fleet:
+        domain = self._stack.enter_context(own_domain())
+        self._chassis, self._port = self._stack.enter_context(
+            echo_chassis(domain, self._options.transport)
+        )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        for agent in self.agents:  # all at once, because each takes half a second to end
+            agent.interrupt()
+        self._stack.__exit__(kind, error, traceback)
+
+    @property
+    def robots(self) -> int:
+        """Number of robots."""
+        return sum(len(domain.namespaces) for domain in self._domains)
+
+    def grow(self, count: int) -> None:
+        """Add robots; return when they are connected and their pushes arrive."""
+        while count:
+            if not self._domains or len(self._domains[-1].namespaces) >= _MAX_PER_DOMAIN:
+                self._domains.append(_Domain(self._stack.enter_context(own_domain())))
+                self._stack.push(self._domains[-1].stack)
+            domain = self._domains[-1]
+            added = min(count, STEP, _MAX_PER_DOMAIN - len(domain.namespaces))
+            names = [f"robot_{self.robots + i}" for i in range(added)]
+            self._start(domain.number, names)
+            domain.namespaces += [f"/{name}" for name in names]
+            domain.subscriber = None
+            count -= added
+        assert self._chassis is not None
+        subscribers = [each.subscriber or each.subscribe() for each in self._domains]
+        if self._path is None:
+            self._path = PushPath(self._chassis, self.agents, subscribers)
+        self._path.subscribers = subscribers
+        self._path.warm_up(2.0 * self._options.scale)
+
+    def push(self) -> PushRun:
+        """Let all robots push for a while."""
+        assert self._path is not None
+        return self._path.push(RATE, self._options.samples(int(_DURATION * RATE)))
+
+    def _start(self, domain: int, names: list[str]) -> None:
+        if self._shared:
+            commands = [self._shared_command(names)]
+        else:
+            commands = [agent_command(self._port, self._options, f"/{name}") for name in names]
+        started = [
+            self._stack.enter_context(running(*command, domain=domain)) for command in commands
+        ]
+        for program in started:
+            program.wait_logged("connected to", len(names) // len(started))
+        self.agents += started
+
+    def _shared_command(self, names: list[str]) -> list[str]:
+        """Return the command of one agent process for several robots."""
+        address = {"ip": "127.0.0.1", "port": self._port}
+        common = {"robots": [f"/{name}" for name in names], **self._options.agent_parameters}
+        sections: dict[str, dict[str, object]] = {"/**": common}
+        for number, name in enumerate(names, start=1):
+            # the agent refuses two robots with the same address and robot_id
+            sections[f"/{name}/agent"] = {**address, "robot_id": number}
+        folder = self._stack.enter_context(tempfile.TemporaryDirectory())
+        file = Path(folder, "fleet.yaml")
+        # JSON is valid YAML
+        file.write_text(json.dumps({of: {"ros__parameters": v} for of, v in sections.items()}))
+        return ["woosh_robot_agent.agent", "--ros-args", "--params-file", str(file)]
+
+
+def served(run: PushRun) -> bool:
+    """Return True if all robots were served, as the module's docstring defines it."""
+    return (
+        run.received_share >= 0.999
+        and run.latency.p99 < MICROSECONDS / RATE
+        and run.rate >= 0.99 * RATE
+    )
+
+
+def max_robots(options: Options, *, shared: bool) -> tuple[int, str]:
+    """Return the highest number of robots that are served, and their cost as text."""
+    best, description = 0, "none"
+    with Fleet(options, shared=shared) as fleet:
+        while fleet.robots < (1 if options.smoke else MAX_ROBOTS):
+            fleet.grow(1 + shared if options.smoke else STEP)
+            run = fleet.push()
+            if not served(run):
+                run = fleet.push()  # one hiccup of the machine is not the limit
+            if not served(run) and not options.smoke:
+                break
+            best, description = fleet.robots, _describe(run)
+    return best, description
+
+
+def _describe(run: PushRun) -> str:
+    """Return latency and CPU of a run as text."""
+    return (
+        f"{run.latency.median / 1000:.1f} (p99 {run.latency.p99 / 1000:.1f}) ms, CPU: agents "
+        f"{run.percent(run.cpu):.0f} %, chassis {run.percent(run.chassis_cpu):.0f} %, "
+        f"subscribers {run.percent(run.subscriber_cpu):.0f} %"
+    )
+
+
+def measure(_domain: int, options: Options) -> Measured:
+    """Measure the highest number of robots in both ways; the figure is the larger number."""
+    found = {way: max_robots(options, shared=shared) for way, shared in WAYS.items()}
+    text = "; ".join(f"{way}: {count} robots, {cost}" for way, (count, cost) in found.items())
+    return {"fleet": (max(count for count, _ in found.values()), text)}

@@ -1,0 +1,183 @@
+"""Measure what the agent costs compared with floors: programs that do no more than they must.
+
+scripts/bench --speed                 print all figures, medians of three repetitions
+scripts/bench --speed --json          print one JSON object instead of the table
+scripts/bench --speed --only push_cpu convert_pose
+scripts/bench --speed --smoke         run for seconds, only to see that it works
+scripts/bench --speed --docs          also write the table to docs/speed.md
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from benchmarks.measurements import calls, conversions, fleet, presence, pushes
+from benchmarks.measurements.samples import Measured
+from benchmarks.options import Options, make_parser, parse, repetitions, scale
+from benchmarks.report.machine import describe_machine
+from benchmarks.report.pages import write_part
+from benchmarks.report.table import markdown
+from woosh_robot_agent.testing import own_domain
+
+
+@dataclass(frozen=True)
+class Target:
+    """Target values of a figure.
+
+    Attributes:
+        required: Value that must be reached; None if there is none.
+        aim: Value that should be reached.
+        description: Description of the figure.
+        higher_is_better: False if the figure should be at most these values.
+    """
+
+    required: float | None
+    aim: float
+    description: str
+    higher_is_better: bool = False
+
+    def verdict(self, value: float) -> str:
+        """Return in words how a value compares with both."""
+
+        def reaches(limit: float) -> bool:
+            return value >= limit if self.higher_is_better else value <= limit
+
+        if reaches(self.aim):
+            return "aim met"
+        if self.required is None:
+            return f"aim missed by {abs(value / self.aim - 1):.0%}"
+        if reaches(self.required):
+            return "met"
+        return f"missed by {abs(value / self.required - 1):.0%}"
+
+
+TARGETS = {
+    "service_rtt": Target(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
+    "service_rtt_p99": Target(3.0, 2.0, "the same at p99"),
+    "service_cpu": Target(2.0, 1.3, "agent's CPU per call / (bare server + bare client)"),
+    "concurrent": Target(0.90, 0.95, "10 concurrent calls of 50 ms: throughput / ideal", True),
+    "push_latency": Target(1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
+    "push_cpu": Target(1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
+    "push_max": Target(0.5, 0.8, "highest rate without loss / bare publish's", True),
+    "convert_pose": Target(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
+    "convert_scan": Target(1 / 15, 1 / 25, "the same for a scan of 1080 beams"),
+    "convert_info": Target(1 / 6, 1 / 12, "the same for a full RobotInfo"),
+    "idle_rss": Target(1.35, 1.15, "resident memory / a node with the same entities"),
+    "idle_cpu": Target(1.0, 0.3, "percent of a core, connected and unused"),
+    "startup": Target(
+        2.0, 1.3, "start to connected and discovered / a node with the same entities"
+    ),
+    "fleet": Target(None, 60, "robots served at 20 Hz each, in the better of two ways", True),
+}
+"""All figures, by name."""
+
+Measure = Callable[[int, Options], Measured]
+"""Measures some figures in a ROS domain."""
+MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
+    (calls.measure, ("service_rtt", "service_rtt_p99", "service_cpu", "concurrent")),
+    (pushes.measure, ("push_latency", "push_cpu", "push_max")),
+    (conversions.measure, ("convert_pose", "convert_scan", "convert_info")),
+    (presence.measure, ("idle_rss", "idle_cpu", "startup")),
+    (fleet.measure, ("fleet",)),
+)
+"""Measurements, each with the names of its figures."""
+
+
+@dataclass
+class Results:
+    """Figures of all repetitions.
+
+    Attributes:
+        values: Values of each figure, one per repetition.
+        details: The values of agent and floor behind each of them, as text.
+    """
+
+    values: dict[str, list[float]] = field(default_factory=dict)
+    details: dict[str, list[str]] = field(default_factory=dict)
+
+    def add(self, measured: Measured) -> None:
+        """Add figures of one repetition."""
+        for name, (value, detail) in measured.items():
+            self.values.setdefault(name, []).append(value)
+            self.details.setdefault(name, []).append(detail)
+
+    def median(self, name: str) -> float:
+        """Return the median of a figure."""
+        return statistics.median(self.values[name])
+
+    def range(self, name: str) -> str:
+        """Return the smallest and the largest value of a figure, as text."""
+        return f"{min(self.values[name]):.3g} to {max(self.values[name]):.3g}"
+
+    def detail(self, name: str) -> str:
+        """Return the detail of the repetition that is closest to the median."""
+        values = self.values[name]
+        nearest = min(range(len(values)), key=lambda i: abs(values[i] - self.median(name)))
+        return self.details[name][nearest]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure, and print the table. The exit status is 0: machines differ too much to judge."""
+    parser = make_parser("speed", __doc__)
+    parser.add_argument(
+        "--only", nargs="+", choices=TARGETS, default=list(TARGETS), help="figures to measure"
+    )
+    parser.add_argument(
+        "--transport", default="websocket", choices=("websocket", "tcp"), help="of the link"
+    )
+    parser.add_argument(
+        "--encoding", default="json", choices=("json", "protobuf"), help="of the link"
+    )
+    given = parse(parser, arguments)
+    default_link = (given.transport, given.encoding) == ("websocket", "json")
+    if given.docs and not (default_link and set(given.only) == set(TARGETS) and given.repeat >= 3):
+        parser.error("--docs needs all figures, at least three repetitions and the default link")
+    results = _measure(
+        Options(given.executor, scale(given), given.transport, given.encoding),
+        repetitions(given),
+        given.only,
+    )
+    names = [name for name in TARGETS if name in results.values]
+    table = _table(results, names)
+    if given.json:
+        print(json.dumps({name: float(f"{results.median(name):.4g}") for name in names}))
+    else:
+        print(table)
+    if given.docs:
+        write_part("figures", f"{describe_machine()}; executor `{given.executor}`.\n\n{table}")
+    return 0
+
+
+def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
+    """Return the wanted figures, and those that are measured together with them."""
+    results = Results()
+    for repetition in range(repeat):
+        for measure, names in MEASUREMENTS:
+            if set(names) & set(only):
+                print(f"{repetition + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
+                with own_domain() as domain:
+                    results.add(measure(domain, options))
+    return results
+
+
+def _table(results: Results, names: Sequence[str]) -> str:
+    return markdown(
+        ("Figure", "Measured", "Repetitions", "Must", "Aim", "", "What", "Agent / floor"),
+        (
+            (
+                f"`{name}`",
+                f"{results.median(name):.3g}",
+                results.range(name),
+                "" if (required := TARGETS[name].required) is None else f"{required:.3g}",
+                f"{TARGETS[name].aim:.3g}",
+                TARGETS[name].verdict(results.median(name)),
+                TARGETS[name].description,
+                results.detail(name),
+            )
+            for name in names
+        ),
+    )

@@ -1,0 +1,194 @@
+"""Start Python modules as processes, and read what they cost: CPU time, memory, files, threads."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from woosh_robot_agent.testing import wait_until
+
+MIB = 1024 * 1024
+ROOT = Path(__file__).resolve().parents[1]
+"""Root of the repository, where modules are started."""
+_PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
+_END_TIMEOUT = 5.0
+"""Time that a program gets to end by itself before it is killed, in seconds."""
+_LOG_TAIL = 4000
+"""Length of the log that is shown when a program dies, in characters."""
+
+
+@dataclass(frozen=True)
+class Resources:
+    """Resources that a process holds at one moment.
+
+    Attributes:
+        rss: Resident memory, shared libraries included, in bytes.
+        fds: Open file descriptors.
+        sockets: File descriptors that are sockets.
+        threads: Threads of the operating system.
+    """
+
+    rss: int
+    fds: int
+    sockets: int
+    threads: int
+
+
+def resources(pid: int) -> Resources:
+    """Return the resources that a running process holds."""
+    process = Path("/proc", str(pid))
+    links = []
+    for fd in (process / "fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed in the meantime
+            links.append(os.readlink(fd))
+    return Resources(
+        rss=rss(pid),
+        fds=len(links),
+        sockets=sum(link.startswith("socket:") for link in links),
+        threads=len(list((process / "task").iterdir())),
+    )
+
+
+def rss(pid: int) -> int:
+    """Return the resident memory of a running process, in bytes."""
+    return int(Path("/proc", str(pid), "statm").read_text().split()[1]) * _PAGE_SIZE
+
+
+def start_module(name: str, *arguments: str, domain: int, **options: Any) -> subprocess.Popen[str]:
+    """Start a module of this repository as a process.
+
+    Args:
+        name: Full name of the module.
+        arguments: Its command line.
+        domain: Its ROS_DOMAIN_ID.
+        options: Further options of `subprocess.Popen`.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-m", name, *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"},
+        text=True,
+        cwd=ROOT,
+        **options,
+    )
+
+
+class Program:
+    """A module that runs as a process, takes commands on stdin and answers in JSON on stdout.
+
+    Attributes:
+        started: Time of its start (time.monotonic), in seconds.
+        process: The process.
+    """
+
+    def __init__(self, *command: str, domain: int) -> None:
+        # stderr goes to a file: a pipe that nobody reads would block the program
+        self._log_file = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self._name = " ".join(command)
+        self._stopping = False
+        self.started = time.monotonic()
+        self.process = start_module(
+            *command,
+            domain=domain,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log_file,
+        )
+
+    def send(self, *words: object) -> None:
+        """Write one line to its stdin."""
+        assert self.process.stdin is not None
+        self.check_running()
+        self.process.stdin.write(" ".join(map(str, words)) + "\n")
+        self.process.stdin.flush()
+
+    def receive(self) -> Any:
+        """Return the next line of its stdout, parsed as JSON."""
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        if not line:
+            self.process.wait()
+            self.check_running()
+            raise RuntimeError(f"{self._name} was stopped before it answered")
+        return json.loads(line)
+
+    def check_running(self) -> None:
+        """Raise RuntimeError if the program has ended by itself."""
+        if (status := self.process.poll()) is not None and not self._stopping:
+            raise RuntimeError(f"{self._name} ended with status {status}. Its log:\n{self.log}")
+
+    @property
+    def log(self) -> str:
+        """The last part of its stderr."""
+        # opened again, because reading moves the file position, which the program shares
+        return Path(f"/proc/self/fd/{self._log_file.fileno()}").read_text()[-_LOG_TAIL:]
+
+    def wait_logged(self, text: str, times: int = 1, timeout: float = 60.0) -> None:
+        """Wait until `text` is in its log the given number of times."""
+
+        def logged() -> bool:
+            self.check_running()
+            return self.log.count(text) >= times
+
+        wait_until(logged, f"{text!r} in the log of {self._name}", timeout)
+
+    @property
+    def cpu(self) -> float:
+        """CPU time of all its threads, in seconds, with nanosecond resolution."""
+        self.check_running()
+        total = 0
+        for task in Path("/proc", str(self.process.pid), "task").iterdir():
+            with contextlib.suppress(OSError):  # the thread has ended in the meantime
+                total += int((task / "schedstat").read_text().split()[0])
+        return total / 1e9
+
+    @property
+    def rss(self) -> int:
+        """Resident memory, in bytes."""
+        return rss(self.process.pid)
+
+    def interrupt(self) -> None:
+        """Ask the program to end, without waiting for it."""
+        if not self._stopping and self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        self._stopping = True
+
+    def end(self) -> None:
+        """End the program, by force if it does not end in time."""
+        self.interrupt()
+        try:
+            self.process.wait(_END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+        self.process.wait()
+        for file in (self.process.stdin, self.process.stdout, self._log_file):
+            assert file is not None
+            file.close()
+
+
+@contextlib.contextmanager
+def running(*command: str, domain: int) -> Iterator[Program]:
+    """Run a program for the length of the block.
+
+    Raises:
+        RuntimeError: The program ended by itself. The text holds the last part of its log.
+    """
+    program = Program(*command, domain=domain)
+    try:
+        try:
+            yield program
+        except (AssertionError, OSError):
+            program.check_running()  # the reason of its end says more than this error
+            raise
+        program.check_running()
+    finally:
+        program.end()

@@ -1,0 +1,1 @@
+"""Programs that measurements start beside the agent and the floors."""

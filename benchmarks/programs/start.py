@@ -1,0 +1,43 @@
+"""Start the agent and the echo chassis for a measurement."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from benchmarks.options import Options
+from benchmarks.processes import Program, running
+from woosh_robot_agent.testing.agents import NAMESPACE
+
+
+@contextlib.contextmanager
+def echo_chassis(domain: int, transport: str, *options: str) -> Iterator[tuple[Program, int]]:
+    """Run the echo chassis; the block gets the program and its port."""
+    command = ("benchmarks.programs.echo_chassis", "--transport", transport, *options)
+    with running(*command, domain=domain) as program:
+        yield program, program.receive()
+
+
+@contextlib.contextmanager
+def agent(
+    domain: int, port: int, options: Options, namespace: str = NAMESPACE, **parameters: Any
+) -> Iterator[Program]:
+    """Run the agent; the block begins when it is connected to the chassis at `port`."""
+    with running(*agent_command(port, options, namespace, **parameters), domain=domain) as program:
+        program.wait_logged("connected to")
+        yield program
+
+
+def agent_command(
+    port: int, options: Options, namespace: str = NAMESPACE, **parameters: Any
+) -> list[str]:
+    """Return the agent's module and arguments, as `running` takes them."""
+    values: Mapping[str, Any] = {
+        "ip": "127.0.0.1",
+        "port": port,
+        **options.agent_parameters,
+        **parameters,
+    }
+    words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+    return ["woosh_robot_agent.agent", "--ros-args", "-r", f"__ns:={namespace}", *words]

@@ -1,0 +1,81 @@
+"""Requests that wait to be sent can expire or be withdrawn; some requests can be reserved."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from tests.link.link_peer import Peer, aio, soon, turns
+from woosh_robot_agent.link import SupersededError, TooManyRequestsError
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
+
+LOAD = "x" * 16_000_000
+"""More than the buffers of the sockets hold."""
+
+
+@aio
+async def test_a_request_that_waited_too_long_is_not_sent() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        wire.freeze()
+        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+        await turns()
+        stale = asyncio.ensure_future(client.request(Speak(text="stale"), send_within=0.0))
+        fresh = asyncio.ensure_future(client.request(Speak(text="fresh")))
+        await turns()
+        wire.thaw()
+        with pytest.raises(SupersededError, match="too old"):
+            await soon(stale)
+        for task in (load, fresh):
+            await wire.answer(await wire.next("woosh.robot.Speak"))
+            assert (await soon(task)).ok
+
+
+@aio
+async def test_a_request_that_is_withdrawn_is_not_sent() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        wire.freeze()
+        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+        await turns()
+        withdrawn = asyncio.ensure_future(client.request(SetMuteCall()))
+        other = asyncio.ensure_future(client.request(Speak(text="other")))
+        await turns()
+        client.withdraw(lambda message: isinstance(message, SetMuteCall), "not wanted any more")
+        with pytest.raises(SupersededError, match="not sent: not wanted any more"):
+            await soon(withdrawn)
+        wire.thaw()
+        for task in (load, other):
+            await wire.answer(await wire.next("woosh.robot.Speak"))
+            assert (await soon(task)).ok
+        assert "woosh.robot.SetMuteCall" not in [frame["type"] for frame in wire.seen]
+
+
+@aio
+async def test_an_urgent_request_is_sent_even_when_too_many_are_in_flight() -> None:
+    async with Peer() as peer, peer.client(max_in_flight=1) as client:
+        wire = await peer.wire()
+        waiting = asyncio.ensure_future(client.request(Speak()))
+        first = await wire.next("woosh.robot.Speak")
+        with pytest.raises(TooManyRequestsError):
+            await client.request(SetMuteCall())
+        urgent = asyncio.ensure_future(client.request(SetMuteCall(), urgent=True))
+        await wire.answer(await wire.next("woosh.robot.SetMuteCall"))
+        assert (await soon(urgent)).ok
+        await wire.answer(first)
+        await soon(waiting)
+
+
+@aio
+async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        send = client.reserve(lambda message: isinstance(message, SetMuteCall))
+        with pytest.raises(RuntimeError, match=r"woosh\.robot\.SetMuteCall is reserved"):
+            await client.request(SetMuteCall())
+        with pytest.raises(RuntimeError, match="reserved already"):
+            client.reserve(lambda _message: True)
+        own = asyncio.ensure_future(send(SetMuteCall()))
+        await wire.answer(await wire.next("woosh.robot.SetMuteCall"))
+        assert (await soon(own)).ok

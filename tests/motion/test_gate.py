@@ -1,0 +1,342 @@
+"""The gate: one way to the wheels, stop, the end, and who drives the robot."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable
+from typing import Any
+
+import pytest
+from google.protobuf.message import Message
+
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
+from tests.motion.moving import MOVING, name_of
+from woosh_robot_agent.link import NotConnectedError, RequestTimeoutError, SupersededError
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.motion import gate as gate_module
+from woosh_robot_agent.motion.stop import cancel_orders
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+
+TWIST = "woosh.robot.Twist"
+ORDERS = len(cancel_orders()) + 1
+LOAD = "x" * 16_000_000
+"""More than the sockets hold."""
+
+every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
+
+
+@pytest.fixture(autouse=True)
+def long_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stop holds however slow this machine is."""
+    monkeypatch.setattr(gate_module, "HOLD", 3600.0)
+
+
+async def answer_all(wire: Wire, frame: Frame) -> bool:
+    """A script of a chassis that accepts everything that can move it."""
+    if frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
+        await wire.answer(frame)
+        return True
+    return False
+
+
+def types(wire: Wire) -> list[str]:
+    wanted = {TWIST, *(message.DESCRIPTOR.full_name for message in MOVING)}
+    wanted.add("woosh.robot.ActionOrder")
+    return [frame["type"] for frame in wire.seen if frame["type"] in wanted]
+
+
+async def ok(work: Awaitable[Any]) -> None:
+    assert (await soon(asyncio.ensure_future(work))).ok
+
+
+@every_moving_request
+@aio
+async def test_nothing_that_moves_passes_beside_the_gate(request_: Message) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        with pytest.raises(RuntimeError, match="reserved"):
+            await client.request(request_)
+        assert types(wire) == []
+        await ok(gate.request(request_))
+        assert types(wire) == [request_.DESCRIPTOR.full_name]
+
+
+@aio
+async def test_one_client_has_one_gate() -> None:
+    async with Peer() as peer, peer.client() as client:
+        MotionGate(client)
+        with pytest.raises(RuntimeError, match="reserved already"):
+            MotionGate(client)
+
+
+@aio
+async def test_what_moves_nothing_passes() -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await gate.close(TIMEOUT)
+        await ok(gate.request(Speak()))
+
+
+@aio
+async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        report = await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))
+        assert report.success
+        sent = types(wire)
+        assert sent[:2] == [TWIST, "woosh.robot.ActionOrder"]
+        assert sent[2:] == ["woosh.ros.CallAction"] * (ORDERS - 2)
+        cancelled = {next(iter(frame["body"])) for frame in wire.seen if frame["type"] == sent[-1]}
+        assert len(cancelled) == ORDERS - 2
+
+
+@every_moving_request
+@aio
+async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))
+        with pytest.raises(SupersededError, match="cancelled by the `stop` service"):
+            await gate.request(request_)
+        await ok(gate.request(Twist()))
+        assert len(types(wire)) == ORDERS + 1
+
+
+@every_moving_request
+@aio
+async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        wire.freeze()
+        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+        await turns()
+        waiting = asyncio.ensure_future(gate.request(request_))
+        await turns()
+        stop = asyncio.ensure_future(gate.stop(TIMEOUT))
+        with pytest.raises(SupersededError, match=r"cancelled by the `stop` service|newer"):
+            await soon(waiting)
+        wire.thaw()
+        assert (await soon(stop)).success
+        await soon(load)
+        assert len(types(wire)) == ORDERS
+
+
+@aio
+async def test_what_comes_later_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate_module, "HOLD", 0.05)
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))
+        await asyncio.sleep(0.1)
+        await ok(gate.request(Twist(linear=1)))
+
+
+@aio
+async def test_a_stop_without_an_answer_says_so() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        report = await soon(asyncio.ensure_future(gate.stop(0.03)))
+        assert not report.success
+        assert report.message.startswith("NOT STOPPED: the chassis did not answer")
+        assert report.message.endswith("press its emergency stop")
+
+
+@every_moving_request
+@aio
+async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await gate.close(TIMEOUT)
+        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))  # its hold is shorter
+        with pytest.raises(SupersededError, match="the agent is stopping"):
+            await gate.request(request_)
+        assert len(types(wire)) == ORDERS
+
+
+@pytest.mark.parametrize("drove", [False, True])
+@aio
+async def test_the_last_zero_is_sent_only_if_the_robot_may_drive(drove: bool) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        if drove:
+            await ok(gate.request(Twist(linear=1)))
+        await gate.close(TIMEOUT)
+        await gate.close(TIMEOUT)
+        assert types(wire) == [TWIST, TWIST] * drove
+
+
+@aio
+async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        task = asyncio.ensure_future(gate.request(Twist(linear=1)))
+        await wire.answer(await wire.next(TWIST))
+        await soon(task)
+        with pytest.raises(RequestTimeoutError):
+            await gate.close(0.03)
+        closing = asyncio.ensure_future(gate.close(TIMEOUT))
+        await wire.next(TWIST)
+        await wire.answer(await wire.next(TWIST))
+        await soon(closing)
+        assert not gate.driving
+
+
+@aio
+async def test_the_last_zero_takes_the_place_of_what_is_held(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first = asyncio.ensure_future(gate.request(Twist(linear=1)))
+        frame = await wire.next(TWIST)
+        for serial in gate._velocities._unanswered:
+            gate._velocities._unanswered[serial] -= 3600.0  # for too long
+        held = asyncio.ensure_future(gate.request(Twist(linear=2)))
+        await turns()
+        closing = asyncio.ensure_future(gate.close(TIMEOUT))
+        await wire.answer(await wire.next(TWIST))
+        await soon(closing)
+        await wire.answer(frame)
+        await soon(first)
+        with pytest.raises(SupersededError):
+            await soon(held)
+        assert types(wire) == [TWIST, TWIST]
+
+
+@aio
+async def test_a_robot_that_drove_when_the_link_was_lost_counts_as_not_stopped() -> None:
+    async with (
+        Peer(script=answer_all) as peer,
+        peer.client(backoff_min=60.0, backoff_max=60.0) as client,
+    ):
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await ok(gate.request(Twist(linear=1)))
+        wire.abort()
+        await eventually(lambda: client.state.value == "waiting")
+        with pytest.raises(NotConnectedError):
+            await gate.close(TIMEOUT)
+
+
+@aio
+async def test_without_a_link_a_velocity_does_not_count_as_driving() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await client.close()
+        with pytest.raises(NotConnectedError):
+            await gate.request(Twist(linear=1))
+        await gate.close(TIMEOUT)
+
+
+@aio
+async def test_an_accepted_task_takes_the_wheels_from_a_velocity() -> None:
+    """The last zero would stop the task."""
+    tasks = [each for each in MOVING if "Exec" in each.DESCRIPTOR.name]
+    driving = CallAction()
+    driving.move_base.action = 1
+    for request_ in (*tasks, driving):
+        async with Peer(script=answer_all) as peer, peer.client() as client:
+            gate = MotionGate(client)
+            wire = await peer.wire()
+            await ok(gate.request(Twist(linear=1)))
+            await ok(gate.request(request_))
+            await gate.close(TIMEOUT)
+            assert types(wire) == [TWIST, request_.DESCRIPTOR.full_name]
+
+
+@aio
+async def test_a_refused_task_leaves_the_wheels_to_the_velocity() -> None:
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == TWIST:
+            await wire.answer(frame)
+        elif frame["type"] == "woosh.robot.ExecTask":
+            await wire.answer(frame, ok=False)
+        return frame["type"] in (TWIST, "woosh.robot.ExecTask")
+
+    async with Peer(script=script) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await ok(gate.request(Twist(linear=1)))
+        task = next(each for each in MOVING if each.DESCRIPTOR.name == "ExecTask")
+        assert not (await gate.request(task)).ok
+        await gate.close(TIMEOUT)
+        assert types(wire) == [TWIST, "woosh.robot.ExecTask", TWIST]
+
+
+@aio
+async def test_long_after_a_velocity_the_robot_stands_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(gate_module, "DRIVING", 0.05)
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await ok(gate.request(Twist(linear=1)))
+        await eventually(lambda: not gate.driving)
+        await gate.close(TIMEOUT)
+        assert types(wire) == [TWIST]
+
+
+@every_moving_request
+@aio
+async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> None:
+    async with Peer() as peer, peer.client(backoff_min=0.05, backoff_max=0.05) as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        task = asyncio.ensure_future(gate.request(request_))
+        await wire.next(request_.DESCRIPTOR.full_name)
+        wire.abort()
+        await asyncio.wait([task])
+        assert task.exception() is not None
+        with pytest.raises(NotConnectedError):
+            await gate.request(request_)  # nor is what comes without a link
+        again = await peer.wire(2)
+        await client.wait_ready(TIMEOUT)
+        speaking = asyncio.ensure_future(gate.request(Speak()))
+        await again.answer(await again.next("woosh.robot.Speak"))
+        await soon(speaking)
+        assert types(again) == []
+
+
+@pytest.mark.parametrize(
+    ("push", "owner"),
+    [
+        (("woosh.robot.TaskProc", {"robotTaskId": "7", "state": "kExecuting"}), "task 7"),
+        (
+            (
+                "woosh.ros.Feedbacks",
+                {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": "kRosExecuting"}]},
+            ),
+            "MoveBase",
+        ),
+    ],
+)
+@aio
+async def test_what_the_chassis_reports_owns_the_wheels(
+    push: tuple[str, dict[str, Any]], owner: str
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        assert gate.owner == ""
+        await wire.push(*push)
+        await eventually(lambda: gate.owner == owner)
+
+
+@aio
+async def test_an_open_goal_owns_the_wheels() -> None:
+    goals = 1
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client, lambda: goals)
+        assert gate.owner == "a goal"
+        goals = 0
+        assert gate.owner == ""

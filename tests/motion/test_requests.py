@@ -1,0 +1,84 @@
+"""Every request of the agent's table is known to move the robot or not to."""
+
+from __future__ import annotations
+
+import pytest
+from google.protobuf.message import Message
+
+from tests.motion.moving import MOVING, name_of
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES
+from woosh_robot_agent.motion.requests import commands_motion, may_move
+from woosh_robot_agent.motion.stop import cancel_orders
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
+from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.protos import message_type
+
+COMMAND_MOTION = {
+    "woosh.robot.ActionOrder",
+    "woosh.robot.ExecPreTask",
+    "woosh.robot.ExecTask",
+    "woosh.robot.Follow",
+    "woosh.robot.Twist",
+}
+MOVE_NOTHING = {
+    "woosh.robot.ChangeNavMode",
+    "woosh.robot.ChangeNavPath",
+    "woosh.robot.InitRobot",
+    "woosh.robot.RobotWiFi",
+    "woosh.robot.ScannerData",
+    "woosh.robot.SetMuteCall",
+    "woosh.robot.SetOccupancy",
+    "woosh.robot.SetProgramMute",
+    "woosh.robot.SetRobotPose",
+    "woosh.robot.Speak",
+    "woosh.robot.SwitchControlMode",
+    "woosh.robot.SwitchFootPrint",
+    "woosh.robot.SwitchMap",
+    "woosh.robot.SwitchWorkMode",
+    "woosh.robot.setting.AutoCharge",
+    "woosh.robot.setting.AutoPark",
+    "woosh.robot.setting.GoodsCheck",
+    "woosh.robot.setting.Identity",
+    "woosh.robot.setting.Power",
+    "woosh.robot.setting.Server",
+    "woosh.robot.setting.Sound",
+}
+"""Commands after which a standing robot stands, as far as the command itself is concerned."""
+
+RESTING: tuple[Message, ...] = (
+    Twist(),
+    Twist(linear=-0.0),
+    ActionOrder(order=action_pb2.kCancel),
+    ActionOrder(order=action_pb2.kPause),
+    Follow(type=False),
+    *cancel_orders().values(),
+)
+
+
+def test_each_command_of_the_table_is_classified() -> None:
+    """A new command belongs into one of the two sets, and if it moves, into motion/requests.py."""
+    commands = {command.request for command in COMMANDS}
+    assert commands == COMMAND_MOTION | MOVE_NOTHING
+    assert {name for name in commands if commands_motion(message_type(name)())} == COMMAND_MOTION
+
+
+def test_queries_command_no_motion() -> None:
+    assert not [q.name for q in QUERIES if commands_motion(message_type(q.request)())]
+
+
+def test_each_action_of_the_table_commands_motion() -> None:
+    for action in ACTIONS:
+        request = message_type("woosh.ros.CallAction" if action.member else action.arg)()
+        assert commands_motion(request), action.name
+
+
+@pytest.mark.parametrize("request_", MOVING, ids=name_of)
+def test_moving(request_: Message) -> None:
+    assert commands_motion(request_)
+    assert may_move(request_)
+
+
+@pytest.mark.parametrize("request_", RESTING, ids=name_of)
+def test_resting(request_: Message) -> None:
+    assert commands_motion(request_)
+    assert not may_move(request_)

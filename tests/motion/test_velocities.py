@@ -1,0 +1,310 @@
+"""Velocity commands: the newest counts, a stale one never drives, a stop always goes."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from typing import Any
+
+import pytest
+
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
+from woosh_robot_agent.link import (
+    ConnectionLostError,
+    NotConnectedError,
+    RequestTimeoutError,
+    SupersededError,
+    drop_log,
+)
+from woosh_robot_agent.motion import MotionGate, latest_wins
+from woosh_robot_agent.motion.latest_wins import LatestWins
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+
+TWIST = "woosh.robot.Twist"
+
+
+@pytest.fixture(autouse=True)
+def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow this machine is, nothing is stalled or too old unless a test says so."""
+    monkeypatch.setattr(latest_wins, "STALL", 3600.0)
+
+
+@pytest.fixture
+def short_stall(long_stall: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(latest_wins, "STALL", 0.1)
+
+
+def drive(gate: MotionGate, speed: float, **options: Any) -> asyncio.Task[Any]:
+    return asyncio.ensure_future(gate.request(Twist(linear=speed), **options))
+
+
+def speeds(wire: Wire) -> list[float]:
+    return [frame["body"].get("linear", 0) for frame in wire.seen if frame["type"] == TWIST]
+
+
+async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Frame]:
+    """One command, unanswered for too long."""
+    first = drive(gate, 1)
+    frame = await wire.next(TWIST)
+    stall(gate._velocities)
+    return first, frame
+
+
+def stall(latest: LatestWins[Any]) -> None:
+    """Make what is unanswered unanswered for too long."""
+    for serial in latest._unanswered:
+        latest._unanswered[serial] -= latest_wins.STALL + 1
+    assert latest._stalled()
+
+
+async def ended(*tasks: asyncio.Task[Any]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
+
+
+@aio
+async def test_commands_are_pipelined_while_the_chassis_answers() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        tasks = [drive(gate, speed) for speed in (1, 2, 3)]
+        frames = [await wire.next(TWIST) for _ in tasks]
+        for frame in frames:
+            await wire.answer(frame)
+        assert all(answer.ok for answer in await soon(asyncio.gather(*tasks)))
+        assert speeds(wire) == [1, 2, 3]
+
+
+@aio
+async def test_commands_go_even_when_too_many_requests_wait() -> None:
+    async with Peer() as peer, peer.client(max_in_flight=1) as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        waiting = asyncio.ensure_future(client.request(Speak()))
+        task = drive(gate, 1)
+        await wire.answer(await wire.next(TWIST))
+        assert (await soon(task)).ok
+        await ended(waiting)
+
+
+@aio
+async def test_commands_without_answers_keep_no_other_request_out() -> None:
+    async with Peer() as peer, peer.client(max_in_flight=1) as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        unanswered = [drive(gate, speed) for speed in (1, 2, 3)]
+        for _ in unanswered:
+            await wire.next(TWIST)
+        task = asyncio.ensure_future(client.request(Speak()))
+        await wire.answer(await wire.next("woosh.robot.Speak"))
+        assert (await soon(task)).ok
+        await ended(*unanswered)
+
+
+@aio
+async def test_while_the_chassis_does_not_answer_only_the_newest_is_held() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, frame = await stalled(gate, wire)
+        second, third = drive(gate, 2), drive(gate, 3)
+        with pytest.raises(SupersededError, match="a newer velocity command"):
+            await soon(second)
+        await wire.answer(frame)
+        assert (await soon(first)).ok
+        await wire.answer(await wire.next(TWIST))
+        assert (await soon(third)).ok
+        assert speeds(wire) == [1, 3]
+
+
+@pytest.mark.usefixtures("short_stall")
+@aio
+async def test_what_is_held_too_long_is_not_sent() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, frame = await stalled(gate, wire)
+        with pytest.raises(SupersededError, match="too old"):
+            await soon(drive(gate, 2))
+        await wire.answer(frame)
+        await soon(first)
+        await turns()
+        assert speeds(wire) == [1]
+
+
+@pytest.mark.parametrize("stop", [Twist(), Twist(linear=-0.0)])
+@aio
+async def test_a_stop_is_never_held(stop: Twist) -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, _ = await stalled(gate, wire)
+        held = drive(gate, 2)
+        await turns()
+        stopping = asyncio.ensure_future(gate.request(stop))
+        frame = await wire.next(TWIST)
+        assert not frame["body"].get("linear")
+        with pytest.raises(SupersededError):
+            await soon(held)
+        await wire.answer(frame)
+        assert (await soon(stopping)).ok
+        await ended(first)
+        assert speeds(wire) == [1, 0]
+
+
+@aio
+async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, _ = await stalled(gate, wire)
+        held = drive(gate, 2)
+        await turns()
+        gate._velocities._let_go()  # as an answer does
+        stopping = asyncio.ensure_future(gate.request(Twist()))
+        with pytest.raises(SupersededError):
+            await soon(held)
+        await wire.answer(await wire.next(TWIST))
+        await soon(stopping)
+        await ended(first)
+        assert speeds(wire) == [1, 0]
+
+
+@aio
+async def test_a_command_that_is_held_right_after_another_was_let_go_is_not_forgotten() -> None:
+    latest = LatestWins[str]()
+    answers: list[asyncio.Future[str]] = []
+
+    async def send(_fresh: float) -> str:
+        answers.append(asyncio.get_running_loop().create_future())
+        return await answers[-1]
+
+    def go(speed: float) -> asyncio.Task[str]:
+        return asyncio.ensure_future(latest.request(Twist(linear=speed), send))
+
+    first = go(1)
+    await turns(3)
+    stall(latest)
+    second = go(2)
+    await turns(3)
+    latest._let_go()
+    third = go(3)  # runs before the second one that was let go
+    await turns(3)
+    with pytest.raises(SupersededError):
+        await second
+    fourth = go(4)
+    await turns(3)
+    assert third.done()  # at once, not when it is too old
+    with pytest.raises(SupersededError, match="newer"):
+        await third
+    answers[0].set_result("first")
+    await turns(5)
+    answers[1].set_result("fourth")
+    assert [await first, await fourth] == ["first", "fourth"]
+
+
+@aio
+async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, _ = await stalled(gate, wire)
+        held = drive(gate, 2)
+        await turns()
+        gate._velocities._let_go()
+        held.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await held
+        await turns()
+        assert speeds(wire) == [1]
+        await ended(first)
+
+
+@pytest.mark.usefixtures("short_stall")
+@aio
+async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        wire.freeze()
+        upload = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
+        await turns()
+        stale = drive(gate, 1)
+        stop = asyncio.ensure_future(gate.request(Twist()))
+        await asyncio.sleep(0.15)
+        assert not stale.done()
+        wire.thaw()
+        with pytest.raises(SupersededError, match="too old"):
+            await soon(stale)
+        await wire.answer(await wire.next(TWIST))
+        assert (await soon(stop)).ok
+        assert speeds(wire) == [0]
+        await ended(upload)
+
+
+@aio
+async def test_the_callers_timeout_holds_for_commands_too() -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        with pytest.raises(RequestTimeoutError, match=r"0\.03 s"):
+            await soon(drive(gate, 1, timeout=0.03))
+        assert not gate._velocities._unanswered
+
+
+@aio
+async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> None:
+    async with Peer() as peer, peer.client(backoff_min=0.2, backoff_max=0.2) as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, _ = await stalled(gate, wire)
+        held = drive(gate, 2)
+        await turns()
+        wire.abort()
+        with pytest.raises(ConnectionLostError):
+            await soon(first)
+        with pytest.raises(NotConnectedError):
+            await soon(held)
+        again = await peer.wire(2)
+        await client.wait_ready(TIMEOUT)
+        task = drive(gate, 3)
+        await again.answer(await again.next(TWIST))
+        await soon(task)
+        assert speeds(again) == [3]
+
+
+@pytest.mark.usefixtures("short_stall")
+@aio
+async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
+    latest = LatestWins[float]()
+
+    async def send(fresh: float) -> float:
+        return fresh
+
+    assert await latest.request(Twist(), send) == math.inf
+    assert await latest.request(Twist(linear_y=1), send) == 0.1
+
+
+@aio
+async def test_superseded_velocities_are_counted_and_told(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level(logging.INFO, "woosh_robot_agent.motion")
+    monkeypatch.setattr(drop_log, "QUIET", 0.2)
+
+    def told() -> list[int]:
+        return [each.levelno for each in caplog.records if "not sent" in each.getMessage()]
+
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        first, frame = await stalled(gate, wire)
+        asked = [drive(gate, 0.2) for _ in range(4)]
+        done = await asyncio.gather(*asked[:3], return_exceptions=True)
+        assert [type(each) for each in done] == [SupersededError] * 3
+        await wire.answer(frame)
+        await wire.answer(await wire.next(TWIST))
+        await soon(asyncio.gather(first, asked[3]))
+        assert gate.superseded == 3
+        await eventually(lambda: told() == [logging.WARNING, logging.INFO])

@@ -1,0 +1,187 @@
+"""The rules for a stream of velocities, without ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+
+import pytest
+
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link.timeouts import cancel_and_wait
+from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits
+
+TWIST = "woosh.robot.Twist"
+LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=3600.0)
+RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
+
+
+async def answer_all(wire: Wire, frame: Frame) -> bool:
+    if frame["type"] not in (TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallAction"):
+        return False
+    await wire.answer(frame)
+    return True
+
+
+def velocities(wire: Wire) -> list[tuple[float, float, float]]:
+    """What reached the chassis: linear, linear_y, angular."""
+    return [
+        tuple(frame["body"].get(name, 0.0) for name in ("linear", "linearY", "angular"))  # type: ignore[misc]
+        for frame in wire.seen
+        if frame["type"] == TWIST
+    ]
+
+
+@dataclass
+class Rig:
+    """A driver, the gate before it, and the chassis's end of the link."""
+
+    peer: Peer
+    wire: Wire
+    client: ChassisClient
+    gate: MotionGate
+    driver: VelocityDriver
+    limits: VelocityLimits = LIMITS
+
+    async def sent(self, *expected: tuple[float, float, float]) -> None:
+        """Wait until exactly these velocities have reached the chassis."""
+        await eventually(lambda: len(velocities(self.wire)) >= len(expected))
+        assert velocities(self.wire) == [pytest.approx(each) for each in expected]
+
+
+@asynccontextmanager
+async def driving(**limits: float) -> AsyncIterator[Rig]:
+    async with (
+        Peer(script=answer_all) as peer,
+        peer.client(backoff_min=0.05, backoff_max=0.05) as client,
+    ):
+        gate = MotionGate(client)
+        rig: Rig
+        driver = VelocityDriver(gate, client, "joystick", lambda: rig.limits)
+        rig = Rig(peer, await peer.wire(), client, gate, driver)
+        rig.limits = replace(LIMITS, **limits)
+        running = asyncio.ensure_future(driver.run())
+        try:
+            yield rig
+        finally:
+            await cancel_and_wait(running)
+
+
+@aio
+async def test_a_velocity_is_sent() -> None:
+    async with driving() as rig:
+        rig.driver.drive(0.1, -0.2, 0.3)
+        await rig.sent((0.1, -0.2, 0.3))
+
+
+@aio
+async def test_one_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+    async with driving() as rig:
+        rig.driver.drive(math.nan, 0.0, 0.0)
+        rig.driver.drive(0.1, math.inf, 0.0)
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+    assert len([each for each in caplog.messages if "joystick is not obeyed" in each]) == 1
+
+
+@aio
+async def test_one_beyond_the_limits_is_scaled_down() -> None:
+    async with driving(max_linear=0.5, max_angular=0.2) as rig:
+        rig.driver.drive(3.0, 4.0, -9.0)
+        await rig.sent((0.3, 0.4, -0.2))
+
+
+@aio
+async def test_only_the_newest_is_sent_at_the_rate() -> None:
+    async with driving(rate=0.001) as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        for speed in (0.2, 0.3, 0.4):
+            rig.driver.drive(speed, 0.0, 0.0)
+        rig.limits = LIMITS
+        rig.driver.drive(0.5, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.5, 0.0, 0.0))
+
+
+@aio
+async def test_the_first_zero_waits_for_nothing() -> None:
+    async with driving(rate=0.001) as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        rig.driver.drive(0.0, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@aio
+async def test_silence_stops_the_robot() -> None:
+    async with driving(timeout=0.05) as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("override", [False, True])
+@aio
+async def test_the_robot_belongs_to_what_drives_it(override: bool) -> None:
+    async with driving(override=override) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        rig.driver.drive(0.1, 0.0, 0.0)
+        if override:
+            await rig.sent((0.1, 0.0, 0.0))
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCompleted"})
+        await eventually(lambda: not rig.gate.owner)
+        rig.driver.drive(0.2, 0.0, 0.0)
+        await eventually(lambda: (0.2, 0.0, 0.0) in velocities(rig.wire))
+        assert ((0.1, 0.0, 0.0) in velocities(rig.wire)) == override
+
+
+@aio
+async def test_zeros_of_an_idle_sender_are_not_sent() -> None:
+    async with driving() as rig:
+        rig.driver.drive(0.0, 0.0, 0.0)
+        rig.driver.drive(0.0, 0.0, 0.0)
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+
+
+@aio
+async def test_a_stop_silences_the_stream_until_a_zero() -> None:
+    async with driving() as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
+        rig.gate._forbidden_until = -math.inf  # the gate's own hold is over
+        rig.driver.drive(0.2, 0.0, 0.0)
+        rig.driver.drive(0.0, 0.0, 0.0)
+        rig.driver.drive(0.3, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
+
+
+async def lose_link(rig: Rig) -> None:
+    rig.wire.abort()
+    await eventually(lambda: rig.client.state.value != "ready")
+
+
+@pytest.mark.parametrize("owned", [False, True])
+@aio
+async def test_after_a_lost_link_the_robot_gets_a_zero(owned: bool) -> None:
+    async with driving() as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        await lose_link(rig)
+        rig.driver.drive(0.2, 0.0, 0.0)  # nobody gets this, then or later
+        if owned:
+            rig.peer.info = {**(rig.peer.info or {}), "taskProc": RUNNING}
+        rig.wire = await rig.peer.wire(2)
+        await rig.client.wait_ready(TIMEOUT)
+        if owned:
+            rig.limits = replace(LIMITS, override=True)
+            await eventually(lambda: rig.gate.owner)
+            rig.driver.drive(0.3, 0.0, 0.0)
+            await rig.sent((0.3, 0.0, 0.0))
+        else:
+            await rig.sent((0.0, 0.0, 0.0))

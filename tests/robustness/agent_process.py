@@ -1,0 +1,109 @@
+"""The agent in a process of its own, whose resources and debug state can be read."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import queue
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from benchmarks.processes import ROOT, Resources, resources, rss
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import AgentProcess, wait_until
+
+_ANSWER_TIMEOUT = 120.0
+"""Time that an agent under load gets to report its debug state, in seconds."""
+
+
+class DebugAgentProcess(AgentProcess):
+    """The agent as `tests.robustness.debug_agent` starts it. The arguments are its base class's."""
+
+    module = "tests.robustness.debug_agent"
+    popen_options = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "cwd": ROOT}
+
+    def __init__(self, domain: int, **parameters: Any) -> None:
+        super().__init__(domain, **parameters)
+        self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._answer_reader = threading.Thread(target=self._read_answers, daemon=True)
+        self._answer_reader.start()
+
+    def close(self) -> None:
+        super().close()
+        self._answer_reader.join()
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+    @property
+    def rss(self) -> int:
+        """Resident memory, in bytes."""
+        return rss(self.process.pid)
+
+    def resources(self) -> Resources:
+        """Return the resources that the process holds."""
+        return resources(self.process.pid)
+
+    def debug(self, *, objects: bool = False) -> dict[str, Any]:
+        """Return the result of the agent's `Agent.debug`.
+
+        Args:
+            objects: Also count Python objects by type, which keeps the agent busy for a moment.
+        """
+        assert self.process.stdin is not None
+        self.process.stdin.write("objects\n" if objects else "state\n")
+        self.process.stdin.flush()
+        try:
+            state: dict[str, Any] = json.loads(self._answers.get(timeout=_ANSWER_TIMEOUT))
+        except queue.Empty:
+            raise AssertionError(f"the agent does not answer. Its log:\n{self.output}") from None
+        return state
+
+    def held(self) -> dict[str, int]:
+        """Return the number of everything in the agent that must not grow with time."""
+        state, process = self.debug(), self.resources()
+        return {
+            "tasks": len(state["tasks"]),
+            "requests": state["requests"],
+            "pushes": state["pushes"],
+            "goals": state["goals"],
+            "fds": process.fds,
+            "sockets": process.sockets,
+            "threads": process.threads,
+        }
+
+    def settled_rss(self, limit: float, timeout: float) -> int:
+        """Return the resident memory when it is within `limit`, or when the time is over.
+
+        Args:
+            limit: Memory in bytes.
+            timeout: Time in seconds.
+        """
+        deadline = time.monotonic() + timeout
+        while (now := self.rss) > limit and time.monotonic() < deadline:
+            threading.Event().wait(0.2)
+        return now
+
+    def wait_logged(self, text: str, timeout: float) -> None:
+        """Wait until `text` is in the log."""
+        wait_until(lambda: text in self.output, f"{text!r} in the agent's log", timeout)
+
+    def _read_answers(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._answers.put(line)
+
+
+@contextlib.contextmanager
+def connected_agent(
+    domain: int, simulator: SimulatorThread, **parameters: Any
+) -> Iterator[DebugAgentProcess]:
+    """Run the agent, connected to the simulator, for the length of the block."""
+    with contextlib.closing(
+        DebugAgentProcess(domain, ip="127.0.0.1", port=simulator.port, **parameters)
+    ) as agent:
+        agent.wait_connected()
+        yield agent

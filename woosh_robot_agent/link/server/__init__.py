@@ -1,0 +1,1 @@
+"""The other end of the link, for programs that stand in for a chassis."""

@@ -1,0 +1,1 @@
+"""Transports: connections that carry whole frames, as a client sees them."""

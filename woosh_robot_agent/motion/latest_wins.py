@@ -1,0 +1,93 @@
+"""Back-pressure for velocities: while the chassis does not answer, only the newest one waits."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from typing import Generic, TypeVar
+
+from woosh_robot_agent.link import SupersededError
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+
+T = TypeVar("T")
+
+STALL = 0.5
+"""Time without an answer after which further velocities are held back, in seconds.
+
+It is also the maximum age at which a velocity is sent. The chassis itself goes on with the last
+velocity that it received for as long.
+"""
+_NEWER = "a newer velocity command took its place"
+
+
+class LatestWins(Generic[T]):
+    """Sends velocities at once while the chassis answers, and holds only the newest otherwise.
+
+    A zero is never held back, and no older velocity overtakes it.
+    """
+
+    def __init__(self) -> None:
+        self._unanswered: dict[int, float] = {}
+        """Times (of the event loop) at which unanswered velocities were sent, by serial number."""
+        self._held: asyncio.Future[None] | None = None
+        """The velocity that is held back; done when it may be sent or is superseded."""
+        self._newest = 0
+        """Serial number of the newest velocity."""
+
+    async def request(self, velocity: Twist, send: Callable[[float], Awaitable[T]]) -> T:
+        """Send a velocity and wait for its answer.
+
+        Args:
+            velocity: the velocity.
+            send: sends it and returns its answer; called with the maximum time that it may wait to
+                be sent, in seconds.
+
+        Raises:
+            SupersededError: a newer velocity came first, or this one became too old.
+            LinkError: raised by `send`.
+        """
+        self._newest += 1
+        serial = self._newest
+        moves = may_move(velocity)
+        self.withdraw(_NEWER)
+        if moves and self._stalled():
+            await self._hold()
+            if serial != self._newest:
+                raise SupersededError(f"not sent: {_NEWER}")
+        self._unanswered[serial] = asyncio.get_running_loop().time()
+        try:
+            return await send(STALL if moves else math.inf)
+        finally:
+            del self._unanswered[serial]
+            if not self._stalled():
+                self._let_go()
+
+    def withdraw(self, reason: str) -> None:
+        """Do not send the velocity that is held back: it fails for `reason`."""
+        if self._held is not None and not self._held.done():
+            self._held.set_exception(SupersededError(f"not sent: {reason}"))
+
+    def _let_go(self) -> None:
+        if self._held is not None and not self._held.done():
+            self._held.set_result(None)
+
+    def _stalled(self) -> bool:
+        now = asyncio.get_running_loop().time()
+        return any(now - sent > STALL for sent in self._unanswered.values())
+
+    async def _hold(self) -> None:
+        held: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._held = held
+        try:
+            await run_with_timeout(STALL, held)
+        except TimeoutError:
+            raise SupersededError(
+                "not sent: the chassis does not answer earlier velocity commands, and after "
+                f"{STALL:g} s this one is too old; check the link, and stop the robot"
+            ) from None
+        finally:
+            if self._held is held:  # else a newer velocity is held already
+                self._held = None

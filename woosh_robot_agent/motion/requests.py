@@ -1,0 +1,53 @@
+"""Classification of requests by what they do to the robot's motion."""
+
+from __future__ import annotations
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
+    ExecPreTask,
+    ExecTask,
+    ExecTaskSet,
+    Follow,
+    Twist,
+)
+from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util import action_pb2
+
+_TASKS = (ExecTask, ExecPreTask, ExecTaskSet)
+_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, *_TASKS)
+_RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
+_DRIVING_MEMBERS = ("step_control", "move_base")
+"""Members of the oneof of CallAction that drive the base."""
+
+
+def commands_motion(request: Message) -> bool:
+    """Return True if requests of this type start, change or end a motion."""
+    return isinstance(request, _MOTION_TYPES)
+
+
+def may_move(request: Message) -> bool:
+    """Return True if any part of the robot may move, or go on moving, because of the request."""
+    if isinstance(request, Twist):
+        return bool(request.linear or request.linear_y or request.angular)
+    if isinstance(request, CallAction):
+        which = request.WhichOneof("action")
+        call = getattr(request, which) if which else None
+        return getattr(call, "action", kExecute) not in (kCancel, kPause)
+    if isinstance(request, ActionOrder):
+        return request.order not in _RESTING_ORDERS
+    if isinstance(request, Follow):
+        return request.type
+    return isinstance(request, _TASKS)
+
+
+def takes_wheels(request: Message) -> bool:
+    """Return True if the robot drives by itself once the chassis has accepted the request."""
+    if isinstance(request, CallAction):
+        return any(
+            request.HasField(name) and getattr(request, name).action == kExecute
+            for name in _DRIVING_MEMBERS
+        )
+    return isinstance(request, _TASKS)

@@ -1,0 +1,221 @@
+"""Rules for a stream of velocities, e.g. from a joystick: watchdog, rate, limits, priority."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+
+_LOG = logging.getLogger(__name__)
+_PAUSE = 2.0
+"""Time without any velocity after which the sender counts as having let go, in seconds."""
+
+
+@dataclass(frozen=True)
+class VelocityLimits:
+    """Limits of a stream of velocities.
+
+    Attributes:
+        max_linear: maximum speed in the plane, in m/s.
+        max_angular: maximum turning speed, in rad/s.
+        rate: maximum rate of the velocities that are sent, in Hz.
+        timeout: time without a velocity after which the robot is stopped, in seconds.
+        override: drive even while a goal, a task or an action drives the robot.
+    """
+
+    max_linear: float
+    max_angular: float
+    rate: float
+    timeout: float
+    override: bool = False
+
+
+class VelocityDriver:
+    """Drives the robot by a stream of velocities. Used in the event loop of the link.
+
+    1. Velocities that are not finite are refused; those beyond the limits are scaled down.
+    2. The robot belongs to whatever drives it by itself: meanwhile velocities are refused, unless
+       the limits say `override`.
+    3. A stop silences the stream until its sender pauses or sends a zero.
+    4. At most `rate` velocities per second are sent, the newest one each time. The first zero waits
+       for nothing.
+    5. Each velocity is sent at most once, and none is kept for a later link.
+    6. Without a new velocity within `timeout`, the robot is stopped.
+    7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
+       back.
+    8. A zero is sent only to stop what this stream or another velocity moved.
+
+    Args:
+        gate: sends the velocities.
+        chassis: the link.
+        name: name of the stream in the log, e.g. "cmd_vel".
+        limits: returns the limits of the moment.
+    """
+
+    def __init__(
+        self,
+        gate: MotionGate,
+        chassis: ChassisClient,
+        name: str,
+        limits: Callable[[], VelocityLimits],
+    ) -> None:
+        self._gate = gate
+        self._chassis = chassis
+        self._name = name
+        self._limits = limits
+        self._log = LogOnce(_LOG)
+        self._driving = False
+        """True if the last velocity that was sent was not zero."""
+        self._waiting: Twist | None = None
+        """The velocity to send next."""
+        self._heard = -math.inf
+        """Time of the last velocity that came; this and all times are the event loop's."""
+        self._obeyed = -math.inf
+        """Time of the last velocity that was not refused."""
+        self._sent = -math.inf
+        """Time of the last velocity that was sent."""
+        self._silenced = False
+        self._owes_zero = False
+        """True if the link was lost while the stream drove the robot."""
+        self._wake = asyncio.Event()
+        self._requests: set[asyncio.Task[None]] = set()
+        gate.on_stop(self._silence)
+        chassis.on_state(self._link_changed)
+
+    async def run(self) -> None:
+        """Send velocities when they are due, until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            due = self._due()
+            if due <= loop.time():
+                self._send_due()
+                continue
+            self._wake.clear()
+            timer = loop.call_at(due, self._wake.set) if due < math.inf else None
+            try:
+                await self._wake.wait()
+            finally:
+                if timer is not None:
+                    timer.cancel()
+
+    def drive(self, linear: float, sideways: float, angular: float) -> None:
+        """Take a velocity of the stream.
+
+        Args:
+            linear: speed ahead, in m/s.
+            sideways: speed to the left, in m/s.
+            angular: turning speed, counter-clockwise, in rad/s.
+        """
+        values = (linear, sideways, angular)
+        if not all(map(math.isfinite, values)):  # rule 1
+            self.refuse("finite", f"{values} are not all finite numbers")
+            return
+        now = asyncio.get_running_loop().time()
+        paused, self._heard = now - self._heard > _PAUSE, now
+        moves = any(values)
+        self._silenced = self._silenced and moves and not paused
+        if moves and self._silenced:  # rule 3
+            self.refuse(
+                "silenced", f"the robot was stopped; send a zero, or nothing for {_PAUSE:g} s"
+            )
+        elif moves and not self._limits().override and (owner := self._gate.owner):  # rule 2
+            self.refuse(
+                "owner",
+                f"{owner} is running: cancel it, or set the parameter {self._name}_override",
+            )
+        elif self._chassis.state is not LinkState.READY:  # rule 5
+            self.refuse("link", "there is no link to the chassis")
+        elif moves or self._has_to_stop():  # rule 8
+            self._log.clear()
+            self._obeyed = now
+            self._waiting = self._limited(*values)
+            self._wake.set()
+
+    def refuse(self, kind: str, reason: str) -> None:
+        """Log that a velocity is refused; repeated reasons of one kind are logged once.
+
+        Args:
+            kind: the kind of the reason.
+            reason: why, and what to do.
+        """
+        self._log.warn(kind, f"{self._name} is not obeyed: {reason}")
+
+    def _has_to_stop(self) -> bool:
+        """Return True if a zero has something to stop."""
+        if self._gate.driving or self._waiting is not None:
+            return True
+        return self._driving and not self._gate.owner
+
+    def _limited(self, linear: float, sideways: float, angular: float) -> Twist:
+        limits = self._limits()
+        speed = math.hypot(linear, sideways)
+        scale = limits.max_linear / speed if speed > limits.max_linear else 1.0
+        return Twist(
+            linear=linear * scale,
+            linear_y=sideways * scale,
+            angular=max(-limits.max_angular, min(limits.max_angular, angular)),
+        )
+
+    def _due(self) -> float:
+        """Return the time at which something is to be sent."""
+        limits = self._limits()
+        if self._waiting is not None:  # rule 4
+            first_zero = self._driving and not may_move(self._waiting)
+            return 0.0 if first_zero else self._sent + 1.0 / limits.rate
+        if self._driving and self._chassis.state is LinkState.READY:  # rule 6
+            return self._obeyed + limits.timeout
+        return math.inf
+
+    def _send_due(self) -> None:
+        if self._waiting is not None:
+            self._send(self._waiting)
+        elif self._gate.driving:
+            self._send(Twist())
+        else:  # rule 8: a task or an action took the wheels since, and a zero would stop that
+            self._driving = False
+
+    def _send(self, velocity: Twist) -> None:
+        self._waiting = None
+        self._sent = asyncio.get_running_loop().time()
+        self._driving = may_move(velocity)
+        task = asyncio.get_running_loop().create_task(self._request(velocity), name=self._name)
+        self._requests.add(task)
+        task.add_done_callback(self._requests.discard)
+
+    async def _request(self, velocity: Twist) -> None:
+        try:
+            answer = await self._gate.request(velocity)
+        except SupersededError as error:  # normal while the chassis is slow
+            _LOG.debug("%s: %s", self._name, error)
+        except LinkError as error:
+            self._log.warn("request", f"{self._name} did not get through: {error}")
+        else:
+            if not answer.ok:
+                self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
+
+    def _silence(self) -> None:
+        self._silenced = True
+        self._waiting = None
+        self._driving = False
+        self._wake.set()
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self._waiting = None
+            self._owes_zero = self._owes_zero or self._driving
+            self._driving = False
+        elif self._owes_zero:  # rule 7
+            self._owes_zero = False
+            asyncio.get_running_loop().call_soon(self._zero_after_loss)  # the snapshot comes first
+
+    def _zero_after_loss(self) -> None:
+        if not self._gate.owner:
+            self._send(Twist())

@@ -1,0 +1,52 @@
+"""Ownership of the wheels: what drives the robot by itself, as the chassis reports it."""
+
+from __future__ import annotations
+
+from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.protos import full_name
+
+_RUNNING = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
+_DRIVING_ACTIONS = {full_name(cls): cls.DESCRIPTOR.name for cls in (MoveBase, StepControl)}
+
+
+class WheelOwner:
+    """Follows the reports on tasks and driving actions, whichever client started them.
+
+    Args:
+        chassis: the link; used in its event loop only.
+    """
+
+    def __init__(self, chassis: ChassisClient) -> None:
+        self._task = TaskProc()
+        self._actions: set[str] = set()
+        chassis.on_snapshot(self._snapshot)
+        chassis.on_state(self._link_changed)
+        chassis.subscribe(TaskProc, self._task_changed)
+        chassis.subscribe(Feedbacks, self._reported)
+
+    @property
+    def name(self) -> str:
+        """Name of the task or the actions that drive the robot now; empty if none does."""
+        if self._task.state in _RUNNING:
+            return f"task {self._task.robot_task_id}"
+        return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._task = info.task_proc
+
+    def _task_changed(self, report: TaskProc) -> None:
+        self._task = report
+
+    def _reported(self, reports: Feedbacks) -> None:
+        for report in reports.fbs:
+            if report.action in _DRIVING_ACTIONS:
+                running = report.state == kRosExecuting
+                (self._actions.add if running else self._actions.discard)(report.action)
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:  # the report of the end may be missed
+            self._actions.clear()
