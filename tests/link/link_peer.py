@@ -21,7 +21,7 @@ try:
 except ImportError:
     from websockets.legacy.server import serve
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 """Time after which a test stops waiting, in seconds; far more than anything here takes."""
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]

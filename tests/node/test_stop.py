@@ -105,7 +105,9 @@ def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, clien
     assert connection is not None
     wait_until(lambda: len(connection._outbox) > 2, "a jam")
     start = client.call_async(ExecPreTask, "robot/ExecPreTask")
-    wait_until(lambda: any(isinstance(m, pack.ExecPreTask) for m in connection._requests.values()))
+    wait_until(
+        lambda: any(isinstance(p.message, pack.ExecPreTask) for p in connection._pending.values())
+    )
     stop = client.call_async(Trigger, "stop")
     response = wait_future(start)
     assert not response.ok
