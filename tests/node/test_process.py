@@ -177,6 +177,41 @@ def test_robot_that_stands_is_left_alone(
     assert simulator.counts[TWIST] == 2
 
 
+def test_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
+    start_program: Callable[..., Program],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    simulator = subprocess.Popen(
+        [sys.executable, "-m", "woosh_robot_agent.simulator"]
+        + ["--port", str(port), "--tcp-port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert simulator.stdout is not None
+        assert b"ready" in simulator.stdout.readline()
+        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}")
+        program.wait_says("connected to")
+        simulator.send_signal(signal.SIGINT)
+        assert program.end() < LIMIT
+        simulator.wait(TIMEOUT)
+    finally:
+        simulator.kill()
+        simulator.communicate()
+    assert not re.search(r"WARN|ERROR", program.output), program.output
+
+
+def test_a_driving_robot_without_a_link_is_an_error_at_the_end(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    drive(client)
+    simulator.stop_listening()
+    program.wait_says("lost the link")
+    assert program.end() < LIMIT
+    assert re.search(r"ERROR.*the robot was not stopped; if it moves", program.output)
+
+
 @pytest.mark.parametrize(
     ("argument", "complaint"),
     [
