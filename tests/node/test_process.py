@@ -193,9 +193,11 @@ def test_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
         assert b"ready" in simulator.stdout.readline()
         program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}")
         program.wait_says("connected to")
+        program.process.send_signal(signal.SIGINT)
         simulator.send_signal(signal.SIGINT)
-        assert program.end() < LIMIT
         simulator.wait(TIMEOUT)
+        assert program.process.wait(TIMEOUT) == 0
+        program.wait_read()
     finally:
         simulator.kill()
         simulator.communicate()
