@@ -29,7 +29,7 @@ _ZERO_TIMEOUT = 0.4
 """Time in which the chassis must answer the last zero velocity, in seconds."""
 _GOALS_TIMEOUT = 0.5
 """Time in which the open goals must be aborted, in seconds."""
-_LINK_TIMEOUT = 1.0
+_LINK_TIMEOUT = 1.5
 """Time in which the link must be closed, in seconds."""
 _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
 """Time in which all of that must have ended, in seconds."""
