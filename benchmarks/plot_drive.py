@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, RunningAgent, own_domain, wait_until
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.pose2d import Pose2D
 
 GOALS = ((8.0, -5.0), (3.0, 7.0), (-9.0, 0.5))
 
@@ -63,10 +63,10 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
     ]
     for scan in scans[::15]:
         at = min(in_map, key=lambda each: abs(each[0] - stamp_of(scan)))[1]
-        laser = at * Plane(0.25, 0.0, 0.0)
+        laser = at * Pose2D(0.25, 0.0, 0.0)
         points = [
             laser
-            * Plane(
+            * Pose2D(
                 r * math.cos(scan.angle_min + i * scan.angle_increment),
                 r * math.sin(scan.angle_min + i * scan.angle_increment),
             )
@@ -90,14 +90,14 @@ def stamp_of(message: Any) -> float:
     return float(message.header.stamp.sec + message.header.stamp.nanosec / 1e9)
 
 
-def of(transform: Any) -> Plane:
+def of(transform: Any) -> Pose2D:
     rotation = transform.rotation
     yaw = 2 * math.atan2(rotation.z, rotation.w)
-    return Plane(transform.translation.x, transform.translation.y, yaw)
+    return Pose2D(transform.translation.x, transform.translation.y, yaw)
 
 
-def of_pose(pose: Any) -> Plane:
-    return Plane(
+def of_pose(pose: Any) -> Pose2D:
+    return Pose2D(
         pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
     )
 

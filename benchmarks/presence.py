@@ -14,7 +14,7 @@ from benchmarks.programs import Program, agent_command, echo_chassis, running
 from tests.harness import Client, wait_until
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.parameters import PARAMETERS
-from woosh_robot_agent.standard.table import STANDARD, Kind
+from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 
 _MIB = 1024 * 1024
 _STARTS = 5

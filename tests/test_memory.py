@@ -8,7 +8,7 @@ import sys
 PROGRAM = """
 import ctypes, os, sys
 from pathlib import Path
-from woosh_robot_agent.memory import give_back_large_blocks
+from woosh_robot_agent.memory import return_large_blocks
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
@@ -25,7 +25,7 @@ def block(size):
     return address
 
 if sys.argv[1] == "on":
-    give_back_large_blocks()
+    return_large_blocks()
 libc.free(block(30 * MIB))  # from now on glibc by default keeps what is smaller
 before = resident()
 for large in [block(4 * MIB) for _ in range(10)]:

@@ -1,4 +1,4 @@
-"""The agent's node: puts the link, the services, the topics and the actions together."""
+"""The agent of one robot: its node, and the link, services, topics and actions behind it."""
 
 from __future__ import annotations
 
@@ -11,41 +11,41 @@ from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
-from woosh_robot_agent.logs import context_of, log_to_ros, speak_as
+from woosh_robot_agent.logs import context_of, log_as, log_to_ros
 from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
-from woosh_robot_agent.standard.layer import StandardLayer
 from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.standard_layer import StandardLayer
 from woosh_robot_agent.topics import Topics
 
 _LOG = logging.getLogger(__name__)
 _STOP_TIMEOUT = 0.4
-"""s that the robot gets to answer the last stop."""
+"""Timeout of the last zero velocity, in seconds."""
 _SETTLE_TIMEOUT = 0.5
-"""s in which the results of aborted goals must be out."""
+"""Timeout for aborting the open goals and sending their results, in seconds."""
 _CLOSE_TIMEOUT = 2.0
-"""s after which the link is cut at the latest."""
+"""Maximum time until the link is closed, in seconds."""
 _END_TIMEOUT = 0.3
-"""s in which the work that is left over must end."""
+"""Timeout for cancelling the remaining tasks, in seconds."""
 
 
 class Agent:
-    """The agent of one robot: a node, and behind it the link to the chassis in another thread.
+    """The agent of one robot: a ROS node, and the link to the chassis in another thread.
 
     Attributes:
         node: the node, to be added to an executor.
 
     Args:
-        node: the node; by default one is made.
-        thread: where the link runs; by default in a thread of its own. Who hands one over stops it,
-            after the end of the agent.
-        options: rclpy's options of the node that is made, e.g. `context` and `parameter_overrides`.
+        node: the node; by default a new one.
+        thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
+            after closing the agent.
+        options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
 
     Raises:
-        ValueError: a parameter makes no sense.
+        ValueError: a parameter is invalid.
     """
 
     def __init__(
@@ -63,17 +63,19 @@ class Agent:
         self._gate = MotionGate(self._chassis)
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
-        self._topics = Topics(self.node, self._chassis)  # first: what it cannot read, nobody gets
-        known = LastKnown(self._chassis)
+        self._topics = Topics(
+            self.node, self._chassis
+        )  # first: it reports unreadable pushes before others see them
+        last_known = LastKnown(self._chassis)
         self._services = Services(
-            self.node, self._thread, self._chassis, self._gate, known, requests
+            self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
         self._actions = Actions(
             self.node,
             self._thread,
             self._chassis,
             self._gate,
-            known,
+            last_known,
             requests,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
@@ -84,7 +86,7 @@ class Agent:
                 self._thread,
                 self._chassis,
                 self._gate,
-                known,
+                last_known,
                 requests,
                 self._actions,
                 lambda: self.settings.standard,
@@ -96,14 +98,14 @@ class Agent:
 
     @property
     def settings(self) -> Settings:
-        """The parameters' values of the moment."""
+        """Current values of the parameters."""
         return self.node.settings
 
     def close(self, spin_once: Callable[[], None]) -> None:
-        """Stop the robot if the agent drove it, abort the open goals, and end the link.
+        """Stop the robot if the agent drives it, abort the open goals, and close the link.
 
         Args:
-            spin_once: runs the executor for a moment, so that results reach their clients.
+            spin_once: runs one executor turn, so that goal results reach their clients.
         """
         close_all([self], spin_once)
 
@@ -115,21 +117,21 @@ class Agent:
 
 
 def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """End several agents step by step, each step for all of them at a time; see `Agent.close`."""
+    """Close several agents (see `Agent.close`), taking each step for all of them concurrently."""
     deadline = time.monotonic() + _CLOSE_TIMEOUT
     confirmed = _stop_driving(agents)
-    _each(agents, "end of the goals", lambda agent: agent._actions.stop(), _SETTLE_TIMEOUT)
+    _each(agents, "abort of the goals", lambda agent: agent._actions.stop(), _SETTLE_TIMEOUT)
     settled = time.monotonic() + _SETTLE_TIMEOUT
     while any(agent._actions.open_goals for agent in agents) and time.monotonic() < settled:
         spin_once()
-    _stop_driving(confirmed)  # another velocity may have come meanwhile
+    _stop_driving(confirmed)  # another velocity may have been sent meanwhile
     left = max(deadline - time.monotonic(), 0.1)
-    _each(agents, "end of the link", lambda agent: agent._chassis.close(), left)
-    _each(agents, "end of the rest", lambda agent: agent._thread.cancel(), _END_TIMEOUT)
+    _each(agents, "close of the link", lambda agent: agent._chassis.close(), left)
+    _each(agents, "end of the background tasks", lambda agent: agent._thread.cancel(), _END_TIMEOUT)
     for agent in agents:
         if agent._own_thread is not None:
             agent._own_thread.stop(_END_TIMEOUT)
-        if agent.node.executor is not None:  # it would keep what the node consists of
+        if agent.node.executor is not None:  # it would keep the entities of the node
             agent.node.executor.remove_node(agent.node)
         agent._actions.destroy()
         agent.node.destroy_node()
@@ -148,7 +150,10 @@ def _each(
     work: Callable[[Agent], Coroutine[Any, Any, None]],
     timeout: float,
 ) -> list[Agent]:
-    """Take one step of the end; those that succeeded. The next ones come in any case."""
+    """Take one closing step for all agents; return those for which it succeeded.
+
+    Failures are logged, and do not keep the following steps from being taken.
+    """
     until = time.monotonic() + timeout
     succeeded = []
     for agent, begun in [(agent, agent._thread.begin(work(agent))) for agent in agents]:
@@ -156,8 +161,8 @@ def _each(
             outcome(begun, max(until - time.monotonic(), 0.0))
             succeeded.append(agent)
         except (LinkError, TimeoutError) as error:
-            agent.node.get_logger().error(f"{what}: {str(error) or 'it took too long'}")
-        except Exception:  # a mistake of ours with one robot: the others must be stopped as well
-            speak_as(agent.node.get_logger())
+            agent.node.get_logger().error(f"{what} failed: {str(error) or 'timeout'}")
+        except Exception:  # a bug with one robot must not keep the others from being stopped
+            log_as(agent.node.get_logger())
             _LOG.exception("%s failed", what)
     return succeeded

@@ -195,7 +195,7 @@ def test_a_mistake_with_one_robot_is_told_as_its_own(
         assert "ZeroDivisionError" in clients[failing].call(Speak, "robot/Speak").msg
         assert "ZeroDivisionError" in clients[other].call(Speak, "robot/Speak").msg
         told = capfd.readouterr().err.splitlines()
-    for name, text in ((failing, "a service callback failed"), (other, "a task of the agent")):
+    for name, text in ((failing, "a service callback failed"), (other, "a background task failed")):
         lines = [each for each in told if text in each]
         assert len(lines) == 1, "\n".join(told)
         assert logger_of(name) in lines[0]
@@ -292,7 +292,7 @@ A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "ip": "a b"}}, ["/b", "ip", "a b"]),
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "port": "x"}}, ["/b", "port"]),
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "executor": "single"}}, ["executor"]),
-        (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "twice"]),
+        (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "its own name"]),
         (["/a", "/b c"], {}, {"/a": A}, ["b c", "robots"]),
         (["/a", ""], {}, {"/a": A}, ["''", "robots"]),
         ([1, 2], {}, {}, ["robots"]),

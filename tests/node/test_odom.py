@@ -20,7 +20,7 @@ from tests.harness import Client, wait_until
 from tests.node.goals import SUCCEEDED
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
 from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
 from woosh_ros_msgs.action import StepControl
@@ -39,13 +39,13 @@ def slow_simulator() -> Any:
 
 
 @pytest.fixture
-def truth(slow_simulator: SimulatorThread) -> list[Plane]:
+def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
     """Every pose that the robot reported, oldest first."""
-    poses: list[Plane] = []
+    poses: list[Pose2D] = []
 
     def note(frame: Outgoing) -> list[Outgoing]:
         if frame.type == POSE_SPEED:
-            poses.append(Plane.of(frame.body.pose))  # type: ignore[union-attr]
+            poses.append(Pose2D.of(frame.body.pose))  # type: ignore[union-attr]
         return [frame]
 
     slow_simulator.intercept(note)
@@ -66,18 +66,18 @@ def odoms(client: Client) -> Any:
     return client.echo_with(Odometry, "odom", QoSProfile(depth=1000))
 
 
-def plane(pose: Any) -> Plane:
-    return Plane(
+def plane(pose: Any) -> Pose2D:
+    return Pose2D(
         pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
     )
 
 
-def of_transform(transform: Any) -> Plane:
+def of_transform(transform: Any) -> Pose2D:
     shift, rotation = transform.translation, transform.rotation
-    return Plane(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
+    return Pose2D(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
 
 
-def near(one: Plane, other: Plane, metres: float = 0.01, radians: float = 0.01) -> bool:
+def near(one: Pose2D, other: Pose2D, metres: float = 0.01, radians: float = 0.01) -> bool:
     off = one.inverse * other
     return off.distance <= metres and abs(off.theta) <= radians
 
@@ -94,9 +94,9 @@ def drive(client: Client, *steps: tuple[int, float]) -> None:
     assert status == SUCCEEDED, ret
 
 
-def start_pose(simulator: SimulatorThread) -> Plane:
+def start_pose(simulator: SimulatorThread) -> Pose2D:
     pose = simulator.state.pose
-    return Plane(pose.x, pose.y, pose.theta)
+    return Pose2D(pose.x, pose.y, pose.theta)
 
 
 def test_a_square(slow_simulator, truth, start, client):
@@ -167,7 +167,7 @@ class TestAtRest:
         start()
         odom = odoms(client)
         odom.wait_count(1)
-        aside = begin * Plane(0.0, 0.03, 0.0)
+        aside = begin * Pose2D(0.0, 0.03, 0.0)
         request = SetRobotPose.Request()
         request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = (
             aside.x,
@@ -177,7 +177,7 @@ class TestAtRest:
         assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
         before = len(odom.messages)
         odom.wait_count(before + 20)
-        assert all(near(plane(m.pose.pose), Plane(), 0.001, 0.001) for m in odom.messages)
+        assert all(near(plane(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
         assert not any(m.twist.twist.linear.y for m in odom.messages)
 
     def test_an_emergency_stop_while_it_drives_sideways(self, slow_simulator, start, client):
@@ -303,7 +303,7 @@ class TestTransforms:
             request = SetRobotPose.Request()
             request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = x, y, theta
             assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
-            transforms.wait(lambda m: near(chain(m), Plane(x, y, theta)))  # noqa: B023
+            transforms.wait(lambda m: near(chain(m), Pose2D(x, y, theta)))  # noqa: B023
             drive(client, (ROTATE, 0.5))
         end = start_pose(slow_simulator)
         transforms.wait(lambda m: near(chain(m), end))
@@ -314,7 +314,7 @@ class TestTransforms:
                 ("odom", "base_link"),
             ]
         # the square of jumps left odom where the wheels brought it
-        assert near(plane(odom.messages[-1].pose.pose), Plane(0.5, 0.0, 1.0))
+        assert near(plane(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
 
     def test_odom_goes_on_across_another_place_and_another_map(self, slow_simulator, start, client):
         start(publish_tf=True)
@@ -324,7 +324,7 @@ class TestTransforms:
         request = InitRobot.Request()
         request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = 1.0, 1.5, 1.0
         assert client.call(InitRobot, "robot/InitRobot", arg=request.arg).ok
-        transforms.wait(lambda m: near(chain(m), Plane(1.0, 1.5, 1.0)))
+        transforms.wait(lambda m: near(chain(m), Pose2D(1.0, 1.5, 1.0)))
         switch = SwitchMap.Request()
         switch.arg.scene_name = "scenex"
         assert client.call(SwitchMap, "robot/SwitchMap", arg=switch.arg).ok
@@ -332,7 +332,7 @@ class TestTransforms:
         end = start_pose(slow_simulator)
         transforms.wait(lambda m: near(chain(m), end))
         self._is_continuous(odom.messages)
-        odom.wait(lambda m: near(plane(m.pose.pose), Plane(0.5, 0.0, 0.5)))
+        odom.wait(lambda m: near(plane(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
 
     def test_a_jump_while_driving(self, slow_simulator, start, client):
         start(publish_tf=True)
@@ -368,6 +368,6 @@ class TestTransforms:
             assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
 
 
-def chain(message: Any) -> Plane:
+def chain(message: Any) -> Pose2D:
     to_odom, to_base = (of_transform(t.transform) for t in message.transforms)
     return to_odom * to_base

@@ -21,7 +21,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import Outgoing
-from woosh_robot_agent.standard.grid import MapError, cells_of
+from woosh_robot_agent.standard.map import MapError, cells_of
 from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
 
 SCENE_DATA = "woosh.map.SceneData"
@@ -145,7 +145,7 @@ class TestMap:
     def test_what_cannot_be_read_is_said_once(self, simulator, scene, agent, client, logs):
         scene.maps[0].map_png = b"no picture"
         client.echo(OccupancyGrid, "map")
-        logs.wait(lambda r: "its picture cannot be read" in r.getMessage())
+        logs.wait(lambda r: "its image cannot be decoded" in r.getMessage())
 
     def test_pictures(self):
         with pytest.raises(MapError):

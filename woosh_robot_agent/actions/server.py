@@ -9,12 +9,11 @@ from enum import Enum
 from functools import partial
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.exceptions import InvalidHandle
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.action import CancelResponse, GoalResponse
 
-from woosh_robot_agent.bridge import SERVICE_QOS
-from woosh_robot_agent.logs import speak_as
+from woosh_robot_agent.logs import log_as
+from woosh_robot_agent.qos import SERVICE_QOS
+from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS, DeferringActionServer, RCLError
 
 _LOG = logging.getLogger(__name__)
 _ANY_GOAL = bytes(16)
@@ -74,7 +73,7 @@ class Goal:
                 return
             try:
                 self._handle.publish_feedback(self._server.action_type.Feedback(fb=fb))
-            except (InvalidHandle, _rclpy.RCLError) as error:
+            except PEER_GONE_ERRORS as error:
                 _LOG.debug("cannot publish feedback: %s", error)
 
     def finish(self, outcome: Outcome, ret: Any) -> None:
@@ -86,10 +85,10 @@ class Goal:
         self._server.finish(self._handle, outcome, ret)
 
 
-class GoalServer(ActionServer):
+class GoalServer(DeferringActionServer):
     """Accepts every goal and every cancel, and leaves the running to others.
 
-    rclpy would run a goal's callback in the executor until it ends. Here `notify_execute`, which
+    rclpy would run a goal's callback in the executor until it ends. Here `execute_later`, which
     does that, comes at the end of a goal instead: so the final state and the result are set in the
     executor's thread, where no cancel request can come between them, and nothing ever waits there.
 
@@ -111,7 +110,7 @@ class GoalServer(ActionServer):
     ) -> None:
         self._start = start
         self._open: dict[bytes, Goal] = {}
-        self._waiting = 0
+        self._log_as_node = partial(log_as, node.get_logger())
         super().__init__(
             node,
             action_type,
@@ -129,37 +128,27 @@ class GoalServer(ActionServer):
     @property
     def open_goals(self) -> int:
         """Goals that have not ended yet, and clients that have not got their results yet."""
-        return len(self._open) + self._waiting
+        return len(self._open) + self.pending_results
 
     async def execute(self, taken_data: Any) -> None:
         """Called by rclpy with requests of clients. An error that escaped would end the spinning.
 
         A client that goes away while it waits for a result makes rclpy raise one.
         """
-        speak_as(self._logger)
+        self._log_as_node()
         try:
             if "cancel" in taken_data:
                 self._cancel_again(taken_data["cancel"][1].goal_info)
             await super().execute(taken_data)
-        except (InvalidHandle, _rclpy.RCLError) as error:
+        except PEER_GONE_ERRORS as error:
             _LOG.warning("a request of an action's client failed: %s", error)
 
-    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
-        if bytes(request_header_and_message[1].goal_id.uuid) in self._goal_handles:
-            self._waiting += 1
-        await super()._execute_get_result_request(request_header_and_message)
-
-    def _send_result_response(self, request_header: Any, future: Any) -> None:
-        self._waiting -= 1
-        super()._send_result_response(request_header, future)
-
-    def notify_execute(self, goal_handle: Any, _execute_callback: Any) -> None:
-        """Called by rclpy when the goal's state has become executing: hand it over."""
+    def on_executing(self, goal_handle: Any) -> None:
         self._start(self._open[bytes(goal_handle.goal_id.uuid)])
 
     def finish(self, goal_handle: Any, outcome: Outcome, ret: Any) -> None:
         """Have the executor end a goal; from any thread."""
-        super().notify_execute(goal_handle, partial(self._settle, outcome=outcome, ret=ret))
+        self.execute_later(goal_handle, partial(self._settle, outcome=outcome, ret=ret))
 
     def _accepted(self, goal_handle: Any) -> None:
         self._open[bytes(goal_handle.goal_id.uuid)] = Goal(self, goal_handle)
@@ -186,7 +175,7 @@ class GoalServer(ActionServer):
                 goal_handle.canceled()
             else:
                 goal_handle.abort()
-        except _rclpy.RCLError as error:
-            self._logger.error(f"a goal could not be ended as {outcome.value}: {error}")
+        except RCLError as error:
+            _LOG.error("a goal could not be ended as %s: %s", outcome.value, error)
         self._open.pop(bytes(goal_handle.goal_id.uuid), None)
         return self.action_type.Result(ret=ret)

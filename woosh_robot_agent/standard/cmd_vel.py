@@ -13,7 +13,8 @@ from rclpy.time import Time
 from woosh_robot_agent.link import LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.standard.part_context import Part, PartContext
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.wheels import Wheels
 
 _LOG = logging.getLogger(__name__)

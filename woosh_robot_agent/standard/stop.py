@@ -18,7 +18,8 @@ from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 from woosh_robot_agent.standard.cmd_vel import CmdVel
-from woosh_robot_agent.standard.part_context import Part, PartContext
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 2.0
