@@ -14,9 +14,11 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import Client, RunningAgent, wait_until
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
-from woosh_robot_agent.standard.settings import PARAMETERS, StandardSettings
+from woosh_robot_agent.parameter import parameters_of
+from woosh_robot_agent.standard.settings import StandardSettings
 
 TWIST = "woosh.robot.Twist"
+PARAMETERS = parameters_of(StandardSettings)
 SWITCHES = [p.name for p in PARAMETERS if p.name.startswith("enable_") or p.name == "publish_tf"]
 
 

@@ -12,7 +12,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from woosh_robot_agent.link.codecs.json_mapping import blank_of, scalar_reader
 
 _MAX_FLOAT32 = 3.4e38
-"""Limit of values taken as they are: a larger one may not fit a float32, which ROS does not check."""
+"""Limit of values taken as they are: a larger one may not fit a float32, and ROS does not check."""
 _INTEGERS = {
     FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
     FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),

@@ -103,7 +103,7 @@ class Odom(Part):
         return self._context.settings().odom_rate
 
     def _due(self, now: float, last: float, share: float) -> bool:
-        """Return True if `share` of the period has passed since `last` and the pose can be published."""
+        """Return True if `share` of the period has passed and the pose can be published."""
         if now - last < share / self._rate():
             return False
         ready = self._known and self._context.chassis.state is LinkState.READY
