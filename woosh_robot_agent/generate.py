@@ -1,4 +1,4 @@
-"""Regenerate the files and tables that derive from the code: `python3 -m woosh_robot_agent.generate`.
+"""Regeneration of derived files and tables: `python3 -m woosh_robot_agent.generate`.
 
 Files are replaced as a whole. Tables in README.md and docs/ stand between the lines
 

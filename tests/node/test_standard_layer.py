@@ -12,9 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, RunningAgent, wait_until
+from woosh_robot_agent.parameter import parameters_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
-from woosh_robot_agent.parameter import parameters_of
 from woosh_robot_agent.standard.settings import StandardSettings
 
 TWIST = "woosh.robot.Twist"
