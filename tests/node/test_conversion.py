@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from tests.random_messages import carried, random_proto, random_ros
-from tests.table import PAIRS
+from tests.type_pairs import PAIRS
 from woosh_common_msgs.msg import Pose2D
 from woosh_nav_msgs.msg import Path, PlanPath
 from woosh_robot_agent.convert import BadFieldError, converter

@@ -15,7 +15,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from tests.random_messages import random_proto
-from tests.table import PAIRS
+from tests.type_pairs import PAIRS
 from woosh_map_msgs.msg import SceneDataEasy
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.converter import Converter

@@ -45,7 +45,7 @@ def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
 
     def note(frame: Outgoing) -> list[Outgoing]:
         if frame.type == POSE_SPEED:
-            poses.append(Pose2D.of(frame.body.pose))  # type: ignore[union-attr]
+            poses.append(Pose2D.from_message(frame.body.pose))  # type: ignore[union-attr]
         return [frame]
 
     slow_simulator.intercept(note)
