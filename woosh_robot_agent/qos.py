@@ -11,21 +11,16 @@ DDS drops requests and responses that exceed the depth, and tells nobody. It ask
 every 3 s; this depth is enough for 5 s at 2,000 calls/s."""
 
 
-def reliable(depth: int) -> QoSProfile:
-    """Return the profile of a reliable topic without history for late subscribers."""
+def reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+    """Return the profile of a reliable topic with a queue of `depth` messages."""
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
         reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
+        durability=durability,
     )
 
 
 def latched(depth: int) -> QoSProfile:
     """Return the profile of a latched topic: late subscribers get the last `depth` messages."""
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    return reliable(depth, DurabilityPolicy.TRANSIENT_LOCAL)

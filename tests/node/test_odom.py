@@ -1,4 +1,4 @@
-"""odom and /tf against where the simulated robot really is."""
+"""odom and /tf compared with the pose of the simulated robot."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ EXECUTE = 1
 
 @pytest.fixture
 def slow_simulator() -> Any:
-    """At three times the speed of a real robot: odom is about how far one can drive in a time."""
+    """A simulator at three times real time: odom depends on distances per time, so not faster."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 
 @pytest.fixture
 def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
-    """Every pose that the robot reported, oldest first."""
+    """All poses that the robot reported, the oldest first."""
     poses: list[Pose2D] = []
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -135,7 +135,7 @@ def test_sideways(slow_simulator, start, client):
 
 
 def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
-    """As many odoms as there are pushes: if they came late, all of them would."""
+    """As many messages as pushes: if one were late, all of them would be."""
     sent: dict[float, float] = {}
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -160,7 +160,7 @@ def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
 
 
 class TestAtRest:
-    """A robot that stands reports nothing more."""
+    """A standing robot sends no reports."""
 
     def test_a_small_correction(self, slow_simulator, start, client):
         begin = start_pose(slow_simulator)
@@ -196,7 +196,7 @@ class TestAtRest:
         odom.wait_count(len(odom.messages) + 10)
 
 
-def test_somebody_else_sets_the_pose_while_it_drives(slow_simulator, start, client):
+def test_another_client_sets_the_pose_while_it_drives(slow_simulator, start, client):
     start(publish_tf=True)
     odom = odoms(client)
     twist = Twist.Request()
@@ -213,7 +213,7 @@ def test_somebody_else_sets_the_pose_while_it_drives(slow_simulator, start, clie
     assert max(abs(m.twist.twist.linear.y) for m in odom.messages) < 1.0
 
 
-def test_a_standing_robot_goes_on_at_the_rate(start, client):
+def test_the_pose_of_a_standing_robot_is_repeated(start, client):
     start(odom_rate=50.0)
     odom = odoms(client)
     odom.wait_count(25)
@@ -224,7 +224,9 @@ def test_a_standing_robot_goes_on_at_the_rate(start, client):
 
 @pytest.mark.parametrize("field", ["x", "theta", "linear"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_report_that_is_no_pose_is_skipped(slow_simulator, start, client, logs, field, value):
+def test_a_report_with_non_finite_numbers_is_ignored(
+    slow_simulator, start, client, logs, field, value
+):
     start()
     odom = odoms(client)
     odom.wait(lambda m: True)
@@ -278,8 +280,8 @@ def test_it_stops_with_the_link(slow_simulator, start, client):
     slow_simulator.stop_listening()
     wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
     before = len(odom.messages)
-    threading.Event().wait(0.5)  # ten would come in this time
-    assert len(odom.messages) - before <= 2, "what was on its way when the link went"
+    threading.Event().wait(0.5)  # ten messages would arrive in this time
+    assert len(odom.messages) - before <= 2, "messages in flight when the link was lost"
     slow_simulator.listen()
     agent.wait_connected(2)
     odom.wait_count(before + 5)
@@ -293,7 +295,7 @@ def test_it_can_be_off(start, client):
 
 
 class TestTransforms:
-    def test_odom_goes_on_while_the_map_pose_jumps(self, slow_simulator, start, client):
+    def test_odom_does_not_jump_with_the_map_pose(self, slow_simulator, start, client):
         start(publish_tf=True)
         odom = odoms(client)
         transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
@@ -313,10 +315,10 @@ class TestTransforms:
                 ("map", "odom"),
                 ("odom", "base_link"),
             ]
-        # the square of jumps left odom where the wheels brought it
+        # the jumps did not change the pose in odom
         assert near(plane(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
 
-    def test_odom_goes_on_across_another_place_and_another_map(self, slow_simulator, start, client):
+    def test_odom_does_not_jump_with_a_new_pose_or_map(self, slow_simulator, start, client):
         start(publish_tf=True)
         odom = odoms(client)
         transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
