@@ -1,8 +1,8 @@
 """Build of woosh_robot_agent, an ament_python package, and compilation of its protobuf modules.
 
 ``python setup.py build_proto`` compiles them into the source tree (``woosh_robot_agent/pb``, which
-git ignores), so that ``python -m woosh_robot_agent.simulator`` runs from a plain checkout. A wheel or
-a regular colcon build compiles them into its own build folder.
+git ignores), so that ``python -m woosh_robot_agent.simulator`` runs from a plain checkout. A wheel
+or a regular colcon build compiles them into its own build folder.
 """
 
 import contextlib

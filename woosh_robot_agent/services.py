@@ -56,11 +56,15 @@ class Services:
         self.known = last_known
         self._servers: list[DeferredService] = []
         for query in QUERIES:
-            asker = _QueryHandler(query, thread, chassis, last_known, requests)
-            self._servers.append(DeferredService(node, asker.srv, query.name, asker.handle))
+            query_handler = _QueryHandler(query, thread, chassis, last_known, requests)
+            self._servers.append(
+                DeferredService(node, query_handler.srv, query.name, query_handler.handle)
+            )
         for command in COMMANDS:
-            sender = _CommandHandler(command, thread, chassis, gate, requests)
-            self._servers.append(DeferredService(node, sender.srv, command.name, sender.handle))
+            command_handler = _CommandHandler(command, thread, chassis, gate, requests)
+            self._servers.append(
+                DeferredService(node, command_handler.srv, command.name, command_handler.handle)
+            )
 
 
 class _QueryHandler:
