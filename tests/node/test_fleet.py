@@ -121,7 +121,8 @@ def test_frames_and_parameters_are_its_own(fleet: Program, clients: dict[str, Cl
         found[name] = (values[0].string_value, list(values[1].string_array_value))
     assert found == {ROBOTS[0]: ("r1/", NAMES), ROBOTS[1]: ("hall/r2/", NAMES)}
     wanted = {f"{name}/agent" for name in ROBOTS}
-    wait_until(lambda: _agents(clients["/r1"]) == wanted, "the names of the nodes")
+    # DDS shows a killed process of an earlier test in this domain for 20 s
+    wait_until(lambda: _agents(clients["/r1"]) == wanted, "the names of the nodes", timeout=30.0)
 
 
 def _agents(client: Client) -> set[str]:
