@@ -1,8 +1,8 @@
-"""Build of woosh_robot_agent: an ament_python package whose protobuf modules are compiled here.
+"""Build of woosh_robot_agent, an ament_python package, and compilation of its protobuf modules.
 
-``python setup.py build_proto`` puts them into the source tree (``woosh_robot_agent/pb``, which git
-ignores), so that ``python -m woosh_robot_agent.simulator`` runs from a plain checkout. A wheel or a
-regular colcon build compiles them into its own build folder and leaves the source tree alone.
+``python setup.py build_proto`` compiles them into the source tree (``woosh_robot_agent/pb``, which
+git ignores), so that ``python -m woosh_robot_agent.simulator`` runs from a plain checkout. A wheel
+or a regular colcon build compiles them into its own build folder.
 """
 
 import contextlib
@@ -21,11 +21,10 @@ from setuptools.command.build_py import build_py
 from setuptools.command.develop import develop
 
 PACKAGE = "woosh_robot_agent"
-# colcon --symlink-install runs a symlink to this file from its build folder: resolve it.
+# resolved, because colcon --symlink-install runs a symlink to this file in its build folder
 ROOT = Path(__file__).resolve().parent
 PROTO_ROOT = ROOT / "proto"
-# The .proto files live under this folder, which is also how they import each other. The modules
-# are named without it.
+# Folder of the .proto files; they import each other by it. The modules are named without it.
 PROTO_PREFIX = "woosh/proto"
 
 
@@ -34,12 +33,12 @@ def proto_files():
 
 
 def protoc():
-    """Return the compiler's command and its version: grpcio-tools, or the protoc on the PATH."""
+    """Return command and version of the compiler: grpcio-tools, or protoc on the PATH."""
     candidates = [["protoc"]]
     if importlib.util.find_spec("grpc_tools"):
         import grpc_tools
 
-        # protoc's own imports (google/protobuf/any.proto) are shipped beside it.
+        # the .proto files of protobuf itself, e.g. google/protobuf/any.proto
         include = Path(grpc_tools.__file__).parent / "_proto"
         candidates.insert(0, [sys.executable, "-m", "grpc_tools.protoc", f"-I{include}"])
     for command in candidates:
@@ -47,18 +46,18 @@ def protoc():
             version = subprocess.run(
                 [*command, "--version"], capture_output=True, text=True, check=True
             ).stdout
-            # 3.20 is the first with --pyi_out. The grpcio-tools of Debian and Ubuntu are older
-            # than that, the protoc beside them is not.
+            # --pyi_out needs 3.20; the grpcio-tools of Debian and Ubuntu are older, their protoc
+            # is not
             if [int(part) for part in re.findall(r"\d+", version)[:2]] >= [3, 20]:
                 return command, version
     raise SystemExit(
-        "A protobuf compiler of 3.20 or later is missing: pip install grpcio-tools, or apt-get "
-        "install protobuf-compiler."
+        "no protobuf compiler of release 3.20 or later; run pip install grpcio-tools, or apt-get "
+        "install protobuf-compiler"
     )
 
 
 def protobuf_requirement():
-    """Return the range of protobuf releases that can run what this grpcio-tools generates."""
+    """Return the protobuf releases that are compatible with code of the installed grpcio-tools."""
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
         for requirement in importlib.metadata.requires("grpcio-tools") or ():
             if re.match(r"protobuf\b", requirement):
@@ -67,21 +66,21 @@ def protobuf_requirement():
 
 
 def rewrite(text, package):
-    """Make the names of generated modules relative to the package they are placed in."""
+    """Replace the module names in generated code by those in the target package."""
     dotted = PROTO_PREFIX.replace("/", ".")
     text = re.sub(rf"^from {re.escape(dotted)}\b", f"from {package}", text, flags=re.MULTILINE)
-    # The builder is told the module's name: without this, pickle would look for woosh.proto.
+    # the name that generated code passes to the builder; pickle needs it
     return text.replace(f"'{dotted}.", f"'{package}.")
 
 
 def generate(target, package=f"{PACKAGE}.pb"):
-    """Compile proto/ into the folder target, unless it is there already; return the files."""
+    """Compile proto/ into the folder `target`, unless it is up to date; return the files."""
     command, version = protoc()
     digest = hashlib.sha256(version.encode() + Path(__file__).read_bytes())
     for source in proto_files():
         digest.update(f"{source.relative_to(PROTO_ROOT)}\0".encode() + source.read_bytes())
     stamp = target / ".stamp"
-    # The stamp lists what was made, so that a deleted or a stale file is noticed too.
+    # the stamp lists the files, so that missing ones are noticed
     if stamp.exists():
         key, *names = stamp.read_text().splitlines()
         files = [target / name for name in names]
@@ -108,7 +107,7 @@ def generate(target, package=f"{PACKAGE}.pb"):
         wanted = sorted(file.relative_to(made) for file in made.rglob("*") if file.is_file())
         for name in wanted:
             (target / name).parent.mkdir(exist_ok=True)
-            # Replaced one by one: whoever imports meanwhile never meets half a file.
+            # atomic, so that a concurrent import never reads a partial file
             os.replace(made / name, target / name)
     for file in list(target.rglob("*.py")) + list(target.rglob("*.pyi")):
         if file.relative_to(target) not in wanted:

@@ -18,12 +18,12 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.testing import own_domain, running_agent, running_chassis, wait_until
 
 GOALS = ((8.0, -5.0), (3.0, 7.0), (-9.0, 0.5))
 """Points that the robot drives to, in the map frame, in metres."""
-_LASER = Plane(0.25, 0.0, 0.0)
+_LASER = Pose2D(0.25, 0.0, 0.0)
 """Pose of the laser in the robot's frame."""
 
 
@@ -76,7 +76,7 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
         laser = min(poses, key=lambda each: abs(each[0] - stamp(scan)))[1] * _LASER
         points = [
             laser
-            * Plane(
+            * Pose2D(
                 r * math.cos(scan.angle_min + i * scan.angle_increment),
                 r * math.sin(scan.angle_min + i * scan.angle_increment),
             )
@@ -101,9 +101,9 @@ def stamp(message: Any) -> float:
     return float(message.header.stamp.sec + message.header.stamp.nanosec / 1e9)
 
 
-def plane_of(position: Any, rotation: Any) -> Plane:
+def plane_of(position: Any, rotation: Any) -> Pose2D:
     """Return the planar part of a pose or transform."""
-    return Plane(position.x, position.y, 2 * math.atan2(rotation.z, rotation.w))
+    return Pose2D(position.x, position.y, 2 * math.atan2(rotation.z, rotation.w))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Random ROS and protobuf messages, and what of a ROS message the mapping can carry."""
+"""Random ROS and protobuf messages, limited to what the mapping can represent."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROTO_INTS = {
     Field.CPPTYPE_UINT64: "uint64",
     Field.CPPTYPE_ENUM: "int32",
 }
-# 0.1f, the smallest of all, and the one below the largest: ROS's check refuses the largest
+# 0.1f, the smallest float32, and the second largest: ROS's check refuses the largest
 FLOATS = (0.0, -0.0, 1.0, 0.10000000149011612, 1.401298464324817e-45, 3.4028232635611926e38)
 TEXTS = ("", "A2", "机器人", "ß\u00a0\u2028", "🤖", '"\\/\n\t', "\x7f{}", "null")
 
@@ -49,7 +49,7 @@ def text(rng: random.Random) -> str:
 
 
 def random_ros(rng: random.Random, cls: Any) -> Any:
-    """A message with anything in it, presence bits and members of oneofs included."""
+    """Return a ROS message with random values, presence bits and oneof members."""
     message = cls()
     for name, kind in cls.get_fields_and_field_types().items():
         if name == "which" or name.endswith("_choice"):
@@ -61,7 +61,7 @@ def random_ros(rng: random.Random, cls: Any) -> Any:
             setattr(message, name, [_ros_value(rng, of) for _ in range(rng.randint(0, 2))])
     if is_oneof(cls):
         choice = next(name for name in dir(message) if name.endswith("_choice"))
-        # old clients set one, newer ones the other or both
+        # old clients set only one of the two
         message.which, old = rng.choice([(0, 1), (1, 0), (1, 1)])
         number = rng.randint(0, len(members(cls)))
         message.which *= number
@@ -89,7 +89,7 @@ def members(cls: Any) -> list[str]:
 
 
 def carried(message: Any) -> Any:
-    """A copy without what the mapping cannot carry: unused bits, and values of absent fields."""
+    """Return a copy without unused bits and values of absent fields, which the mapping drops."""
     result = copy.deepcopy(message)
     cls = type(message)
     number = 0
@@ -118,7 +118,7 @@ def carried(message: Any) -> Any:
 
 
 def blank(value: Any) -> Any:
-    """The same type's value where there is none: zero, and without any presence bit."""
+    """Return the blank value of a type: zero, without presence bits."""
     empty = type(value)()
     if hasattr(empty, "get_fields_and_field_types"):
         for name, kind in empty.get_fields_and_field_types().items():
@@ -133,7 +133,7 @@ def blank(value: Any) -> Any:
 
 
 def random_proto(rng: random.Random, cls: Any, ros_class: Any) -> Any:
-    """A message with anything in it for which the ROS message has room."""
+    """Return a protobuf message with random values in all fields that the ROS message has."""
     message = cls()
     types = ros_class.get_fields_and_field_types()
     for group in cls.DESCRIPTOR.oneofs:

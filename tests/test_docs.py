@@ -1,8 +1,7 @@
-"""What the docs say of names, numbers and tables is so."""
+"""Names, numbers, examples and links in the docs are right."""
 
 from __future__ import annotations
 
-import argparse
 import re
 import shlex
 from pathlib import Path
@@ -16,27 +15,6 @@ from woosh_robot_agent.simulator.chassis import Chassis
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-
-
-def options_table(parser: argparse.ArgumentParser) -> str:
-    """The options of a program in Markdown."""
-    rows = ["| Option | Default | Meaning |", "| --- | --- | --- |"]
-    for action in parser._actions:
-        if isinstance(action, argparse._HelpAction):
-            continue
-        names = ", ".join(f"`{name}`" for name in action.option_strings)
-        default = "" if action.default in (None, [], False, 0) else f"`{action.default}`"
-        choices = f" ({', '.join(action.choices)})" if action.choices else ""
-        rows.append(f"| {names} | {default} | {action.help}{choices} |")
-    return "\n".join(rows)
-
-
-def test_the_simulators_options() -> None:
-    assert options_table(_parser()) in (DOCS / "simulator.md").read_text()
-
-
-def test_the_simulators_faults() -> None:
-    assert faults.markdown() in (DOCS / "simulator.md").read_text()
 
 
 def test_the_simulators_examples(tmp_path: Path) -> None:
@@ -99,17 +77,3 @@ def test_the_limits_in_the_page_on_security() -> None:
 def test_links_between_pages_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
         assert (page.parent / target).exists(), target
-
-
-def update() -> None:
-    """Write the tables of docs/simulator.md anew."""
-    page = DOCS / "simulator.md"
-    text = page.read_text()
-    for name, table in (("options", options_table(_parser())), ("faults", faults.markdown())):
-        before, begin, rest = re.split(rf"(<!-- {name}\b[^\n]*-->\n)", text)
-        text = f"{before}{begin}{table}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
-    page.write_text(text)
-
-
-if __name__ == "__main__":
-    update()

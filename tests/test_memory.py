@@ -1,4 +1,4 @@
-"""Memory of large frames goes back to the system."""
+"""The memory of large frames is returned to the system."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 PROGRAM = """
 import ctypes, os, sys
 from pathlib import Path
-from woosh_robot_agent.memory import give_back_large_blocks
+from woosh_robot_agent.memory import return_large_blocks
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
@@ -25,8 +25,8 @@ def block(size):
     return address
 
 if sys.argv[1] == "on":
-    give_back_large_blocks()
-libc.free(block(30 * MIB))  # from now on glibc by default keeps what is smaller
+    return_large_blocks()
+libc.free(block(30 * MIB))  # from now on glibc by default keeps smaller blocks
 before = resident()
 for large in [block(4 * MIB) for _ in range(10)]:
     libc.free(large)
@@ -35,11 +35,11 @@ print((resident() - before) // MIB)
 
 
 def left_behind(mode: str) -> int:
-    """MiB that a program still holds after it has freed 40 of them."""
+    """Memory that a program still holds after freeing 40 MiB, in MiB."""
     run = [sys.executable, "-c", PROGRAM, mode]
     return int(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
 
 
 def test_large_blocks_go_back_at_once() -> None:
-    assert left_behind("off") > 30, "glibc does so by itself now"
+    assert left_behind("off") > 30, "glibc returns them by default"
     assert left_behind("on") < 5

@@ -1,5 +1,4 @@
-"""The open ROS 2 agent of Woosh mobile robots.
+"""Open ROS 2 driver for Woosh mobile robots, with a simulated chassis.
 
-Layers, each importing only those below it: `agent`, the ROS side (`services`, `topics`,
-`actions`), the table of `endpoints`, `convert`, and `link`, which knows nothing of ROS.
+docs/architecture.md describes the layers; the contracts in pyproject.toml enforce them.
 """

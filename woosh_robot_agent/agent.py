@@ -1,8 +1,8 @@
-"""The agent as a program: `ros2 run woosh_robot_agent agent`."""
+"""The agent program: `ros2 run woosh_robot_agent agent`."""
 
 from __future__ import annotations
 
-# Nothing more is imported here: until `Signals` is there, a signal ends in a traceback.
+# Import nothing else here: a signal before `Signals` is in place ends in a traceback.
 import os
 import signal
 import sys
@@ -11,18 +11,20 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-_SPIN = 0.2
+_SPIN_TIMEOUT = 0.2
 """Maximum delay before the executor's thread notices a signal, in seconds.
 
-A signal does not end rclpy's wait. The thread of the links is told at once, by `Signals.fd`.
+A signal does not end rclpy's wait. The link thread is told at once, by `Signals.fd`.
 """
+_CLOSE_SPIN_TIMEOUT = 0.05
+"""Duration of one executor turn while the agents close, in seconds."""
 
 
 class Signals:
-    """Notes SIGINT and SIGTERM from now on, instead of ending the program.
+    """Handler of SIGINT and SIGTERM that sets a flag instead of ending the program.
 
     Attributes:
-        stop: True after the first signal.
+        stop: True once a signal has arrived.
         fd: a file descriptor that becomes readable with the first signal.
     """
 
@@ -33,22 +35,25 @@ class Signals:
         os.set_blocking(written, False)
         signal.set_wakeup_fd(written, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
+            signal.signal(number, self._handle)
 
-    def _note(self, _signal: int, _frame: object) -> None:
+    def _handle(self, _signal: int, _frame: object) -> None:
         self.stop = True
 
 
 def make_executor(name: str, context: Any = None) -> Any:
-    """The executor called `name`; see the parameter `executor`.
+    """Return a new executor.
 
-    `single` takes the place of `events` where rclpy is older than 7.1.4 and has none.
+    Args:
+        name: value of the parameter `executor`. rclpy has `events` since 7.1.4; older releases get
+            `single` instead.
+        context: rclpy context; by default the global one.
     """
     if name == "events":
         try:
             from rclpy.experimental import EventsExecutor
         except ImportError:
-            _warn_no_events()
+            _warn_no_events_executor()
         else:
             return EventsExecutor(context=context)
     from rclpy.executors import SingleThreadedExecutor
@@ -56,42 +61,42 @@ def make_executor(name: str, context: Any = None) -> Any:
     return SingleThreadedExecutor(context=context)
 
 
-def _warn_no_events() -> None:
+def _warn_no_events_executor() -> None:
     import logging
 
     logging.getLogger("woosh_robot_agent.agent").warning(
-        "this rclpy has no EventsExecutor, which came with 7.1.4: the executor is 'single' instead"
+        "this rclpy is older than 7.1.4 and has no EventsExecutor; using executor 'single'"
     )
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the agents until SIGINT or SIGTERM. Returns the process's exit status."""
+    """Run the agents until SIGINT or SIGTERM; return the exit status."""
     signals = Signals()
-    from woosh_robot_agent.memory import collect_nothing, collect_only_what_comes
+    from woosh_robot_agent.memory import disable_collection, enable_collection_of_new_objects
 
-    collect_nothing()
+    disable_collection()
     import rclpy
     from rclpy.exceptions import NameValidationException, ParameterException
-    from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
     from rclpy.signals import SignalHandlerOptions
 
     from woosh_robot_agent.fleet import Fleet
-    from woosh_robot_agent.memory import give_back_large_blocks
+    from woosh_robot_agent.memory import return_large_blocks
+    from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
 
-    give_back_large_blocks()
+    return_large_blocks()
     if signals.stop:
         return 0
     try:
         try:
-            # rclpy's own handlers would shut the context down before goals and robot are settled
+            # rclpy's handlers would shut the context down before goals and robot have been stopped
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             fleet = Fleet()
         except (
             ValueError,
             ParameterException,
             NameValidationException,
-            _rclpy.RCLError,
-            _rclpy.UnknownROSArgsError,
+            RCLError,
+            UnknownROSArgsError,
         ) as error:
             print("agent:", *str(error).split(), file=sys.stderr)
             return 2
@@ -99,25 +104,25 @@ def main(args: list[str] | None = None) -> int:
         for agent in fleet.agents:
             executor.add_node(agent.node)
         fleet.begin_close_on(signals.fd)
-        collect_only_what_comes()
+        enable_collection_of_new_objects()
         while not signals.stop and rclpy.ok():
-            _spin_once(executor, _SPIN)
-        fleet.close(lambda: _spin_once(executor, 0.05))
-        executor.shutdown()  # an EventsExecutor keeps what it listened to, and that in the graph
+            _spin_once(executor, _SPIN_TIMEOUT)
+        fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT))
+        executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then
     finally:
         rclpy.try_shutdown()
     return 0
 
 
 def _spin_once(executor: Any, timeout: float) -> None:
-    """One turn; a mistake in a callback is logged, for it must not end the agent."""
+    """Run one executor turn; log the error of a callback, so that it does not end the agent."""
     import logging
 
     from rclpy.executors import ExternalShutdownException
 
-    from woosh_robot_agent.logs import speak_as
+    from woosh_robot_agent.logs import log_as
 
-    speak_as(None)  # until a callback says whose it is
+    log_as(None)  # until a callback sets the logger of its node
     try:
         executor.spin_once(timeout_sec=timeout)
     except ExternalShutdownException:

@@ -1,7 +1,7 @@
-"""Everything that passes between the two threads: rclpy's in main, asyncio's with the link.
+"""Hand-over between the executor thread and the link thread.
 
-rclpy callbacks never wait. They hand a coroutine to the link's thread, which answers when it can:
-services by `DeferredService`, publishers straight from the link's thread (they need no executor).
+rclpy callbacks run in the executor thread and never wait. They pass a coroutine to the link thread,
+which replies later (`DeferredService`). Publishers publish directly from the link thread.
 """
 
 from __future__ import annotations
@@ -17,26 +17,19 @@ from contextvars import Context
 from functools import partial
 from typing import Any, TypeVar
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.qos import QoSProfile
-
-from woosh_robot_agent.logs import speak_as
+from woosh_robot_agent.logs import log_as
+from woosh_robot_agent.qos import SERVICE_QOS
+from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS, replace_send_response, take_request
 
 T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
-SERVICE_QOS = QoSProfile(depth=10_000)
-"""Of all services, those of actions too: what DDS cannot keep, calls and answers alike, is lost and
-nobody learns of it. So many are 5 s of 2,000 calls/s; DDS asks for what it missed every 3 s."""
-_GONE = (InvalidHandle, _rclpy.RCLError)
-"""What sending raises when nobody is there any more."""
-_TURN = 0.005
-"""s for which calls of one service are taken before it is the turn of the others."""
+_MAX_TURN = 0.005
+"""Maximum time for the requests of one service before other entities get a turn, in seconds."""
 
 
 class LoopThread:
-    """An asyncio event loop in a thread of its own, for the links of any number of robots."""
+    """A thread with an asyncio event loop, shared by the links of any number of robots."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
@@ -44,11 +37,11 @@ class LoopThread:
         self._thread.start()
 
     def stop(self, timeout: float) -> None:
-        """Cancel what runs, end the loop and join the thread, within `timeout` s."""
+        """Cancel all tasks, stop the loop and join the thread, within `timeout` seconds."""
         self.loop.call_soon_threadsafe(self.loop.stop)
         self._thread.join(timeout)
         if self._thread.is_alive():
-            _LOG.error("the link's thread did not end within %g s", timeout)
+            _LOG.error("the link thread did not end within %g s", timeout)
 
     def _main(self) -> None:
         asyncio.set_event_loop(self.loop)
@@ -63,11 +56,11 @@ class LoopThread:
 
 
 class LinkThread:
-    """What one robot's agent hands over to the link's thread.
+    """Access to the link thread for the agent of one robot.
 
     Args:
-        thread: the thread, shared perhaps with other robots.
-        context: in which all of it runs; tells whose it is, see `logs`.
+        thread: the thread; it may serve other robots too.
+        context: context in which the work runs; it holds the node's logger (`logs.context_of`).
     """
 
     def __init__(self, thread: LoopThread, context: Context) -> None:
@@ -76,37 +69,38 @@ class LinkThread:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def call(self, function: Callable[..., object], *args: object) -> None:
-        """Have `function` called in the loop soon; from any thread."""
+        """Schedule a call of `function` in the loop. Thread-safe."""
         self.loop.call_soon_threadsafe(function, *args, context=self._context)
 
     def spawn(
         self,
         work: Callable[[], Coroutine[Any, Any, None]],
-        failed: Callable[[BaseException], None] | None = None,
+        on_error: Callable[[BaseException], None] | None = None,
     ) -> None:
-        """Have a coroutine run in the loop; from any thread.
+        """Start a coroutine in the loop and do not wait for it. Thread-safe.
 
         Args:
-            work: makes the coroutine.
-            failed: gets what it raised, a mistake of ours; it is logged too.
+            work: creates the coroutine.
+            on_error: called with an exception that the coroutine did not handle, after it has been
+                logged, or with a RuntimeError if the coroutine was cancelled.
         """
-        self.call(self._spawn, work, failed)
+        self.call(self._spawn, work, on_error)
 
     def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
-        """Begin a coroutine in the loop; from any thread. `outcome` waits for its end."""
-        # a copy, as the loop may be in the context itself at this moment
+        """Start a coroutine in the loop and return its future. Thread-safe."""
+        # a copy, because the loop may be running in the context itself at this moment
         return self._context.copy().run(asyncio.run_coroutine_threadsafe, work, self.loop)
 
     def run(self, work: Coroutine[Any, Any, T], timeout: float) -> T:
-        """Run a coroutine in the loop and wait for it; from any other thread.
+        """Run a coroutine in the loop and wait for it, from another thread.
 
         Raises:
-            TimeoutError: it took longer than `timeout` s; it is cancelled.
+            TimeoutError: it took longer than `timeout` seconds and has been cancelled.
         """
         return outcome(self.begin(work), timeout)
 
     async def cancel(self) -> None:
-        """Cancel what was spawned, and wait for its end; in the loop."""
+        """Cancel all spawned coroutines and wait for their end; call it in the loop."""
         tasks = tuple(self._tasks)
         for task in tasks:
             task.cancel()
@@ -115,45 +109,45 @@ class LinkThread:
     def _spawn(
         self,
         work: Callable[[], Coroutine[Any, Any, None]],
-        failed: Callable[[BaseException], None] | None,
+        on_error: Callable[[BaseException], None] | None,
     ) -> None:
         task = self.loop.create_task(work())
         self._tasks.add(task)  # the loop itself keeps only a weak reference
-        task.add_done_callback(partial(self._done, failed))
+        task.add_done_callback(partial(self._done, on_error))
 
     def _done(
-        self, failed: Callable[[BaseException], None] | None, task: asyncio.Task[None]
+        self, on_error: Callable[[BaseException], None] | None, task: asyncio.Task[None]
     ) -> None:
         self._tasks.discard(task)
         error = RuntimeError("the agent is stopping") if task.cancelled() else task.exception()
         if error is None:
             return
         if not task.cancelled():
-            _LOG.error("a task of the agent failed", exc_info=error)
-        if failed is not None:
-            failed(error)
+            _LOG.error("a background task failed", exc_info=error)
+        if on_error is not None:
+            on_error(error)
 
 
-def outcome(begun: Future[T], timeout: float) -> T:
-    """What a coroutine of another thread gives.
+def outcome(future: Future[T], timeout: float) -> T:
+    """Wait for a coroutine of another thread and return its result.
 
     Raises:
-        TimeoutError: it took longer than `timeout` s; it is cancelled.
+        TimeoutError: it took longer than `timeout` seconds and has been cancelled.
     """
     try:
-        return begun.result(timeout)
+        return future.result(timeout)
     except FutureTimeoutError:
-        begun.cancel()
-        raise TimeoutError from None  # until Python 3.11 they are two
+        future.cancel()
+        raise TimeoutError from None  # the two classes are one only since Python 3.11
 
 
 class Reply:
-    """The answer to one service call, sent once, by whichever thread has it.
+    """The reply to one service call; it is sent exactly once, from any thread.
 
     Args:
-        response_class: class of the answer.
-        send: sends an answer to the one whom a header names.
-        header: whom to answer.
+        response_class: ROS class of the response.
+        send: sends a response to the client that a header identifies.
+        header: identifies the client and its call.
     """
 
     def __init__(self, response_class: Any, send: Callable[[Any, Any], None], header: Any) -> None:
@@ -164,87 +158,79 @@ class Reply:
         self._sent = False
 
     def send(self, response: Any) -> None:
-        """Answer the call. A second answer is a mistake of ours; it is logged and not sent."""
+        """Send the response. A second response is a bug: it is logged and not sent."""
         with self._lock:
             again, self._sent = self._sent, True
         if again:
-            _LOG.error("a service call was answered twice: %r", response)
+            _LOG.error("a service call was answered twice; second response: %r", response)
             return
         try:
             try:
                 self._send(response, self._header)
-            except _GONE:
+            except PEER_GONE_ERRORS:
                 raise
-            except Exception as error:  # rclpy could not convert it
-                _LOG.exception("an answer could not be sent: %a", response)
+            except Exception as error:  # rclpy cannot convert the response
+                _LOG.exception("a service response could not be sent: %a", response)
                 self._send(self._failure(error), self._header)
-        except _GONE as error:
-            _LOG.debug("the client has gone before its answer: %s", error)
+        except PEER_GONE_ERRORS as error:
+            _LOG.debug("the client has gone before its response: %s", error)
 
     def fail(self, error: BaseException) -> None:
-        """Answer for want of anything better: a mistake of ours kept the real answer away."""
+        """Send a response that reports a bug of the agent."""
         self.send(self._failure(error))
 
     def _failure(self, error: BaseException) -> Any:
         response = self._response_class()
         if hasattr(response, "msg"):
-            response.msg = f"the agent failed: {error!a}; please report this"
+            response.msg = f"internal error of the agent, please report it: {error!a}"
         return response
 
 
 class DeferredService:
-    """A service whose callback returns at once and whose answer is sent later, from any thread.
+    """A service whose callback returns at once; the response is sent later, from any thread.
 
-    The executor passes on what the callback returns, and whom to answer, to `send_response`. So the
-    callback returns the request itself, and calls are served in `send_response`: as the last thing
-    that the executor does, so that the link's thread, which wakes for it, gets Python's lock.
+    The executor passes the callback's return value and the request's header to `send_response`.
+    Therefore the callback returns the request itself, and the replaced `send_response` handles it.
+    That is the last step of the executor's turn, so the link thread can take the GIL right after.
 
     Args:
         node: owner of the service.
         srv_type: ROS type of the service.
         name: name of the service.
-        handle: takes the request and the `Reply`, in the executor's thread; must not wait.
+        handle: called with the request and the `Reply` in the executor thread; must not block.
     """
 
     def __init__(
         self, node: Any, srv_type: Any, name: str, handle: Callable[[Any, Reply], None]
     ) -> None:
-        self._srv_type = srv_type
+        self._response_class = srv_type.Response
         self._handle = handle
-        self._speak = partial(speak_as, node.get_logger())
-        self._service = node.create_service(srv_type, name, _request, qos_profile=SERVICE_QOS)
-        self._send_now = self._service.send_response
-        self._service.send_response = self._serve_all
+        self._log_as_node = partial(log_as, node.get_logger())
+        self._service = node.create_service(
+            srv_type, name, lambda request, _response: request, qos_profile=SERVICE_QOS
+        )
+        self._send_response = replace_send_response(self._service, self._serve_all)
 
     def _serve_all(self, request: Any, header: Any) -> None:
-        """Serve a call, and what waits besides.
+        """Handle a request and the pending ones behind it.
 
-        An executor may look at all its entities for each single call. With that, calls come faster
-        than they are taken, until DDS drops the oldest of them.
+        An executor may check all entities for each request. At high rates it would then fall
+        behind, until DDS drops the oldest requests.
         """
-        self._speak()
-        deadline = time.monotonic() + _TURN
+        self._log_as_node()
+        deadline = time.monotonic() + _MAX_TURN
         while header is not None:
             served = request, header
             try:
-                request, header = self._take() if time.monotonic() < deadline else (None, None)
+                more = time.monotonic() < deadline
+                request, header = take_request(self._service) if more else (None, None)
             finally:
                 self._serve(*served)
 
-    def _take(self) -> tuple[Any, Any]:
-        """The next call's request and header, or two times None."""
-        handle = self._service.handle
-        with handle:
-            return handle.service_take_request(self._srv_type.Request) or (None, None)
-
     def _serve(self, request: Any, header: Any) -> None:
-        reply = Reply(self._srv_type.Response, self._send_now, header)
+        reply = Reply(self._response_class, self._send_response, header)
         try:
             self._handle(request, reply)
-        except Exception as error:  # one that escaped would end the executor
+        except Exception as error:  # an escaping exception would end the executor
             _LOG.exception("a service callback failed")
             reply.fail(error)
-
-
-def _request(request: Any, _response: Any) -> Any:
-    return request

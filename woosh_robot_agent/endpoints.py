@@ -1,21 +1,25 @@
-"""The table of every ROS endpoint and the chassis message behind it. All else derives from it.
+"""The table of all endpoints: their ROS names and types, and the chassis messages behind them.
 
-Names are relative to the agent's namespace; types are names, so that the table can be read where
-there is no ROS. `python3 -m woosh_robot_agent.endpoints` prints it as the README shows it.
+Servers, publishers, policies, documentation and tests derive from this table. Names are relative to
+the agent's namespace. Types are given by name, so that the table can be read without ROS.
+`python3 -m woosh_robot_agent.endpoints` prints it in Markdown.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+NAMESPACE = "/woosh_robot"
+"""Usual namespace of the agent."""
+
 
 @dataclass(frozen=True)
 class Query:
-    """A service that asks the chassis for a value.
+    """A service that requests a value from the chassis.
 
     Attributes:
         name: name of the service.
-        srv: its ROS type; the response has one field.
+        srv: ROS type of the service; the response has exactly one field.
         request: protobuf full name of the request and of the answer.
     """
 
@@ -26,13 +30,14 @@ class Query:
 
 @dataclass(frozen=True)
 class Command:
-    """A service that has the chassis do something.
+    """A service that makes the chassis do something.
 
     Attributes:
         name: name of the service.
-        srv: its ROS type: `arg`, and in the response `ok`, `msg` and with some `ret`.
+        srv: ROS type of the service. The request has the field `arg`, the response `ok`, `msg` and
+            optionally `ret`.
         request: protobuf full name of the request.
-        answer: protobuf full name of the answer that fills `ret`, empty where there is none.
+        answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
     """
 
     name: str
@@ -43,13 +48,13 @@ class Command:
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic on which the chassis's pushes are published.
+    """A topic on which the pushes of one type are published.
 
     Attributes:
         name: name of the topic.
-        msg: its ROS type.
+        msg: ROS type of the topic.
         push: protobuf full name of the push.
-        depth: messages that are kept for late subscribers.
+        depth: number of messages that late subscribers receive.
     """
 
     name: str
@@ -60,15 +65,15 @@ class Topic:
 
 @dataclass(frozen=True)
 class Action:
-    """An action that the chassis runs and reports on.
+    """An action that the chassis executes and reports on.
 
     Attributes:
         name: name of the action.
-        action: its ROS type: `arg`, `ret` and `fb`.
+        action: ROS type of the action; its parts have the fields `arg`, `ret` and `fb`.
         arg: protobuf full name of the goal's `arg`.
-        feedback: protobuf full name of what fills `fb` and `ret`.
-        member: member of the oneof of woosh.ros.CallAction in which `arg` is sent; empty where
-            `arg` itself is the request.
+        feedback: protobuf full name of the reports, which become `fb` and `ret`.
+        member: member of the oneof of woosh.ros.CallAction that carries `arg`; empty if `arg`
+            itself is the request.
     """
 
     name: str
@@ -153,7 +158,7 @@ COMMANDS = (
     _command("robot/Follow"),
     _command("robot/RobotWiFi", "woosh.robot.RobotWiFi"),
     _setting("Identity"),
-    _setting("Identity", "setting/SetIdentity"),  # the maker's document uses both names
+    _setting("Identity", "setting/SetIdentity"),  # the vendor's manual uses both names
     _setting("Server"),
     _setting("AutoCharge"),
     _setting("AutoPark"),
@@ -195,7 +200,7 @@ ACTIONS = (
 
 
 def markdown() -> str:
-    """The whole table in Markdown."""
+    """Return the whole table in Markdown."""
     rows = [("Kind", "Name", "ROS type", "Chassis message"), ("---",) * 4]
     rows += [("query", e.name, e.srv.replace("/", "/srv/"), e.request) for e in QUERIES]
     rows += [("command", e.name, e.srv.replace("/", "/srv/"), e.request) for e in COMMANDS]

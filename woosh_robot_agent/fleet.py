@@ -1,6 +1,6 @@
-"""The agents of one process: one, or one for each name in the parameter `robots`.
+"""The agents of one process: one agent, or one for each robot in the parameter `robots`.
 
-They share the process, one rclpy context, one executor and one event loop for their links.
+They share the process, the rclpy context, the executor and the thread of the links.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 
 _STOP_TIMEOUT = 0.3
-"""s in which the thread of the links must end."""
+"""Timeout for the end of the link thread, in seconds."""
 
 
 class Fleet:
-    """The agents of this process, as its arguments and parameter files want them.
+    """The agents of this process, as configured by its arguments and parameter files.
 
     Args:
         options: rclpy's options of the nodes, e.g. `context`.
 
     Attributes:
         agents: one for each robot.
-        executor: the executor that their parameters ask for.
+        executor: value of their parameter `executor`.
 
     Raises:
-        ValueError: a parameter makes no sense; the text says which robot's, and what to do.
+        ValueError: a parameter is invalid; the text names the robot and says what to do.
     """
 
     def __init__(self, **options: Any) -> None:
-        nodes = _nodes(options)
+        nodes = _create_nodes(options)
         self.executor = nodes[0].settings.executor
         self._thread = LoopThread()
         self.agents = [Agent(node, self._thread) for node in nodes]
@@ -56,20 +56,20 @@ class Fleet:
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 
     def close(self, spin_once: Callable[[], None]) -> None:
-        """End all of them at a time; see `Agent.close`."""
+        """Close all agents concurrently; see `Agent.close`."""
         close_all(self.agents, spin_once)
         self._thread.stop(_STOP_TIMEOUT)
 
 
 def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
-    """The namespace of each robot by its name.
+    """Return the namespaces of the robots by their names.
 
     Args:
-        names: the names; a relative one is below `own`, an absolute one is taken as it is.
-        own: the namespace of the program.
+        names: names of the robots; relative ones are resolved in `own`.
+        own: namespace of the program.
 
     Raises:
-        ValueError: a name is none, or two are the same.
+        ValueError: a name is invalid, or two robots have the same namespace.
     """
     found: dict[str, str] = {}
     for name in names:
@@ -78,28 +78,28 @@ def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
             validate_namespace(namespace)
         except InvalidNamespaceException as error:
             raise ValueError(
-                f"robots: {name!r} is no namespace: letters, digits, underscores and slashes make "
-                f"one, e.g. robots: [r1, /hall/r2] ({error})"
+                f"robots: {name!r} is not a namespace; use letters, digits, underscores and "
+                f"slashes, e.g. robots: [r1, /hall/r2] ({error})"
             ) from error
         if namespace in found.values():
-            raise ValueError(f"robots: {namespace} is there twice: each robot needs its own name")
+            raise ValueError(f"robots: give each robot its own name; two have {namespace}")
         found[name] = namespace
     return found
 
 
-def _nodes(options: dict[str, Any]) -> list[ParameterNode]:
-    """A node for each robot, none of which does anything yet."""
+def _create_nodes(options: dict[str, Any]) -> list[ParameterNode]:
+    """Create a node for each robot, with its parameters and nothing else."""
     first = ParameterNode(**options)
     robots = first.settings.robots
     if not robots:
         return [first]
     own = first.get_namespace()
-    first.destroy_node()  # it has told which nodes there are to be
+    first.destroy_node()  # it was needed only for the parameter `robots`
     nodes: list[ParameterNode] = []
     try:
         for name, namespace in namespaces(robots, own).items():
-            nodes.append(_node(name, namespace, options))
-        _check_together(nodes)
+            nodes.append(_create_node(name, namespace, options))
+        _check_compatible(nodes)
     except BaseException:
         for node in nodes:
             node.destroy_node()
@@ -107,48 +107,50 @@ def _nodes(options: dict[str, Any]) -> list[ParameterNode]:
     return nodes
 
 
-def _node(name: str, namespace: str, options: dict[str, Any]) -> ParameterNode:
+def _create_node(name: str, namespace: str, options: dict[str, Any]) -> ParameterNode:
     frames = name.strip("/")
     defaults = {
-        "ip": "",  # no address is every robot's
-        "frame_prefix": f"{frames}/" if frames else "",  # /tf is for all of them
+        "ip": "",  # invalid: the default address cannot be right for several robots
+        "frame_prefix": f"{frames}/" if frames else "",  # all robots share /tf
     }
     try:
-        # a remapping of the node's own counts for more than one that was given to the program
+        # a node's own remapping overrides the program's
         return ParameterNode(
             defaults, cli_args=["--ros-args", "-r", f"__ns:={namespace}"], **options
         )
     except (ValueError, ParameterException) as error:
         raise ValueError(
-            f"robot {namespace}: {error} (its own parameters are those of {namespace}/agent in the "
+            f"robot {namespace}: {error} (set its parameters under {namespace}/agent in the "
             "parameter file)"
         ) from error
 
 
-def _check_together(nodes: Sequence[ParameterNode]) -> None:
-    """What makes sense for each robot alone, and not for several in one process."""
-    for one, other in _alike(nodes, lambda s: (s.link.ip, s.link.effective_port, s.link.robot_id)):
+def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
+    """Check parameters that are valid for each robot alone but not together in one process."""
+    for one, other in _equals(nodes, lambda s: (s.link.ip, s.link.effective_port, s.link.robot_id)):
         raise ValueError(
-            f"robots {one.get_namespace()} and {other.get_namespace()} are the same one, at "
-            f"{other.settings.link.address}: give each an ip of its own, or a port or robot_id, "
-            "in the parameter file"
+            f"robots {one.get_namespace()} and {other.get_namespace()} connect to the same chassis "
+            f"({other.settings.link.address}); give each its own ip, port or robot_id in the "
+            "parameter file"
         )
     if len({node.settings.executor for node in nodes}) > 1:
-        raise ValueError("executor differs: robots of one process share it, so set it under /**")
-    for one, other in _alike(nodes, lambda s: s.standard.frame_prefix):
+        raise ValueError(
+            "executor differs between robots, but they share one process; set it under /**"
+        )
+    for one, other in _equals(nodes, lambda s: s.standard.frame_prefix):
         other.get_logger().warning(
-            f"frame_prefix {other.settings.standard.frame_prefix!r} is also that of "
-            f"{one.get_namespace()}: on /tf nobody can tell their frames apart; give each its own, "
-            "or remap /tf"
+            f"frame_prefix is the same as that of {one.get_namespace()}, so their frames on /tf "
+            "collide; give each robot its own prefix, or remap /tf: "
+            f"{other.settings.standard.frame_prefix!r}"
         )
 
 
-def _alike(
-    nodes: Sequence[ParameterNode], what: Callable[[Settings], Any]
+def _equals(
+    nodes: Sequence[ParameterNode], key: Callable[[Settings], Any]
 ) -> Iterator[tuple[ParameterNode, ParameterNode]]:
-    """Each robot that has the same of something as one before, with that one."""
+    """Find robots with equal settings: yield the first with a key, and each later one."""
     first: dict[Any, ParameterNode] = {}
     for node in nodes:
-        known = first.setdefault(what(node.settings), node)
+        known = first.setdefault(key(node.settings), node)
         if known is not node:
             yield known, node

@@ -1,4 +1,4 @@
-"""The last value that the chassis gave of each kind, for when it cannot be asked."""
+"""The last known value of each message type that the chassis reports."""
 
 from __future__ import annotations
 
@@ -18,34 +18,35 @@ _INFO_FIELDS = {
     for field in RobotInfo.DESCRIPTOR.fields
     if field.message_type is not None
 }
+"""Names of RobotInfo's message fields, by the full name of their type."""
 
 
 def is_part_of_info(cls: type[Message]) -> bool:
-    """Whether RobotInfo has a message of this class."""
+    """Return True if RobotInfo has a field of this class."""
     return cls.DESCRIPTOR.full_name in _INFO_FIELDS
 
 
 def parts_of(info: RobotInfo) -> list[Message]:
-    """What a RobotInfo says, as the messages that are pushed one by one; only what it holds."""
+    """Return the parts that are present in a RobotInfo, as the messages that the chassis pushes."""
     parts: list[Message] = [
         getattr(info, name) for name in _INFO_FIELDS.values() if info.HasField(name)
     ]
-    if info.state:  # a bare enum there, a message of its own as a push
+    if info.state:  # an enum in RobotInfo, but pushed as a message of its own
         parts.append(RobotState(state=info.state))
     return parts
 
 
 class LastKnown:
-    """Remembers what the chassis last said, by protobuf full name. Used in the link's thread.
+    """Store of the last known values, by protobuf full name. Use it in the link thread only.
 
     Args:
-        chassis: what it pushes is remembered; None where somebody else calls `remember`.
+        chassis: source of pushes and snapshots; None if all values come from calls of `remember`.
     """
 
     def __init__(self, chassis: ChassisClient | None) -> None:
         self._values: dict[str, Message] = {}
         self._unread: dict[str, Message | Body] = {}
-        """What was said since somebody last looked: the last of each type, the oldest first."""
+        """Values that have not been decoded yet, the last one of each type, the oldest first."""
         if chassis is None:
             return
         chassis.on_snapshot(self.remember)
@@ -53,30 +54,30 @@ class LastKnown:
             chassis.subscribe_raw(message_type(topic.push), self.remember)
 
     def get(self, name: str) -> Message | None:
-        """The last value of the type called `name`, or None."""
+        """Return the last value of a type, given by its protobuf full name, or None."""
         self._read()
         return self._values.get(name)
 
-    def remember(self, said: Message | Body) -> None:
-        """Keep an answer or a push of the chassis. It is read when somebody looks."""
-        name = said.type if isinstance(said, Body) else full_name(said)
-        if name == _INFO:  # it may lack what an earlier one has
+    def remember(self, value: Message | Body) -> None:
+        """Store an answer or push of the chassis. It is decoded lazily, in `get`."""
+        name = value.type if isinstance(value, Body) else full_name(value)
+        if name == _INFO:  # it may lack parts that an unread value holds
             self._read()
         self._unread.pop(name, None)
-        self._unread[name] = said
+        self._unread[name] = value
 
     def _read(self) -> None:
         unread, self._unread = self._unread, {}
-        for said in unread.values():
+        for value in unread.values():
             try:
-                self._apply(said.message() if isinstance(said, Body) else said)
-            except FrameError:  # the body has told of it
+                self._apply(value.message() if isinstance(value, Body) else value)
+            except FrameError:  # the body itself reports it
                 continue
 
     def _apply(self, message: Message) -> None:
-        """Take a value, and keep RobotInfo and its parts in step."""
+        """Store a message, and keep RobotInfo and its parts consistent."""
         if isinstance(message, RobotInfo):
-            own = RobotInfo()  # it changes with each of its parts; the caller's must not
+            own = RobotInfo()  # a copy, because later parts are merged into it
             own.CopyFrom(message)
             self._values[_INFO] = own
             self._values.update((full_name(part), part) for part in parts_of(message))

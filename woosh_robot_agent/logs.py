@@ -1,8 +1,8 @@
-"""Hands what the layers below ROS log to the logger of the node that it is about.
+"""Logging to ROS: records of `logging` go to the logger of the node that they concern.
 
-Several agents can share a process. What works for one of them runs in a context (`contextvars`)
-that knows its logger: in the link's thread tasks and callbacks inherit it, and in the executor's
-thread each callback that may log begins with `speak_as`.
+Several agents can share a process. Work for one of them runs in a context (`contextvars`) that
+holds the logger of its node: asyncio tasks and callbacks of the link thread inherit the context;
+callbacks in the executor thread begin with `log_as`.
 """
 
 from __future__ import annotations
@@ -11,23 +11,25 @@ import contextvars
 import logging
 from typing import Any
 
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity, get_logger
 
+from woosh_robot_agent import rclpy_private
 from woosh_robot_agent.link.log_once import one_line
 
-_LONGEST = 2000
-"""Characters of a message, tracebacks apart."""
+_MAX_LENGTH = 2000
+"""Maximum length of a message without its traceback, in characters."""
 _PACKAGE = "woosh_robot_agent"
+"""Name of the package's root logger, in `logging` and in ROS."""
 
 _SEVERITIES = (
     (logging.ERROR, LoggingSeverity.ERROR),
     (logging.WARNING, LoggingSeverity.WARN),
     (logging.INFO, LoggingSeverity.INFO),
 )
+"""ROS severities by the lowest level of `logging` that they stand for."""
 
 _FORMATTER = logging.Formatter()
-_SPEAKER = contextvars.ContextVar[Any]("speaker", default=None)
+_NODE_LOGGER = contextvars.ContextVar[Any]("node_logger", default=None)
 
 
 _CLOSING: set[str] = set()
@@ -44,48 +46,38 @@ def expect_losses(logger: Any, *, expected: bool) -> None:
     (_CLOSING.add if expected else _CLOSING.discard)(logger.name)
 
 
-def speak_as(logger: Any) -> None:
-    """Have what this context logs from now on go to a node's logger; None: to the program's."""
-    _SPEAKER.set(logger)
+def log_as(logger: Any) -> None:
+    """Send the log records of this context to a node's logger, or with None to the package's."""
+    _NODE_LOGGER.set(logger)
 
 
 def context_of(logger: Any) -> contextvars.Context:
-    """A new context, in which what is logged goes to a node's logger."""
+    """Return a new context whose log records go to a node's logger."""
     context = contextvars.copy_context()
-    context.run(speak_as, logger)
+    context.run(log_as, logger)
     return context
 
 
 class RosLogHandler(logging.Handler):
-    """Logs by the logger of the node that speaks; mistakes of its own go to stderr."""
+    """Handler that passes records to the ROS logger of the current context."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Log one record."""
         try:
-            text = one_line(record.getMessage(), _LONGEST)
+            text = one_line(record.getMessage(), _MAX_LENGTH)
             if record.exc_info:
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
-            logger = _SPEAKER.get() or get_logger(_PACKAGE)
-            _say(logger.name, record, text)
+            logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
+            place = record.funcName or "", record.pathname, record.lineno
+            severity = _severity(record.levelno)
+            if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
+                severity = LoggingSeverity.INFO
+            rclpy_private.log(logger.name, severity, text, *place)
         except Exception:
             self.handleError(record)
 
 
-def _say(name: str, record: logging.LogRecord, text: str) -> None:
-    """Log as rclpy's logger does, with the place in the source where it was logged.
-
-    rclpy would look for that place, find the handler here, and take 60 ms for its first line.
-    """
-    severity = _severity(record.levelno)
-    if severity is LoggingSeverity.WARN and name in _CLOSING:
-        severity = LoggingSeverity.INFO
-    if _rclpy.rclpy_logging_logger_is_enabled_for(name, severity):
-        place = record.funcName or "", record.pathname, record.lineno
-        _rclpy.rclpy_logging_rcutils_log(severity, name, text, *place)
-
-
 def _severity(level: int) -> LoggingSeverity:
-    """ROS's severity for one of `logging`."""
+    """Return the ROS severity of a level of `logging`."""
     return next((s for least, s in _SEVERITIES if level >= least), LoggingSeverity.DEBUG)
 
 
@@ -93,7 +85,7 @@ _HANDLER = RosLogHandler()
 
 
 def log_to_ros() -> None:
-    """Have all that the package logs go to ROS, once, however often this is called."""
+    """Send all records of the package to ROS. Idempotent."""
     logger = logging.getLogger(_PACKAGE)
     logger.addHandler(_HANDLER)
     logger.setLevel(logging.DEBUG)

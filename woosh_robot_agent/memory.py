@@ -1,37 +1,40 @@
-"""How the program's memory is looked after: large blocks go back, and what stays is left alone."""
+"""Memory settings of the process: heap trimming and garbage collection."""
 
 from __future__ import annotations
 
 import ctypes
 import gc
 
-_LARGE = 1024 * 1024
-"""Bytes from which a block is a mapping of its own, and which may stay unused at the heap's end."""
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of <malloc.h>
+_LARGE_BLOCK = 1024 * 1024
+"""Minimum size of a block with its own mapping, and maximum unused space of the heap, in bytes."""
+_M_TRIM_THRESHOLD = -1
+"""`M_TRIM_THRESHOLD` of <malloc.h>."""
+_M_MMAP_THRESHOLD = -3
+"""`M_MMAP_THRESHOLD` of <malloc.h>."""
 
 
-def give_back_large_blocks() -> None:
-    """Have glibc return large blocks as soon as they are free, now and later.
+def return_large_blocks() -> None:
+    """Make glibc return large blocks to the system as soon as they are freed.
 
-    By default it raises both limits to many MiB after the first large block, so that a frame of 60
-    MiB leaves 30 MiB behind for good. Other C libraries are left as they are.
+    By default glibc raises both thresholds to many MiB after the first large block: a frame of
+    60 MiB would keep 30 MiB allocated for good. Does nothing with other C libraries.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        mallopt(_TRIM_THRESHOLD, _LARGE)
-        mallopt(_MMAP_THRESHOLD, _LARGE)
+        mallopt(_M_TRIM_THRESHOLD, _LARGE_BLOCK)
+        mallopt(_M_MMAP_THRESHOLD, _LARGE_BLOCK)
 
 
-def collect_nothing() -> None:
-    """Look for no garbage until `collect_only_what_comes`.
+def disable_collection() -> None:
+    """Disable garbage collection until `enable_collection_of_new_objects`.
 
-    While a program starts it makes what it will always need. Python would look through all of that
-    again and again, which takes an eighth of the start.
+    A starting program allocates mostly permanent objects. Searching them for garbage would take
+    an eighth of the start-up time.
     """
     gc.disable()
 
 
-def collect_only_what_comes() -> None:
-    """Look for garbage again, but never among what is there by now."""
+def enable_collection_of_new_objects() -> None:
+    """Enable garbage collection, and exempt all objects that exist now."""
     gc.freeze()
     gc.enable()

@@ -1,4 +1,4 @@
-"""The agent's node: puts the link, the services, the topics and the actions together."""
+"""The agent of one robot: its node, and the link, services, topics and actions behind it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
-from woosh_robot_agent.standard.layer import StandardLayer
 from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.standard_layer import StandardLayer
 from woosh_robot_agent.topics import Topics
 
 _LOG = logging.getLogger(__name__)
@@ -44,19 +44,19 @@ _REST_TIMEOUT = 0.3
 
 
 class Agent:
-    """The agent of one robot: a node, and behind it the link to the chassis in another thread.
+    """The agent of one robot: a ROS node, and the link to the chassis in another thread.
 
     Attributes:
         node: the node, to be added to an executor.
 
     Args:
-        node: the node; by default one is made.
-        thread: where the link runs; by default in a thread of its own. Who hands one over stops it,
-            after the end of the agent.
-        options: rclpy's options of the node that is made, e.g. `context` and `parameter_overrides`.
+        node: the node; by default a new one.
+        thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
+            after closing the agent.
+        options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
 
     Raises:
-        ValueError: a parameter makes no sense.
+        ValueError: a parameter is invalid.
     """
 
     def __init__(
@@ -73,18 +73,19 @@ class Agent:
         self._chassis = ChassisClient(config=self.settings.link)
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
-        self._topics = Topics(self.node, self._chassis)  # first: what it cannot read, nobody gets
+        # first: it reports unreadable pushes before others see them
+        self._topics = Topics(self.node, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
-        known = LastKnown(self._chassis)
+        last_known = LastKnown(self._chassis)
         self._services = Services(
-            self.node, self._thread, self._chassis, self._gate, known, requests
+            self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
         self._actions = Actions(
             self.node,
             self._thread,
             self._chassis,
             self._gate,
-            known,
+            last_known,
             requests,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
@@ -95,7 +96,7 @@ class Agent:
                 self._thread,
                 self._chassis,
                 self._gate,
-                known,
+                last_known,
                 requests,
                 lambda: self.settings.standard,
             )
@@ -108,7 +109,7 @@ class Agent:
 
     @property
     def settings(self) -> Settings:
-        """The parameters' values of the moment."""
+        """Current values of the parameters."""
         return self.node.settings
 
     def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
@@ -161,7 +162,7 @@ class Agent:
         """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
 
         Args:
-            spin_once: runs the executor for a moment, so that results reach their clients.
+            spin_once: runs one executor turn, so that goal results reach their clients.
         """
         close_all([self], spin_once)
 

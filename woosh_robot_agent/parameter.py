@@ -1,7 +1,8 @@
-"""What a parameter is: a name, a default, a range and a meaning."""
+"""Description of one ROS parameter: name, default, range and meaning."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -13,16 +14,15 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter.
+    """A parameter of the agent.
 
     Attributes:
-        name: its ROS name.
-        default: its default, which also gives its type; a tuple is an array, of so many numbers or
-            of any names.
-        description: meaning and unit.
-        low, high: range of a number, or of each number of an array, both ends included.
-        link_field: field of `LinkConfig` that it sets, in s, bytes or pieces; empty for none.
-        fixed: whether it can be set at the start only.
+        name: ROS name.
+        default: default, which also determines the type. A tuple of numbers is an array of that
+            length, a tuple of strings an array of any number of names.
+        description: meaning and unit, one sentence.
+        low, high: range of a number or of each number of an array, both ends included.
+        read_only: True if it can be set only at start-up.
     """
 
     name: str
@@ -30,22 +30,21 @@ class Parameter:
     description: str
     low: float = 0
     high: float = 0
-    link_field: str = ""
-    fixed: bool = False
+    read_only: bool = False
 
     @property
     def initial(self) -> Any:
-        """The default as rclpy takes it."""
+        """The default in the form that rclpy takes."""
         return list(self.default) if isinstance(self.default, tuple) else self.default
 
     @property
     def holds_names(self) -> bool:
-        """Whether it is an array of names."""
+        """True if it is an array of names."""
         return isinstance(self.default, tuple) and isinstance(self.default[0], str)
 
     @property
     def shown(self) -> str:
-        """The default as people write it."""
+        """The default as documentation shows it."""
         if isinstance(self.default, bool):
             return str(self.default).lower()
         if isinstance(self.default, tuple):
@@ -54,7 +53,7 @@ class Parameter:
 
     @property
     def limits(self) -> str:
-        """The range as people read it; empty where there is none."""
+        """The range as documentation shows it; empty if there is none."""
         if isinstance(self.default, str | bool) or self.holds_names:
             return ""
         if isinstance(self.default, int):
@@ -62,11 +61,11 @@ class Parameter:
         return f"{self.low:g} to {self.high:g}"
 
     def descriptor(self) -> ParameterDescriptor:
-        """As ROS's tools show it."""
+        """Return the ROS descriptor, which tools such as `ros2 param describe` show."""
         descriptor = ParameterDescriptor(
             description=self.description,
-            read_only=self.fixed,
-            # a whole number is accepted where a fractional one is meant
+            read_only=self.read_only,
+            # accept an integer for a floating-point number
             dynamic_typing=isinstance(self.default, float | tuple) and not self.holds_names,
         )
         if isinstance(self.default, bool):
@@ -82,10 +81,10 @@ class Parameter:
         return descriptor
 
     def check(self, value: Any) -> None:
-        """Look at what rclpy lets through because the type is open: floats.
+        """Check a value that rclpy does not check because of dynamic typing.
 
         Raises:
-            ValueError: the value makes no sense; the text says which and why.
+            ValueError: the value is invalid; the text says which one and why.
         """
         if isinstance(self.default, float):
             self._check_number(value)
@@ -100,5 +99,30 @@ class Parameter:
     def _check_number(self, value: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"{self.name} must be a number, not {value!r}")
-        if not self.low <= value <= self.high or math.isinf(value):  # nor is NaN
-            raise ValueError(f"{self.name} must be in {self.low:g}..{self.high:g}, not {value:g}")
+        if not self.low <= value <= self.high or math.isinf(value):  # also refuses NaN
+            raise ValueError(
+                f"{self.name} must be from {self.low:g} to {self.high:g}, not {value:g}"
+            )
+
+
+def parameter_field(
+    default: Any, description: str, low: float = 0, high: float = 0, *, read_only: bool = False
+) -> Any:
+    """Return a dataclass field that declares a parameter of its name; see `Parameter`."""
+    metadata = {
+        "default": default,
+        "description": description,
+        "low": low,
+        "high": high,
+        "read_only": read_only,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def parameters_of(settings_class: Any) -> tuple[Parameter, ...]:
+    """Return the parameters that a dataclass declares with `parameter_field`, in order."""
+    return tuple(
+        Parameter(name=each.name, **each.metadata)
+        for each in dataclasses.fields(settings_class)
+        if each.metadata
+    )

@@ -1,4 +1,4 @@
-"""A node that has the agent's parameters, and keeps what they are set to."""
+"""The agent's node, with its parameters declared and checked."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter as RosParameter
 
-from woosh_robot_agent.logs import speak_as
-from woosh_robot_agent.parameter import Parameter as Described
+from woosh_robot_agent.logs import log_as
+from woosh_robot_agent.parameter import Parameter
 from woosh_robot_agent.parameters import PARAMETERS, Settings, check
 
 
@@ -18,19 +18,19 @@ class ParameterNode(Node):
     """The node `agent`, with its parameters declared and checked.
 
     Args:
-        defaults: defaults, by name, that are not those of the table.
+        defaults: defaults by name that override those of `PARAMETERS`.
         options: rclpy's options of a node, e.g. `context` and `parameter_overrides`.
 
     Attributes:
-        settings: the parameters' values of the moment.
+        settings: current values of the parameters.
 
     Raises:
-        ValueError: a parameter makes no sense.
+        ValueError: a parameter is invalid.
     """
 
     def __init__(self, defaults: Mapping[str, Any] | None = None, **options: Any) -> None:
         super().__init__("agent", **options)
-        self._changed: Callable[[Settings], None] | None = None
+        self._callback: Callable[[Settings], None] | None = None
         try:
             for each in PARAMETERS:
                 initial = (defaults or {}).get(each.name, each.initial)
@@ -40,31 +40,35 @@ class ParameterNode(Node):
             self.destroy_node()
             raise
 
-    def on_change(self, changed: Callable[[Settings], None]) -> None:
-        """Accept changes from now on; `changed` gets the settings before, once new ones count."""
-        self._changed = changed
-        self.add_on_set_parameters_callback(self._check_change)
-        self.add_post_set_parameters_callback(self._change)
+    def on_change(self, callback: Callable[[Settings], None]) -> None:
+        """Accept parameter changes from now on.
 
-    def _values(self, changed: list[Parameter] | None = None) -> dict[str, Any]:
+        Args:
+            callback: called after each change with the settings before it.
+        """
+        self._callback = callback
+        self.add_on_set_parameters_callback(self._check_change)
+        self.add_post_set_parameters_callback(self._apply_change)
+
+    def _values(self, changed: list[RosParameter] | None = None) -> dict[str, Any]:
         values = {p.name: self._value(p) for p in PARAMETERS}
         values.update((p.name, p.value) for p in changed or () if p.name in values)
         return values
 
-    def _value(self, parameter: Described) -> Any:
-        if parameter.holds_names:  # an empty list in a file has no type, and so is no value
+    def _value(self, parameter: Parameter) -> Any:
+        if parameter.holds_names:  # an empty list in a file has no type, so rclpy leaves it unset
             return self.get_parameter_or(parameter.name).value or []
         return self.get_parameter(parameter.name).value
 
-    def _check_change(self, changed: list[Parameter]) -> SetParametersResult:
-        speak_as(self.get_logger())
+    def _check_change(self, changed: list[RosParameter]) -> SetParametersResult:
+        log_as(self.get_logger())
         try:
             check(self._values(changed))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _change(self, changed: list[Parameter]) -> None:
+    def _apply_change(self, changed: list[RosParameter]) -> None:
         before, self.settings = self.settings, check(self._values(changed))
-        if self._changed is not None:
-            self._changed(before)
+        if self._callback is not None:
+            self._callback(before)

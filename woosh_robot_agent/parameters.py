@@ -1,4 +1,8 @@
-"""The agent's parameters: one table of names, defaults, ranges and meanings."""
+"""The agent's parameters: the table of all of them, and their checked values.
+
+`python3 -m woosh_robot_agent.parameters` prints the table in Markdown, with `--yaml` as a parameter
+file.
+"""
 
 from __future__ import annotations
 
@@ -9,209 +13,162 @@ from dataclasses import dataclass
 from typing import Any
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.parameter import Parameter
-from woosh_robot_agent.standard import settings as standard
+from woosh_robot_agent.parameter import Parameter, parameter_field, parameters_of
 from woosh_robot_agent.standard.settings import StandardSettings
 
 EXECUTORS = ("events", "single")
+"""Values of the parameter `executor`, the default first."""
+
+_LINK_DEFAULTS = LinkConfig()
 
 
-_LINK = LinkConfig()
+def _link(name: str, description: str, low: float = 0, high: float = 0) -> Parameter:
+    """Return the parameter that sets a field of `LinkConfig`; both have the same name."""
+    return Parameter(name, getattr(_LINK_DEFAULTS, name), description, low, high)
 
-PARAMETERS = (
-    Parameter("ip", _LINK.ip, "Address or host name of the chassis", link_field="ip"),
-    Parameter(
+
+_LINK_PARAMETERS = (
+    _link("ip", "IP address or host name of the chassis."),
+    _link(
         "port",
-        _LINK.port,
-        "Port of the chassis; 0 is the transport's default, 5480 for websocket and 5481 for tcp",
+        "Port of the chassis; 0 selects the default of the transport, 5480 for websocket and 5481 "
+        "for tcp.",
         0,
         65535,
-        "port",
     ),
-    Parameter(
-        "transport", _LINK.transport, "How to connect: websocket or tcp", link_field="transport"
-    ),
-    Parameter(
-        "encoding",
-        _LINK.encoding,
-        "Encoding of the frames: json or protobuf; tcp is always protobuf",
-        link_field="encoding",
-    ),
-    Parameter("poll_timeout", 10000, "Longest wait for an answer of the chassis, ms", 1, 3_600_000),
-    Parameter(
-        "robot_id",
-        _LINK.robot_id,
-        "Id of the robot that requests are meant for; 0 is not sent",
-        0,
-        2**32 - 1,
-        "robot_id",
-    ),
-    Parameter(
-        "goal_link_timeout", 5.0, "How long goals stay open while the link is lost, s", 0.0, 3600.0
-    ),
-    Parameter(
-        "result_timeout",
-        60,
-        "How long results of goals that ended are kept for late clients, s",
-        1,
-        86400,
-        fixed=True,
-    ),
-    Parameter("executor", EXECUTORS[0], "rclpy's executor: events or single", fixed=True),
-    Parameter(
-        "robots",
-        ("",),
-        "Namespaces of the robots, if this process serves several; each has its own parameters",
-        fixed=True,
-    ),
-    Parameter(
-        "connect_timeout",
-        _LINK.connect_timeout,
-        "Longest wait for a connection to open, s",
+    _link("transport", "Transport of the link: websocket or tcp."),
+    _link("encoding", "Encoding of the frames: json or protobuf; tcp always uses protobuf."),
+    _link("robot_id", "Id of the robot that requests address; 0 sends no id.", 0, 2**32 - 1),
+    _link("connect_timeout", "Timeout for opening the connection, in seconds.", 0.1, 60.0),
+    _link(
+        "handshake_timeout",
+        "Timeout for the first RobotInfo, after which the link is ready, in seconds.",
         0.1,
         60.0,
-        "connect_timeout",
     ),
-    Parameter(
-        "handshake_timeout",
-        _LINK.handshake_timeout,
-        "Longest wait for the first RobotInfo, which makes the link ready, s",
-        0.1,
-        60.0,
-        "handshake_timeout",
+    _link(
+        "close_timeout", "Timeout for closing the connection in good order, in seconds.", 0.1, 2.0
     ),
-    Parameter(
-        "close_timeout",
-        _LINK.close_timeout,
-        "Longest wait for an orderly close of the connection, s",
-        0.1,
-        2.0,
-        "close_timeout",
-    ),
-    Parameter(
+    _link(
         "liveness_timeout",
-        _LINK.liveness_timeout,
-        "Silence, pings unanswered, after which the link counts as lost, s",
+        "Time without any frame, although pings are sent, after which the link counts as lost, in "
+        "seconds.",
         0.5,
         600.0,
-        "liveness_timeout",
     ),
-    Parameter(
+    _link(
         "backoff_min",
-        _LINK.backoff_min,
-        "Pause before the first attempt to connect again, s; each further one is twice as long",
+        "Delay before the first attempt to reconnect, in seconds; it doubles with each attempt.",
         0.05,
         60.0,
-        "backoff_min",
     ),
-    Parameter(
-        "backoff_max",
-        _LINK.backoff_max,
-        "Longest pause between attempts to connect, s",
-        0.05,
-        3600.0,
-        "backoff_max",
-    ),
-    Parameter(
+    _link("backoff_max", "Maximum delay between attempts to reconnect, in seconds.", 0.05, 3600.0),
+    _link(
         "stable_after",
-        _LINK.stable_after,
-        "How long a link must be ready before the pauses start small again, s",
+        "Time that the link must be ready before the delay falls back to backoff_min, in seconds.",
         0.0,
         3600.0,
-        "stable_after",
     ),
-    Parameter(
-        "max_frame_size",
-        _LINK.max_frame_size,
-        "Largest frame that is accepted from the chassis, bytes",
-        1024,
-        2**31 - 1,
-        "max_frame_size",
-    ),
-    Parameter(
+    _link("max_frame_size", "Maximum size of a frame from the chassis, in bytes.", 1024, 2**31 - 1),
+    _link(
         "max_in_flight",
-        _LINK.max_in_flight,
-        "Requests that may wait for the chassis's answer at one time; further ones fail at once",
+        "Maximum number of requests in flight; further requests fail at once.",
         1,
         10000,
-        "max_in_flight",
     ),
-    Parameter(
+    _link(
         "push_queue",
-        _LINK.push_queue,
-        "Status codes, task reports or feedbacks that may wait to be published",
+        "Maximum number of status codes, task reports or feedbacks that wait to be published.",
         1,
         1_000_000,
-        "push_queue",
     ),
-    *standard.PARAMETERS,
 )
-_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The parameters' values, checked.
+    """The checked values of all parameters.
 
     Attributes:
-        link: everything about the link.
-        goal_link_timeout: s for which goals stay open without a link.
-        result_timeout: s for which results are kept.
-        executor: one of `EXECUTORS`.
-        robots: names of the robots that the process serves; empty for one.
-        standard: those of the standard layer.
+        link: configuration of the link.
+        standard: settings of the standard layer.
     """
 
     link: LinkConfig
-    goal_link_timeout: float
-    result_timeout: int
-    executor: str
-    robots: tuple[str, ...]
     standard: StandardSettings
+    poll_timeout: int = parameter_field(
+        10000, "Timeout for the chassis's answer to a request, in milliseconds.", 1, 3_600_000
+    )
+    goal_link_timeout: float = parameter_field(
+        5.0, "Time that goals stay open while the link is lost, in seconds.", 0.0, 3600.0
+    )
+    result_timeout: int = parameter_field(
+        60,
+        "Time that the result of an ended goal stays available to clients, in seconds.",
+        1,
+        86400,
+        read_only=True,
+    )
+    executor: str = parameter_field(
+        EXECUTORS[0], "Executor of rclpy: events or single.", read_only=True
+    )
+    robots: tuple[str, ...] = parameter_field(
+        ("",),
+        "Namespaces of the robots, if this process serves several; each has its own parameters.",
+        read_only=True,
+    )
+
+
+_OWN_PARAMETERS = parameters_of(Settings)
+_STANDARD_PARAMETERS = parameters_of(StandardSettings)
+PARAMETERS = (*_LINK_PARAMETERS, *_OWN_PARAMETERS, *_STANDARD_PARAMETERS)
+"""All parameters of the agent, in the order of the documentation."""
+_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 
 def check(values: Mapping[str, Any]) -> Settings:
-    """Settings of parameter values, one for each of `PARAMETERS`.
+    """Return the settings for parameter values, one value for each of `PARAMETERS`.
 
     Raises:
-        ValueError: a value makes no sense; the text says which and why.
+        ValueError: a value is invalid; the text says which one and why.
     """
     for name, value in values.items():
         _BY_NAME[name].check(value)
-    link = {p.link_field: values[p.name] for p in PARAMETERS if p.link_field}
     if values["executor"] not in EXECUTORS:
-        raise ValueError(f"executor {values['executor']!r} is not one of {list(EXECUTORS)}")
+        raise ValueError(f"executor must be one of {list(EXECUTORS)}, not {values['executor']!r}")
+    own = {parameter.name: values[parameter.name] for parameter in _OWN_PARAMETERS}
+    # a parameter file cannot hold an empty array: one empty name stands for it
+    own["robots"] = () if list(own["robots"]) == [""] else tuple(own["robots"])
     return Settings(
-        link=LinkConfig(**link, request_timeout=values["poll_timeout"] / 1000),
-        goal_link_timeout=float(values["goal_link_timeout"]),
-        result_timeout=values["result_timeout"],
-        executor=values["executor"],
-        # ROS has no empty array in a file: one empty name stands for it
-        robots=() if list(values["robots"]) == [""] else tuple(values["robots"]),
-        standard=StandardSettings(**{p.name: values[p.name] for p in standard.PARAMETERS}),
+        link=LinkConfig(
+            **{parameter.name: values[parameter.name] for parameter in _LINK_PARAMETERS},
+            request_timeout=values["poll_timeout"] / 1000,
+        ),
+        standard=StandardSettings(**{p.name: values[p.name] for p in _STANDARD_PARAMETERS}),
+        **own,
     )
 
 
 def markdown() -> str:
-    """The table of parameters in Markdown, as the README shows it."""
+    """Return the table of parameters in Markdown."""
     rows = ["| Parameter | Default | Range | Meaning |", "| --- | --- | --- | --- |"]
     for p in PARAMETERS:
-        note = "; at the start only" if p.fixed else ""
+        note = " Read-only." if p.read_only else ""
         rows.append(f"| `{p.name}` | `{p.shown}` | {p.limits} | {p.description}{note} |")
     return "\n".join(rows)
 
 
 def yaml() -> str:
-    """All parameters with their defaults as a parameter file, as in config/agent.yaml."""
-    lines = ["# Every parameter of the agent at its default, as a file for ros2 run and launch:"]
-    lines += [
+    """Return a parameter file with all parameters at their defaults."""
+    lines = [
+        "# All parameters of the agent with their defaults. Use it with",
         "#   ros2 run woosh_robot_agent agent --ros-args -r __ns:=/woosh_robot --params-file FILE",
-        "# Keep what you change, and leave out the rest.",
+        "# or with launch (params_file:=FILE). Keep only the lines that you change.",
         "/**:",
         "  ros__parameters:",
     ]
     for p in PARAMETERS:
-        limits = f"; {p.limits}" if p.limits else ""
+        limits = f" Range: {p.limits}." if p.limits else ""
         lines.append(f"    # {p.description}{limits}")
         lines.append(f"    {p.name}: {json.dumps(p.initial)}")
     return "\n".join(lines) + "\n"

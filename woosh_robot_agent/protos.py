@@ -1,6 +1,6 @@
-"""The compiled protobuf messages of the chassis, by full name.
+"""Lookup of the chassis's protobuf messages by full name.
 
-The modules below `woosh_robot_agent.pb` are made from `proto/` by the package's build.
+The build of the package compiles `proto/` into the modules of `woosh_robot_agent.pb`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from google.protobuf.message import Message
 
 try:
     from woosh_robot_agent import pb
-except ImportError as error:  # a checkout in which nothing was built yet
+except ImportError as error:  # a checkout that has not been built
     raise ImportError(
-        "the protobuf modules are not compiled: run scripts/setup or python3 setup.py build_proto"
+        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
     ) from error
 
 
 @cache
 def message_types() -> dict[str, type[Message]]:
-    """Every message class of the chassis, nested ones included, by protobuf full name."""
+    """Return all message classes, nested ones included, by protobuf full name."""
     found: dict[str, type[Message]] = {}
     for module_info in pkgutil.walk_packages(pb.__path__, pb.__name__ + "."):
         if module_info.ispkg:
@@ -34,16 +34,16 @@ def message_types() -> dict[str, type[Message]]:
 
 
 def message_type(full_name: str) -> type[Message]:
-    """The message class called `full_name`, e.g. `woosh.robot.PoseSpeed`.
+    """Return the message class with a protobuf full name, e.g. `woosh.robot.PoseSpeed`.
 
     Raises:
-        KeyError: no message has that name.
+        KeyError: there is no such message.
     """
     return message_types()[full_name]
 
 
 def full_name(message: Message | type[Message]) -> str:
-    """The protobuf full name of a message or its class, as it stands in a frame's `type`."""
+    """Return the protobuf full name of a message or its class, as used in a frame's `type`."""
     return str(message.DESCRIPTOR.full_name)
 
 

@@ -1,4 +1,4 @@
-"""Requests to the chassis, as they are made of what a ROS client asks."""
+"""Creation of requests to the chassis from ROS messages."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from woosh_robot_agent.convert import Converter
 
 
 class RequestMaker:
-    """Makes requests, with the robot's id in those that have room for it.
+    """Creator of requests that carry the robot's id, if their type has a field for it.
 
     Attributes:
-        robot_id: id of the robot that is meant, for links that serve several; 0 is not sent.
+        robot_id: id of the addressed robot, for gateways that serve several; 0 sends no id.
     """
 
     def __init__(self, robot_id: int) -> None:
         self.robot_id = robot_id
 
     def make(self, convert: Converter, ros: Any) -> Message:
-        """The protobuf message of a ROS message.
+        """Return the request for a ROS message.
 
         Raises:
-            BadFieldError: the robot must not get a value of it.
+            BadFieldError: a value must not be sent to the robot.
         """
         return self.address(convert.to_proto(ros))
 
     def empty(self, proto_class: type[Message]) -> Message:
-        """A request that only names its type."""
+        """Return a request without content."""
         return self.address(proto_class())
 
     def address(self, message: Any) -> Message:
-        """The message itself, with the robot's id in it if it has room for that and none yet."""
+        """Set the robot's id in a message that has a field for it, unless it is set; return it."""
         if self.robot_id and "robot_id" in message.DESCRIPTOR.fields_by_name:
             field = message.DESCRIPTOR.fields_by_name["robot_id"]
-            # what the client says itself goes first
+            # an id that the client has set wins
             if message.WhichOneof(field.containing_oneof.name) is None:
                 message.robot_id = self.robot_id
         return message  # type: ignore[no-any-return]

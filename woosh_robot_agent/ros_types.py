@@ -1,4 +1,4 @@
-"""ROS classes by name."""
+"""Lookup of ROS message, service and action classes by name."""
 
 from __future__ import annotations
 

@@ -14,10 +14,9 @@ from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-from woosh_robot_agent.standard.table import STANDARD, Kind
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, NAMESPACE, QUERIES, TOPICS
+from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 
-NAMESPACE = "/woosh_robot"
 CLIENT_NODE = "/client"
 
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")

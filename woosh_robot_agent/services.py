@@ -1,4 +1,4 @@
-"""The services: queries and commands of the table, answered when the chassis has answered."""
+"""The services of the table: queries and commands, forwarded to the chassis."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ _LOG = logging.getLogger(__name__)
 
 
 class Services:
-    """All services of the table.
+    """Servers of all services in the table.
 
     Args:
         node: owner of the services.
-        thread: runs the link.
-        chassis: to be used in the link's thread only.
-        gate: passes commands on.
-        known: answers queries while the chassis does not.
-        requests: makes the chassis's messages of the callers'.
+        thread: the link thread.
+        chassis: the link; used in the link thread only.
+        gate: forwards commands to the chassis.
+        last_known: values for queries that the chassis does not answer.
+        requests: converts service requests into requests to the chassis.
 
     Attributes:
-        known: what the chassis last said.
+        known: the last known values.
     """
 
     def __init__(
@@ -50,39 +50,47 @@ class Services:
         thread: LinkThread,
         chassis: ChassisClient,
         gate: MotionGate,
-        known: LastKnown,
+        last_known: LastKnown,
         requests: RequestMaker,
     ) -> None:
-        self.known = known
+        self.known = last_known
         self._servers: list[DeferredService] = []
         for query in QUERIES:
-            handler = _QueryHandler(query, thread, chassis, known, requests)
-            self._servers.append(DeferredService(node, handler.srv, query.name, handler.handle))
+            query_handler = _QueryHandler(query, thread, chassis, last_known, requests)
+            self._servers.append(
+                DeferredService(node, query_handler.srv, query.name, query_handler.handle)
+            )
         for command in COMMANDS:
-            server = _CommandHandler(command, thread, chassis, gate, requests)
-            self._servers.append(DeferredService(node, server.srv, command.name, server.handle))
+            command_handler = _CommandHandler(command, thread, chassis, gate, requests)
+            self._servers.append(
+                DeferredService(node, command_handler.srv, command.name, command_handler.handle)
+            )
 
 
 class _QueryHandler:
-    """Asks the chassis; without an answer, gives the last known value, and logs why."""
+    """Handler of one query.
+
+    If the chassis gives no usable answer, the response holds the last known value, and the log says
+    why.
+    """
 
     def __init__(
         self,
         endpoint: Query,
         thread: LinkThread,
         chassis: ChassisClient,
-        known: LastKnown,
+        last_known: LastKnown,
         requests: RequestMaker,
     ) -> None:
         self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._thread = thread
         self._chassis = chassis
-        self._known = known
+        self._last_known = last_known
         self._requests = requests
         self._log = LogOnce(_LOG)
         self._proto = message_type(endpoint.request)
-        # the response's only field: info, nav_path or plan_path
+        # the response has one field: info, nav_path or plan_path
         ((self._field, field_type),) = self.srv.Response.get_fields_and_field_types().items()
         self._convert = converter(class_of(field_type, "msg"), self._proto)
         self._takes_arg = "arg" in self.srv.Request.get_fields_and_field_types()
@@ -94,19 +102,19 @@ class _QueryHandler:
         name = self._endpoint.name
         try:
             value = await self._ask(request)
-        except TooManyRequestsError as error:  # the link tells of it, once for all services
+        except TooManyRequestsError as error:  # the link warns of it, once for all services
             _LOG.debug("%s answers with the last known value: %s", name, error)
-            value = self._last_known()
+            value = self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UselessAnswerError) as error:
             text = f"{name} answers with the last known value: {error}"
             self._log.warn(type(error).__name__, text)
-            value = self._last_known()
+            value = self._last_value()
         else:
             self._log.clear()
         reply.send(filled(self.srv.Response, **{self._field: value}))
 
     async def _ask(self, request: Any) -> Any:
-        """The chassis's answer, as a ROS message."""
+        """Request the value from the chassis; return it as a ROS message."""
         answer = await self._chassis.request(self._message(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
@@ -116,11 +124,12 @@ class _QueryHandler:
             value = self._convert.read(answer.raw)
         except FrameError as error:
             raise _UselessAnswerError(f"the answer cannot be read: {error}") from None
-        self._known.remember(answer.raw)
+        self._last_known.remember(answer.raw)
         return value
 
-    def _last_known(self) -> Any:
-        return self._convert.to_ros(self._known.get(self._endpoint.request) or self._proto())
+    def _last_value(self) -> Any:
+        last = self._last_known.get(self._endpoint.request)
+        return self._convert.to_ros(last or self._proto())
 
     def _message(self, request: Any) -> Message:
         if not self._takes_arg:
@@ -132,15 +141,15 @@ class _QueryHandler:
 
 
 class _RefusedError(Exception):
-    """The chassis did not answer a query, and said why."""
+    """The chassis refused a query; the text has its reason."""
 
 
 class _UselessAnswerError(Exception):
-    """The chassis answered a query with something else."""
+    """The answer to a query cannot be read, or has another type."""
 
 
 class _CommandHandler:
-    """Passes a command to the chassis, and its answer back, untouched."""
+    """Handler of one command: forwards it to the chassis, and the answer to the client."""
 
     def __init__(
         self,
@@ -194,12 +203,12 @@ class _CommandHandler:
         return filled(self.srv.Response, ok=ok, msg=msg, ret=self._ret(self._convert_ret, ok, body))
 
     def _ret(self, convert: Converter, ok: bool, body: Body | None) -> Any:
-        """What the chassis gave back; blank where that is nothing, or something else."""
+        """Return `ret`, converted from the answer; blank if the answer has no such content."""
         if body is not None:
             try:
                 if body.type == self._endpoint.answer:
                     return convert.read(body)
-                body.message()  # of another type, which is no matter, or of an unknown one
+                body.message()  # another type is fine, an unknown one raises
             except FrameError as error:
                 if ok:
                     text = "%s: accepted, but the answer cannot be read: %s"

@@ -1,4 +1,4 @@
-"""The topics: what the chassis pushes, published from the link's thread as it comes."""
+"""The topics: pushes of the chassis, published directly from the link thread."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 from google.protobuf.message import Message
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import TOPICS
@@ -15,21 +14,19 @@ from woosh_robot_agent.last_known import parts_of
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 
 
-def latched(depth: int) -> QoSProfile:
-    """Reliable and kept for late subscribers: state, of which the newest is what counts."""
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
-
-
 class Topics:
-    """All topics of the table: first values from RobotInfo, then each push once, in order."""
+    """Publishers of all topics in the table.
+
+    Each topic gets its first value from RobotInfo, and then each push once, in order.
+
+    Args:
+        node: owner of the publishers.
+        chassis: the link; used in its event loop only.
+    """
 
     def __init__(self, node: Any, chassis: ChassisClient) -> None:
         self._publish = {}
@@ -44,7 +41,7 @@ class Topics:
 
     def _snapshot(self, info: RobotInfo) -> None:
         for part in parts_of(info):
-            # its status codes are not among the topics: history would pass for news
+            # no part holds status codes: old ones would look like new ones on robot/StatusCode
             if publish := self._publish.get(full_name(part)):
                 publish(part)
 

@@ -1,4 +1,4 @@
-"""ROS to protobuf to the wire and back, and the other way round, is exact for every type."""
+"""Conversion between ROS, protobuf and the wire is exact in both directions for every type."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from tests.random_messages import carried, random_proto, random_ros
-from tests.table import PAIRS
+from tests.type_pairs import PAIRS
 from woosh_common_msgs.msg import Pose2D
 from woosh_nav_msgs.msg import Path, PlanPath
 from woosh_robot_agent.convert import BadFieldError, converter
@@ -25,7 +25,7 @@ from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_msgs.msg import ChangeNavPath, ExecTask, PoseSpeed, ScannerData, Speak
 from woosh_ros_msgs.msg import CallAction, MoveBase
 
-# the only oneof whose members are messages; the agent sends it without converting it whole
+# the only oneof with message members; the agent sends it without converting all of it
 PAIRS = PAIRS | {"woosh.ros.CallAction": (CallAction, message_type("woosh.ros.CallAction"))}
 CODECS = {
     "json": JsonCodec(),
@@ -34,7 +34,7 @@ CODECS = {
 }
 EXAMPLES = int(os.environ.get("CONVERSION_EXAMPLES", "30"))
 
-# the messages are made of a seed: drawn value by value they would be too large for hypothesis
+# messages are made from a seed: drawn value by value they would be too large for hypothesis
 some = settings(
     max_examples=EXAMPLES,
     deadline=None,
@@ -64,7 +64,7 @@ class TestRoundTrip:
         for codec in CODECS.values():
             back = convert.to_ros(over_the_wire(convert.to_proto(over_dds(ros)), codec))
             assert back == wanted
-            assert repr(back) == repr(wanted)  # tells -0.0 from 0.0
+            assert repr(back) == repr(wanted)  # distinguishes -0.0 from 0.0
 
     @some
     @given(seed=seeds)
@@ -79,7 +79,7 @@ class TestRoundTrip:
 
 @pytest.mark.timeout(300)
 def test_with_field_checks_of_ros():
-    """ROS checks each assignment to a field when it is told so at the start of the process."""
+    """ROS checks each assignment to a field if an environment variable is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "2"}
     command = [
         sys.executable,
@@ -98,8 +98,8 @@ def test_with_field_checks_of_ros():
     assert f"{2 * len(PAIRS)} passed" in done.stdout
 
 
-def test_not_a_number_reaches_ros():
-    """A scanner that hits nothing says so; what goes to the robot must be finite."""
+def test_nan_is_converted_to_ros():
+    """A scanner reports NaN if nothing reflects; only numbers sent to the robot must be finite."""
     frame = {"type": "woosh.robot.ScannerData", "body": {"ranges": ["NaN", "Infinity", 1.5]}}
     codec = JsonCodec()
     body = codec.body(codec.decode(json.dumps(frame)), message_type("woosh.robot.ScannerData"))
@@ -107,7 +107,7 @@ def test_not_a_number_reaches_ros():
     assert str(list(ranges)) == "[nan, inf, 1.5]"
 
 
-def test_what_a_newer_chassis_adds_is_left_out():
+def test_fields_of_a_newer_chassis_are_ignored():
     proto = message_type("woosh.robot.ScannerData")(angle_min=1.0)
     proto.offset.x = 2.0
     assert converter(ScannerData, type(proto)).to_ros(proto).angle_min == 1.0
@@ -115,7 +115,7 @@ def test_what_a_newer_chassis_adds_is_left_out():
 
 
 class TestBadValues:
-    """What the robot must not get is refused by the path of its field."""
+    """Values that must not be sent to the robot are refused with the path of their field."""
 
     @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
     def test_number(self, value: float):
@@ -134,12 +134,12 @@ class TestBadValues:
     def test_text(self, text: str):
         self._refused(Speak(text=text), "text")
 
-    def test_what_is_absent_is_not_looked_at(self):
+    def test_absent_fields_are_not_checked(self):
         ros = PoseSpeed(has_field=PoseSpeed.TWIST_FIELD_SET)
         ros.pose.x = float("nan")
         assert not convert_of(ros).to_proto(ros).HasField("pose")
 
-    def test_member_that_a_oneof_does_not_have(self):
+    def test_unknown_member_of_a_oneof(self):
         ros = PoseSpeed()
         ros.commu.which = 2
         self._refused(ros, "commu.which")

@@ -1,4 +1,4 @@
-"""Both executors do the same: services, topics, goals, their cancel, and the end."""
+"""Both executors behave the same: services, topics, goals, cancellation and shutdown."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def agent(
 pytestmark = pytest.mark.usefixtures("agent")
 
 
-def test_services_many_at_a_time(client: Client) -> None:
+def test_concurrent_service_calls(client: Client) -> None:
     calls = [client.call_async(Mode, "robot/Mode") for _ in range(200)]
     calls += [client.call_async(PoseSpeed, "robot/PoseSpeed") for _ in range(40)]
     for call in calls:
@@ -124,7 +124,7 @@ def test_lost_link(client: Client, simulator: SimulatorThread) -> None:
     wait_until(lambda: "not connected" not in step(client, 0.1).result()[1].msg)
 
 
-def test_result_is_kept_for_a_late_client_and_not_for_ever(client: Client) -> None:
+def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> None:
     goal = step(client, 0.2)
     assert goal.result()[0] == SUCCEEDED
 
@@ -137,7 +137,7 @@ def test_result_is_kept_for_a_late_client_and_not_for_ever(client: Client) -> No
 
 
 def test_clients_that_vanish(client: Client, simulator: SimulatorThread, domain: int) -> None:
-    """With goals under way, results and answers outstanding."""
+    """Clients leave while goals are running and responses are pending."""
     simulator.delay("woosh.robot.Mode", 0.2)
     gone = Client(domain)
     step(gone, 3.0)
@@ -148,7 +148,7 @@ def test_clients_that_vanish(client: Client, simulator: SimulatorThread, domain:
     assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
 
 
-def test_goal_that_comes_during_the_end(
+def test_goal_during_shutdown(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     agent.agent._thread.run(agent.agent._actions.stop(), TIMEOUT)
@@ -157,15 +157,15 @@ def test_goal_that_comes_during_the_end(
     assert simulator.counts[CALL_ACTION] == 0
 
 
-def test_the_end_leaves_nothing_in_the_graph(agent: RunningAgent, client: Client) -> None:
-    """An EventsExecutor holds on to what it listens to until it is shut down."""
+def test_shutdown_leaves_nothing_in_the_graph(agent: RunningAgent, client: Client) -> None:
+    """An EventsExecutor keeps its entities alive until it is shut down."""
     mode = client.service(Mode, "robot/Mode")
     agent.close()
     wait_until(lambda: not mode.service_is_ready(), "the end of a service")
     wait_until(lambda: not client.publishers("robot/PoseSpeed"), "the end of a publisher")
 
 
-def test_end_with_open_goals_and_a_new_start(
+def test_restart_with_open_goals(
     agent: RunningAgent,
     client: Client,
     simulator: SimulatorThread,
@@ -183,7 +183,7 @@ def test_end_with_open_goals_and_a_new_start(
     start_agent(ip="127.0.0.1", port=simulator.port, executor=agent.agent.settings.executor)
 
     def status_of_the_old_goal() -> int | None:
-        """What the new agent says of it, or None if it has not been discovered yet."""
+        """Response of the new agent, or None if it has not been discovered yet."""
         asked = goals[0].handle.get_result_async()
         with contextlib.suppress(AssertionError):
             return int(wait_future(asked, 0.5).status)
@@ -196,7 +196,7 @@ def test_end_with_open_goals_and_a_new_start(
     assert status == SUCCEEDED, ret
 
 
-def test_mistake_in_a_callback_does_not_end_the_program(
+def test_error_in_a_callback_does_not_end_the_program(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(logging.getLogger("woosh_robot_agent"), "propagate", True)

@@ -1,4 +1,4 @@
-"""JSON becomes ROS messages at once, and just those that it becomes by way of protobuf."""
+"""JSON converted directly to ROS gives the same messages as by way of protobuf."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from tests.random_messages import random_proto
-from tests.table import PAIRS
+from tests.type_pairs import PAIRS
 from woosh_map_msgs.msg import SceneDataEasy
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.converter import Converter
@@ -40,17 +40,17 @@ def pair(name: str) -> Converter:
 
 
 def outcome(read: Any) -> tuple[str, object]:
-    """What comes of it: a message as ROS sends it, or the field that does not fit and why."""
+    """Result of a conversion: the message as ROS sends it, or the bad field and the reason."""
     try:
         message = read()
-        # numbers as ROS sends them; repr() tells -0.0 from 0.0, and NaN is what it is
+        # numbers as ROS sends them; repr() distinguishes -0.0 from 0.0, and NaN equals NaN
         return "message", repr(deserialize_message(serialize_message(message), type(message)))
     except FieldError as error:
         return "refused", (error.path, error.reason)
 
 
 def both_ways(convert: Converter, data: object) -> tuple[Any, Any]:
-    """What comes of JSON at once, and by way of protobuf."""
+    """Results of the direct conversion and of the one by way of protobuf."""
 
     def by_protobuf() -> Any:
         message = convert.proto_class()
@@ -73,7 +73,7 @@ def test_any_message(name: str, defaults: bool):
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_any_message_with_something_odd_in_it(name: str):
+def test_any_message_with_an_unusual_value(name: str):
     convert = pair(name)
     for seed in range(3 * ROUNDS):
         rng = random.Random(seed)
@@ -88,7 +88,7 @@ def test_any_message_with_something_odd_in_it(name: str):
 
 
 def places(data: Any) -> list[tuple[Any, Any]]:
-    """Every place in nested JSON, as what holds it and its key or index."""
+    """Every place in nested JSON: its container, and its key or index."""
     if isinstance(data, dict):
         keys: list[Any] = list(data)
     elif isinstance(data, list):
@@ -110,27 +110,27 @@ def places(data: Any) -> list[tuple[Any, Any]]:
         {},
     ],
 )
-def test_what_chassis_of_other_ages_send(data: Any):
+def test_values_of_older_and_newer_chassis(data: Any):
     at_once, by_protobuf = both_ways(pair("woosh.robot.PoseSpeed"), data)
     assert at_once == by_protobuf
     assert at_once[0] == "message"
 
 
-def test_a_scan_in_which_nothing_came_back():
+def test_a_scan_without_reflections():
     data = {"ranges": [1, None, 2.5, "NaN", "Infinity"]}
     ranges = pair("woosh.robot.ScannerData").from_json(data).ranges
     assert str(list(ranges)) == "[1.0, nan, 2.5, nan, inf]"
 
 
 @pytest.mark.parametrize("data", [None, [], "x", 3, {"pose": {"x": []}}, {"pose": [1]}])
-def test_what_does_not_fit_is_refused_as_by_the_link(data: Any):
+def test_bad_values_are_refused_as_by_the_link(data: Any):
     at_once, by_protobuf = both_ways(pair("woosh.robot.PoseSpeed"), data)
     assert at_once[0] == "refused"
     assert at_once == by_protobuf
 
 
 def test_messages_share_nothing():
-    """A node may change what it got."""
+    """A node may change a message that it received."""
     convert = pair("woosh.robot.RobotInfo")
     first = convert.from_json({})
     first.pose_speed.pose.x = 1.0
@@ -139,8 +139,8 @@ def test_messages_share_nothing():
     assert (second.pose_speed.pose.x, second.abnormal_codes.scs) == (0.0, [])
 
 
-def test_a_class_of_another_layout_is_made_by_its_constructor():
-    """Slots are not promised by ROS: a release that has others must work, if not as fast."""
+def test_a_class_with_other_slots_is_created_by_its_constructor():
+    """ROS does not guarantee the slots: other releases must work too, if slower."""
     original = PAIRS["woosh.robot.PoseSpeed"][0]
 
     class Later(original):  # type: ignore[misc, valid-type]
@@ -154,7 +154,7 @@ def test_a_class_of_another_layout_is_made_by_its_constructor():
 
 @pytest.mark.timeout(300)
 def test_with_field_checks_of_ros():
-    """ROS checks each assignment to a field when it is told so at the start of the process."""
+    """ROS checks each assignment to a field if an environment variable is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "3"}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "any_message"]
     done = subprocess.run(
@@ -169,7 +169,7 @@ def test_a_class_that_does_not_mirror_the_message_is_refused():
         Converter(SceneDataEasy, message_type("woosh.robot.PoseSpeed"))
 
 
-def test_nothing_is_compiled_before_it_is_used():
+def test_converters_are_compiled_on_first_use():
     before = maker.cache_info(), filler.cache_info()
     made = Converter(*PAIRS["woosh.robot.PoseSpeed"])
     assert (maker.cache_info(), filler.cache_info()) == before

@@ -1,4 +1,4 @@
-"""What reaches the node's log, and in what shape."""
+"""Log records that reach the ROS log, and their form."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import logging
 from typing import Any
 
 import pytest
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity, get_logger
 
-from woosh_robot_agent.logs import RosLogHandler, context_of, log_to_ros, speak_as
+from woosh_robot_agent import rclpy_private
+from woosh_robot_agent.logs import RosLogHandler, context_of, log_as, log_to_ros
 
 
 @pytest.fixture
 def lines(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What is logged: severity, logger's name, text, and where in the source that was done."""
+    """Logged lines: severity, name of the logger, text, and place in the source."""
     logged: list[Any] = []
 
     def note(severity: Any, name: str, text: str, *place: Any) -> None:
         logged.append((severity.name, name, text, place))
 
-    monkeypatch.setattr(_rclpy, "rclpy_logging_rcutils_log", note)
+    monkeypatch.setattr(rclpy_private._rclpy, "rclpy_logging_rcutils_log", note)
     return logged
 
 
@@ -48,7 +48,7 @@ def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(
     assert text.endswith("ZeroDivisionError: once")
 
 
-def test_each_context_has_its_speaker_and_a_line_comes_once(lines: list[Any]) -> None:
+def test_each_context_has_its_logger_and_a_line_comes_once(lines: list[Any]) -> None:
     log_to_ros()
     log_to_ros()
     logger = logging.getLogger("woosh_robot_agent.a_test")
@@ -56,7 +56,7 @@ def test_each_context_has_its_speaker_and_a_line_comes_once(lines: list[Any]) ->
     context = context_of(one)
     context.run(logger.info, "1")
     context_of(other).run(logger.info, "2")
-    context.run(speak_as, other)
+    context.run(log_as, other)
     context.run(logger.info, "3")
     assert [line[:3] for line in lines] == [
         ("INFO", "one", "1"),

@@ -1,4 +1,4 @@
-"""Where rclpy is too old to have an EventsExecutor, the agent runs with the other one."""
+"""With an rclpy that has no EventsExecutor, the agent uses the executor `single`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from woosh_robot_msgs.srv import Mode
 
 
 @pytest.mark.parametrize("chosen", [{}, {"executor": "events"}], ids=["default", "by name"])
-def test_single_takes_its_place_and_that_is_said_once(
+def test_single_is_used_instead_with_one_warning(
     simulator: SimulatorThread,
     start_agent: Callable[..., RunningAgent],
     client: Client,
@@ -35,7 +35,7 @@ def test_single_takes_its_place_and_that_is_said_once(
     assert "'single'" in told[0].getMessage()
 
 
-def test_single_by_choice_is_no_reason_to_say_anything(
+def test_no_warning_if_single_was_chosen(
     start_agent: Callable[..., RunningAgent], logs: Collector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rclpy.experimental", None)

@@ -1,4 +1,4 @@
-"""odom and /tf against where the simulated robot really is."""
+"""odom and /tf compared with the pose of the simulated robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.harness import Client, wait_until
 from tests.node.goals import SUCCEEDED
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
 from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
 from woosh_ros_msgs.action import StepControl
@@ -33,19 +33,19 @@ EXECUTE = 1
 
 @pytest.fixture
 def slow_simulator() -> Any:
-    """At three times the speed of a real robot: odom is about how far one can drive in a time."""
+    """A simulator at three times real time: odom depends on distances per time, so not faster."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 
 @pytest.fixture
-def truth(slow_simulator: SimulatorThread) -> list[Plane]:
-    """Every pose that the robot reported, oldest first."""
-    poses: list[Plane] = []
+def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
+    """All poses that the robot reported, the oldest first."""
+    poses: list[Pose2D] = []
 
     def note(frame: Outgoing) -> list[Outgoing]:
         if frame.type == POSE_SPEED:
-            poses.append(Plane.of(frame.body.pose))  # type: ignore[union-attr]
+            poses.append(Pose2D.from_message(frame.body.pose))  # type: ignore[union-attr]
         return [frame]
 
     slow_simulator.intercept(note)
@@ -66,18 +66,18 @@ def odoms(client: Client) -> Any:
     return client.echo_with(Odometry, "odom", QoSProfile(depth=1000))
 
 
-def plane(pose: Any) -> Plane:
-    return Plane(
+def plane(pose: Any) -> Pose2D:
+    return Pose2D(
         pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
     )
 
 
-def of_transform(transform: Any) -> Plane:
+def of_transform(transform: Any) -> Pose2D:
     shift, rotation = transform.translation, transform.rotation
-    return Plane(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
+    return Pose2D(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
 
 
-def near(one: Plane, other: Plane, metres: float = 0.01, radians: float = 0.01) -> bool:
+def near(one: Pose2D, other: Pose2D, metres: float = 0.01, radians: float = 0.01) -> bool:
     off = one.inverse * other
     return off.distance <= metres and abs(off.theta) <= radians
 
@@ -94,9 +94,9 @@ def drive(client: Client, *steps: tuple[int, float]) -> None:
     assert status == SUCCEEDED, ret
 
 
-def start_pose(simulator: SimulatorThread) -> Plane:
+def start_pose(simulator: SimulatorThread) -> Pose2D:
     pose = simulator.state.pose
-    return Plane(pose.x, pose.y, pose.theta)
+    return Pose2D(pose.x, pose.y, pose.theta)
 
 
 def test_a_square(slow_simulator, truth, start, client):
@@ -135,7 +135,7 @@ def test_sideways(slow_simulator, start, client):
 
 
 def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
-    """As many odoms as there are pushes: if they came late, all of them would."""
+    """As many messages as pushes: if one were late, all of them would be."""
     sent: dict[float, float] = {}
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -160,14 +160,14 @@ def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
 
 
 class TestAtRest:
-    """A robot that stands reports nothing more."""
+    """A standing robot sends no reports."""
 
     def test_a_small_correction(self, slow_simulator, start, client):
         begin = start_pose(slow_simulator)
         start()
         odom = odoms(client)
         odom.wait_count(1)
-        aside = begin * Plane(0.0, 0.03, 0.0)
+        aside = begin * Pose2D(0.0, 0.03, 0.0)
         request = SetRobotPose.Request()
         request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = (
             aside.x,
@@ -177,7 +177,7 @@ class TestAtRest:
         assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
         before = len(odom.messages)
         odom.wait_count(before + 20)
-        assert all(near(plane(m.pose.pose), Plane(), 0.001, 0.001) for m in odom.messages)
+        assert all(near(plane(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
         assert not any(m.twist.twist.linear.y for m in odom.messages)
 
     def test_an_emergency_stop_while_it_drives_sideways(self, slow_simulator, start, client):
@@ -196,7 +196,7 @@ class TestAtRest:
         odom.wait_count(len(odom.messages) + 10)
 
 
-def test_somebody_else_sets_the_pose_while_it_drives(slow_simulator, start, client):
+def test_another_client_sets_the_pose_while_it_drives(slow_simulator, start, client):
     start(publish_tf=True)
     odom = odoms(client)
     twist = Twist.Request()
@@ -213,7 +213,7 @@ def test_somebody_else_sets_the_pose_while_it_drives(slow_simulator, start, clie
     assert max(abs(m.twist.twist.linear.y) for m in odom.messages) < 1.0
 
 
-def test_a_standing_robot_goes_on_at_the_rate(start, client):
+def test_the_pose_of_a_standing_robot_is_repeated(start, client):
     start(odom_rate=50.0)
     odom = odoms(client)
     odom.wait_count(25)
@@ -224,7 +224,9 @@ def test_a_standing_robot_goes_on_at_the_rate(start, client):
 
 @pytest.mark.parametrize("field", ["x", "theta", "linear"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_report_that_is_no_pose_is_skipped(slow_simulator, start, client, logs, field, value):
+def test_a_report_with_non_finite_numbers_is_ignored(
+    slow_simulator, start, client, logs, field, value
+):
     start()
     odom = odoms(client)
     odom.wait(lambda m: True)
@@ -235,13 +237,13 @@ def test_a_report_that_is_no_pose_is_skipped(slow_simulator, start, client, logs
     setattr(bad.twist if field == "linear" else bad.pose, field, value)
     slow_simulator.push(bad)
     slow_simulator.push(bad)
-    wait_until(lambda: any("is no pose" in text for text in told(logs)), "the warning")
+    wait_until(lambda: any("non-finite numbers" in text for text in told(logs)), "the warning")
     slow_simulator.push(good)
     odom.wait_count(len(odom.messages) + 5)
     for message in list(odom.messages):
         assert plane(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
         assert message.twist.twist.linear.x == 0.0
-    assert sum("is no pose" in text for text in told(logs)) == 1
+    assert sum("non-finite numbers" in text for text in told(logs)) == 1
 
 
 def told(logs: Any) -> list[str]:
@@ -278,8 +280,8 @@ def test_it_stops_with_the_link(slow_simulator, start, client):
     slow_simulator.stop_listening()
     wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
     before = len(odom.messages)
-    threading.Event().wait(0.5)  # ten would come in this time
-    assert len(odom.messages) - before <= 2, "what was on its way when the link went"
+    threading.Event().wait(0.5)  # ten messages would arrive in this time
+    assert len(odom.messages) - before <= 2, "messages in flight when the link was lost"
     slow_simulator.listen()
     agent.wait_connected(2)
     odom.wait_count(before + 5)
@@ -293,7 +295,7 @@ def test_it_can_be_off(start, client):
 
 
 class TestTransforms:
-    def test_odom_goes_on_while_the_map_pose_jumps(self, slow_simulator, start, client):
+    def test_odom_does_not_jump_with_the_map_pose(self, slow_simulator, start, client):
         start(publish_tf=True)
         odom = odoms(client)
         transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
@@ -303,7 +305,7 @@ class TestTransforms:
             request = SetRobotPose.Request()
             request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = x, y, theta
             assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
-            transforms.wait(lambda m: near(chain(m), Plane(x, y, theta)))  # noqa: B023
+            transforms.wait(lambda m: near(chain(m), Pose2D(x, y, theta)))  # noqa: B023
             drive(client, (ROTATE, 0.5))
         end = start_pose(slow_simulator)
         transforms.wait(lambda m: near(chain(m), end))
@@ -313,10 +315,10 @@ class TestTransforms:
                 ("map", "odom"),
                 ("odom", "base_link"),
             ]
-        # the square of jumps left odom where the wheels brought it
-        assert near(plane(odom.messages[-1].pose.pose), Plane(0.5, 0.0, 1.0))
+        # the jumps did not change the pose in odom
+        assert near(plane(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
 
-    def test_odom_goes_on_across_another_place_and_another_map(self, slow_simulator, start, client):
+    def test_odom_does_not_jump_with_a_new_pose_or_map(self, slow_simulator, start, client):
         start(publish_tf=True)
         odom = odoms(client)
         transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
@@ -324,7 +326,7 @@ class TestTransforms:
         request = InitRobot.Request()
         request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = 1.0, 1.5, 1.0
         assert client.call(InitRobot, "robot/InitRobot", arg=request.arg).ok
-        transforms.wait(lambda m: near(chain(m), Plane(1.0, 1.5, 1.0)))
+        transforms.wait(lambda m: near(chain(m), Pose2D(1.0, 1.5, 1.0)))
         switch = SwitchMap.Request()
         switch.arg.scene_name = "scenex"
         assert client.call(SwitchMap, "robot/SwitchMap", arg=switch.arg).ok
@@ -332,7 +334,7 @@ class TestTransforms:
         end = start_pose(slow_simulator)
         transforms.wait(lambda m: near(chain(m), end))
         self._is_continuous(odom.messages)
-        odom.wait(lambda m: near(plane(m.pose.pose), Plane(0.5, 0.0, 0.5)))
+        odom.wait(lambda m: near(plane(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
 
     def test_a_jump_while_driving(self, slow_simulator, start, client):
         start(publish_tf=True)
@@ -368,6 +370,6 @@ class TestTransforms:
             assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
 
 
-def chain(message: Any) -> Plane:
+def chain(message: Any) -> Pose2D:
     to_odom, to_base = (of_transform(t.transform) for t in message.transforms)
     return to_odom * to_base

@@ -1,4 +1,4 @@
-"""Parameters: what they are, what is refused and why, and what a change does."""
+"""Parameters: descriptions, refused values and their reasons, and effects of changes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def messages(values: dict[str, Any]) -> list[ParameterMsg]:
 
 
 def change(client: Client, **values: Any) -> tuple[bool, str]:
-    """Set several at once; whether that was done, and why not."""
+    """Set several parameters at once; return success and reason."""
     response = client.call(
         SetParametersAtomically, "agent/set_parameters_atomically", parameters=messages(values)
     )
@@ -124,7 +124,7 @@ def test_bad_value_at_the_start(
         start_agent(**parameter)
 
 
-def test_whole_number_for_a_fractional_one(
+def test_integer_for_a_floating_point_parameter(
     start_agent: Callable[..., RunningAgent], client: Client
 ) -> None:
     start_agent(goal_link_timeout=3)
@@ -177,7 +177,7 @@ def test_goal_outlives_a_change_that_reconnects(
     assert simulator.counts[EXEC_TASK] == 1
 
 
-def test_change_of_what_is_not_the_links_does_not_reconnect(
+def test_change_unrelated_to_the_link_does_not_reconnect(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     assert change(client, poll_timeout=200, goal_link_timeout=1.0) == (True, "")
@@ -187,7 +187,7 @@ def test_change_of_what_is_not_the_links_does_not_reconnect(
     assert simulator.counts[ROBOT_INFO] == 1
 
 
-def test_another_robot_id_is_another_robot(
+def test_change_of_the_robot_id_reconnects(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     assert change(client, robot_id=5) == (True, "")
@@ -197,10 +197,10 @@ def test_another_robot_id_is_another_robot(
     assert simulator.last(MODE).robot_id == 5
 
 
-def test_several_changes_at_once_are_one(
+def test_several_changes_at_once(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
-    """The tools of ROS set one after the other: each on its own must make sense."""
+    """The tools of ROS set parameters one by one: each change must be valid by itself."""
     response = client.call(
         SetParameters,
         "agent/set_parameters",

@@ -1,4 +1,4 @@
-"""initialpose and goal_pose, as RViz sends them, and cancel."""
+"""initialpose and goal_pose, as sent by RViz, and cancel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SET_POSE = "woosh.robot.SetRobotPose"
 
 
 class Sender:
-    """What RViz's tools publish."""
+    """Publishes like the tools of RViz."""
 
     def __init__(self, client: Client) -> None:
         self._publishers = {
@@ -59,20 +59,20 @@ def at(simulator: SimulatorThread, x: float, y: float, yaw: float) -> bool:
 
 
 class TestInitialpose:
-    def test_it_is_where_it_is_said_to_be(self, simulator, sender):
+    def test_it_sets_the_pose(self, simulator, sender):
         sender.initialpose(1.0, 1.5, 2.0)
         wait_until(lambda: at(simulator, 1.0, 1.5, 2.0))
 
-    def test_a_refusal_is_told(self, simulator, sender, logs):
+    def test_a_refusal_is_logged(self, simulator, sender, logs):
         sender.initialpose(500.0, 0.0, 0.0)
         logs.wait(lambda r: "refused initialpose" in r.getMessage() and r.levelname == "ERROR")
 
-    def test_another_frame_is_told(self, simulator, sender, logs):
+    def test_a_wrong_frame_is_logged(self, simulator, sender, logs):
         sender.initialpose(1.0, 1.5, 0.0, frame="odom")
         logs.wait(lambda r: "set the fixed frame to map" in r.getMessage())
         assert simulator.counts[SET_POSE] == 0
 
-    def test_nonsense_is_told(self, simulator, sender, logs):
+    def test_an_invalid_pose_is_logged(self, simulator, sender, logs):
         sender.initialpose(math.nan, 1.5, 0.0)
         logs.wait(lambda r: "not finite" in r.getMessage())
         assert simulator.counts[SET_POSE] == 0
@@ -104,11 +104,11 @@ class TestGoalPose:
         statuses.wait(lambda m: m.status_list[-1].status == GoalStatus.STATUS_CANCELED)
         wait_until(lambda: not client.call(Trigger, "cancel").success)
 
-    def test_why_it_was_not_reached_is_told(self, sender, logs):
+    def test_the_reason_of_a_failure_is_logged(self, sender, logs):
         sender.goal_pose(500.0, 0.0, 0.0)
         logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: "))
 
-    def test_another_frame_is_told(self, simulator, sender, logs):
+    def test_a_wrong_frame_is_logged(self, simulator, sender, logs):
         sender.goal_pose(1.0, 1.5, 0.0, frame="odom")
         logs.wait(lambda r: "set the fixed frame to map" in r.getMessage())
         assert simulator.counts[CALL_ACTION] == 0

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.random_messages import blank, item_type
-from tests.table import PAIRS
+from tests.type_pairs import PAIRS
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.ros_types import class_of

@@ -1,4 +1,4 @@
-"""scan: asked only while it is wanted, in REP 117's terms, and true."""
+"""scan: requested on demand, as REP 117 requires, and consistent with the walls."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def scans(client: Any) -> Any:
     return client.echo_with(LaserScan, "scan", qos_profile_sensor_data)
 
 
-def test_it_is_asked_only_while_somebody_subscribes(simulator, agent, client):
+def test_it_is_requested_only_while_there_are_subscribers(simulator, agent, client):
     wait_until(lambda: client.publishers("scan"), "the agent")
     threading.Event().wait(0.5)
     assert simulator.counts[SCANNER] == 0
@@ -47,7 +47,7 @@ def test_it_is_asked_only_while_somebody_subscribes(simulator, agent, client):
     wait_until(quiet, "an end of the questions")
 
 
-def test_it_sees_the_walls(simulator: SimulatorThread, agent, client):
+def test_it_shows_the_walls(simulator: SimulatorThread, agent, client):
     scan = scans(client).wait_count(1)[0]
     assert scan.header.frame_id == "laser"
 
@@ -63,7 +63,7 @@ def test_it_sees_the_walls(simulator: SimulatorThread, agent, client):
     assert scan.angle_min + 880 * scan.angle_increment == pytest.approx(scan.angle_max, abs=1e-3)
 
 
-def test_what_is_out_of_range(simulator, agent, client):
+def test_ranges_out_of_range(simulator, agent, client):
     data = ScannerData(
         angle_min=-1.0,
         angle_max=1.0,
@@ -88,7 +88,7 @@ def test_rep_117():
     assert list(rep_117([1.0, 0.0, 0.01, 30.0], 0.05, 25.0)) == [1.0, math.inf, -math.inf, math.inf]
 
 
-def test_the_place_of_the_laser(simulator, start_agent, client):
+def test_the_pose_of_the_laser(simulator, start_agent, client):
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")
     static = client.echo(TFMessage, "/tf_static")
     (transform,) = static.wait_count(1)[0].transforms
@@ -96,10 +96,10 @@ def test_the_place_of_the_laser(simulator, start_agent, client):
     assert transform.transform.translation.x == pytest.approx(0.25)
     assert transform.transform.rotation.w == 1.0
     threading.Event().wait(0.5)
-    assert simulator.counts[SCANNER] == 1, "one question was enough"
+    assert simulator.counts[SCANNER] == 1, "one request is enough"
 
 
-def test_older_firmware_tells_no_place(simulator, start_agent, client, logs):
+def test_older_firmware_does_not_report_the_pose(simulator, start_agent, client, logs):
     def without(frame: Outgoing) -> list[Outgoing]:
         if frame.request == SCANNER:
             frame.body.ClearField("offset")  # type: ignore[union-attr]
@@ -112,7 +112,7 @@ def test_older_firmware_tells_no_place(simulator, start_agent, client, logs):
     assert not static.messages
 
 
-def test_a_refusal_is_told_once(simulator, agent, client, logs):
+def test_a_refusal_is_logged_once(simulator, agent, client, logs):
     simulator.refuse(SCANNER, "the laser is broken")
     received = scans(client)
     simulator.wait_received(SCANNER, 3)

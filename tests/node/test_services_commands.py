@@ -13,7 +13,7 @@ from rclpy.task import Future
 
 from tests.harness import wait_future, wait_until
 from tests.random_messages import blank, carried, item_type, random_proto, random_ros
-from tests.table import field_class
+from tests.type_pairs import field_class
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.protos import message_type

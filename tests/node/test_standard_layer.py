@@ -1,4 +1,4 @@
-"""The standard layer as a whole: what it offers, how it is switched, and two robots at a time."""
+"""The standard layer as a whole: its endpoints, its switches, and two robots at a time."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, RunningAgent, wait_until
+from woosh_robot_agent.parameter import parameters_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.standard.settings import PARAMETERS, StandardSettings
-from woosh_robot_agent.standard.table import STANDARD, Kind
+from woosh_robot_agent.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.standard.settings import StandardSettings
 
 TWIST = "woosh.robot.Twist"
+PARAMETERS = parameters_of(StandardSettings)
 SWITCHES = [p.name for p in PARAMETERS if p.name.startswith("enable_") or p.name == "publish_tf"]
 
 
 def endpoints(client: Client) -> dict[str, Any]:
-    """What the agent offers of the table, by name: types, or of topics the endpoint's info."""
+    """The endpoints that the agent has, by name: the type of a service, the info of a topic."""
     found: dict[str, Any] = {}
     node = client.node
     if ("agent", client.namespace) not in node.get_node_names_and_namespaces():
@@ -44,7 +46,7 @@ def endpoints(client: Client) -> dict[str, Any]:
     return found
 
 
-def test_all_of_the_table_is_there(start_agent, client):
+def test_the_agent_has_all_endpoints_of_the_table(start_agent, client):
     start_agent(ip="127.0.0.1", port=1, publish_tf=True)
     wait_until(lambda: set(endpoints(client)) == {e.name for e in STANDARD}, "all endpoints")
     found = endpoints(client)
@@ -56,11 +58,11 @@ def test_all_of_the_table_is_there(start_agent, client):
         assert info.topic_type.replace("/msg/", "/") == entry.type
         latched = info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         assert latched == (entry.kind is Kind.LATCHED)
-        # REP 2003: whoever wants a sensor's data as best effort can have it so
+        # REP 2003: best-effort subscribers are compatible with a reliable publisher
         assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
 
 
-def test_all_of_it_can_be_off(start_agent, client):
+def test_all_parts_can_be_off(start_agent, client):
     start_agent(ip="127.0.0.1", port=1, **dict.fromkeys(SWITCHES, False))
     wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
     assert not endpoints(client)
@@ -83,7 +85,7 @@ def test_frames_are_checked(name):
 class TestTwoRobots:
     @pytest.fixture
     def robots(self, domain: int) -> Iterator[list[tuple[SimulatorThread, RunningAgent, Client]]]:
-        """Two robots with an agent each, in one domain, told apart by namespace and prefix."""
+        """Two robots with an agent each, in one domain, with their own namespaces and prefixes."""
         running = []
         for name in ("r1", "r2"):
             config = SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)

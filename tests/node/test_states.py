@@ -21,7 +21,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import Outgoing
-from woosh_robot_agent.standard.grid import MapError, cells_of
+from woosh_robot_agent.standard.map import MapError, cells_of
 from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
 
 SCENE_DATA = "woosh.map.SceneData"
@@ -71,13 +71,13 @@ def test_footprint(simulator, agent, client):
     footprints.wait(lambda m: m.polygon != first.polygon)
 
 
-def test_footprint_goes_on_with_the_time(agent, client):
-    """Viewers draw it where the robot was at its stamp."""
+def test_footprint_is_repeated_with_new_stamps(agent, client):
+    """Viewers draw it at the robot's pose at the time of its stamp."""
     stamps = [m.header.stamp for m in client.echo(PolygonStamped, "footprint").wait_count(4)]
     assert stamps[-1].sec + stamps[-1].nanosec / 1e9 > stamps[0].sec + stamps[0].nanosec / 1e9
 
 
-def test_there_is_an_empty_plan_at_the_start(agent, client):
+def test_the_first_plan_is_empty(agent, client):
     assert not client.echo(Path, "plan").wait_count(1)[0].poses
 
 
@@ -90,7 +90,7 @@ class TestConnected:
         simulator.listen()
         wait_until(lambda: connected.messages[-1].data)
 
-    def test_it_is_false_where_there_never_was_one(self, start_agent, client):
+    def test_it_is_false_before_the_first_link(self, start_agent, client):
         start_agent(ip="127.0.0.1", port=1)
         connected = client.echo(Bool, "connected")
         assert not connected.wait_count(1)[0].data
@@ -99,7 +99,7 @@ class TestConnected:
 class TestMap:
     @pytest.fixture
     def scene(self, simulator) -> SceneData:
-        """What the chassis answers when it is asked for its maps; the test may change it."""
+        """The chassis's answer to a request for its maps; a test may change it."""
         data = SceneData(name="wooshmap")
         data.maps.add(
             id=0,
@@ -117,22 +117,22 @@ class TestMap:
         simulator.intercept(answer)
         return data
 
-    def test_it_is_the_picture(self, scene, agent, client):
+    def test_it_matches_the_image(self, scene, agent, client):
         grid = client.echo(OccupancyGrid, "map").wait_count(1)[0]
         assert grid.header.frame_id == "map"
         assert (grid.info.width, grid.info.height) == (3, 2)
         assert grid.info.resolution == pytest.approx(0.5)
         assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, -2.0)
-        # the picture's lowest row is the grid's first
+        # the lowest row of the image is the first of the grid
         assert list(grid.data) == [100, 0, 0, 0, -1, 100]
 
-    def test_it_is_not_asked_for_in_vain(self, simulator, scene, agent, client):
+    def test_it_is_requested_only_on_demand(self, simulator, scene, agent, client):
         states = client.echo(BatteryState, "battery_state")
         states.wait_count(1)
         diagnostics(client).wait_count(2)  # two seconds
         assert simulator.counts[SCENE_DATA] == 0
 
-    def test_it_is_renewed_when_the_map_changes(self, simulator, scene, agent, client):
+    def test_it_is_requested_again_when_the_map_changes(self, simulator, scene, agent, client):
         grids = client.echo(OccupancyGrid, "map")
         grids.wait_count(1)
         scene.name = scene.maps[0].name = "scenex"
@@ -142,12 +142,12 @@ class TestMap:
         assert client.call(SwitchMap, "robot/SwitchMap", arg=request.arg).ok
         assert list(grids.wait(lambda m: m.info.width == 1).data) == [100]
 
-    def test_what_cannot_be_read_is_said_once(self, simulator, scene, agent, client, logs):
+    def test_a_bad_image_is_logged_once(self, simulator, scene, agent, client, logs):
         scene.maps[0].map_png = b"no picture"
         client.echo(OccupancyGrid, "map")
-        logs.wait(lambda r: "its picture cannot be read" in r.getMessage())
+        logs.wait(lambda r: "its image cannot be decoded" in r.getMessage())
 
-    def test_pictures(self):
+    def test_images(self):
         with pytest.raises(MapError):
             cells_of(b"")
         with pytest.raises(MapError):
@@ -177,7 +177,7 @@ def values(status: Any) -> dict[str, str]:
 
 
 class TestDiagnostics:
-    def test_all_is_well(self, simulator, agent, client):
+    def test_all_ok(self, simulator, agent, client):
         array = diagnostics(client).wait_count(1)[0]
         names = ["link", "chassis", "battery", "hardware", "abnormal codes"]
         assert [s.name.rpartition(": ")[2] for s in array.status] == names
@@ -190,7 +190,7 @@ class TestDiagnostics:
         assert values(of(array, "chassis"))["taskable"] == "yes"
         assert values(of(array, "battery"))["percent"] == "93"
 
-    def test_every_reason_why_not(self, simulator, agent, client):
+    def test_each_objection_is_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.set_emergency_stop(True)
         request = SwitchControlMode.Request()

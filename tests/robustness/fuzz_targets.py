@@ -37,7 +37,7 @@ from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
 from woosh_robot_agent.simulator.pushes import TOPICS
 
 try:
-    from tests.table import PAIRS
+    from tests.type_pairs import PAIRS
     from woosh_robot_agent.convert import BadFieldError, converter
 except ImportError:  # without ROS
     PAIRS = {}

@@ -227,9 +227,7 @@ class Rig:
     @contextlib.contextmanager
     def _count_twists(self) -> Iterator[None]:
         """Count the agent's velocity commands where they enter the transport."""
-        original = {
-            cls: cls.send for cls in (WebSocketTransport, TcpTransport)
-        }
+        original = {cls: cls.send for cls in (WebSocketTransport, TcpTransport)}
 
         def counting(cls: type[Any]) -> Any:
             async def send(transport: Any, data: str | bytes) -> None:

@@ -33,7 +33,6 @@ def _wifi(order: int, ssid: str) -> Any:
 
 def test_every_service_is_answered_with_its_type(client: JsonClient, endpoints: Any) -> None:
     services = endpoints["info_services"] | endpoints["command_services"]
-    assert len(services) == 48
     for service in services.values():
         request = service["request"]
         answer = client.request(request, BODIES.get(request))

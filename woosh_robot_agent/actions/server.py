@@ -8,13 +8,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.exceptions import InvalidHandle
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.action import CancelResponse, GoalResponse
 
 from woosh_robot_agent.actions.outcome import Outcome
-from woosh_robot_agent.bridge import SERVICE_QOS
-from woosh_robot_agent.logs import speak_as
+from woosh_robot_agent.logs import log_as
+from woosh_robot_agent.qos import SERVICE_QOS
+from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS, DeferringActionServer, RCLError
 
 _LOG = logging.getLogger(__name__)
 _ANY_GOAL = bytes(16)
@@ -67,7 +66,7 @@ class Goal:
                 return
             try:
                 self._handle.publish_feedback(self._server.action_type.Feedback(fb=fb))
-            except (InvalidHandle, _rclpy.RCLError) as error:
+            except PEER_GONE_ERRORS as error:
                 _LOG.debug("cannot publish feedback on a goal: %s", error)
 
     def finish(self, outcome: Outcome, ret: Any) -> None:
@@ -79,13 +78,13 @@ class Goal:
         self._server.finish(self._handle, outcome, ret)
 
 
-class GoalServer(ActionServer):
+class GoalServer(DeferringActionServer):
     """An action server that accepts every goal and every cancel, and executes nothing itself.
 
-    rclpy's `notify_execute` schedules a callback in the executor that sets the final state and
-    returns the result. rclpy calls it when a goal begins, so that the callback would have to wait
-    for the end of the goal. Here it is called at the end. So no callback waits, and no cancel
-    request can come between final state and result: all three are matters of the executor's thread.
+    rclpy would run a callback in the executor from the beginning of a goal to its end. Here
+    `execute_later` schedules that callback at the end of the goal; it sets the final state and
+    returns the result. So no callback waits, and no cancel request can come between final state and
+    result: all three are matters of the executor's thread.
 
     Args:
         node: owner of the server.
@@ -105,8 +104,7 @@ class GoalServer(ActionServer):
     ) -> None:
         self._start = start
         self._open: dict[bytes, Goal] = {}
-        self._pending_results = 0
-        """Number of clients that wait for a result."""
+        self._log_as_node = partial(log_as, node.get_logger())
         super().__init__(
             node,
             action_type,
@@ -124,7 +122,7 @@ class GoalServer(ActionServer):
     @property
     def open_goals(self) -> int:
         """Number of goals that have not ended, plus that of clients that wait for a result."""
-        return len(self._open) + self._pending_results
+        return len(self._open) + self.pending_results
 
     async def execute(self, taken_data: Any) -> None:
         """Serve requests of clients; called by rclpy.
@@ -132,30 +130,20 @@ class GoalServer(ActionServer):
         An error that escapes would end the executor's spinning. rclpy raises one where a client
         goes away while it waits for a result.
         """
-        speak_as(self._logger)
+        self._log_as_node()
         try:
             if "cancel" in taken_data:
                 self._cancel_again(taken_data["cancel"][1].goal_info)
             await super().execute(taken_data)
-        except (InvalidHandle, _rclpy.RCLError) as error:
+        except PEER_GONE_ERRORS as error:
             _LOG.warning("cannot serve a client of an action: %s", error)
 
-    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
-        if bytes(request_header_and_message[1].goal_id.uuid) in self._goal_handles:
-            self._pending_results += 1
-        await super()._execute_get_result_request(request_header_and_message)
-
-    def _send_result_response(self, request_header: Any, future: Any) -> None:
-        self._pending_results -= 1
-        super()._send_result_response(request_header, future)
-
-    def notify_execute(self, goal_handle: Any, _execute_callback: Any) -> None:
-        """Hand a goal over to be started; called by rclpy when its state became executing."""
+    def on_executing(self, goal_handle: Any) -> None:
         self._start(self._open[bytes(goal_handle.goal_id.uuid)])
 
     def finish(self, goal_handle: Any, outcome: Outcome, ret: Any) -> None:
         """End a goal in the executor's thread; callable from any thread."""
-        super().notify_execute(goal_handle, partial(self._settle, outcome=outcome, ret=ret))
+        self.execute_later(goal_handle, partial(self._settle, outcome=outcome, ret=ret))
 
     def _accepted(self, goal_handle: Any) -> None:
         self._open[bytes(goal_handle.goal_id.uuid)] = Goal(self, goal_handle)
@@ -185,7 +173,7 @@ class GoalServer(ActionServer):
                 goal_handle.canceled()
             else:
                 goal_handle.abort()
-        except _rclpy.RCLError as error:
-            self._logger.error(f"cannot end a goal as {outcome.value}: {error}")
+        except RCLError as error:
+            _LOG.error("cannot end a goal as %s: %s", outcome.value, error)
         self._open.pop(bytes(goal_handle.goal_id.uuid), None)
         return self.action_type.Result(ret=ret)

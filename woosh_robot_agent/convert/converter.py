@@ -1,4 +1,4 @@
-"""Converters: one per pair of a ROS message class and the protobuf class that it mirrors."""
+"""Converters, one per pair of a ROS message class and the protobuf class that it mirrors."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from woosh_robot_agent.convert.mapping import pairs
 from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.codecs.json_reader import from_json
 
-_UNUSUAL = (AttributeError, TypeError, ValueError, OverflowError)
-"""What compiled functions raise for JSON that is not as it should be."""
+_MALFORMED = (AttributeError, TypeError, ValueError, OverflowError)
+"""Raised by the compiled functions for JSON that needs the tolerant reader."""
 
 
 class Converter:
-    """Converts between one ROS message class and the protobuf message class that it mirrors.
+    """Converter between a ROS message class and the protobuf message class that it mirrors.
 
-    Each way is compiled when it is gone for the first time: to do all of them at the start would
-    be a tenth of it. Messages inside that do not mirror each other are found only then.
+    Each direction is compiled on first use: compiling all of them would take a tenth of the
+    start-up time. Nested messages that do not mirror each other are found only then.
 
     Raises:
-        TypeError: the two do not mirror each other.
+        TypeError: the classes do not mirror each other.
     """
 
     def __init__(self, ros_class: Any, proto_class: Any) -> None:
         self.ros_class = ros_class
         self.proto_class = proto_class
-        pairs(ros_class, proto_class)  # looks whether there are any
+        pairs(ros_class, proto_class)  # raises TypeError
 
     @cached_property
     def _from_proto(self) -> to_ros.Make:
@@ -45,35 +45,37 @@ class Converter:
         return to_proto.filler(self.ros_class, self.proto_class)
 
     def to_ros(self, message: Any) -> Any:
-        """A new ROS message with what the protobuf message says."""
+        """Return a new ROS message with the content of a protobuf message."""
         return self._from_proto(message)
 
     def from_json(self, value: object) -> Any:
-        """A new ROS message with what a JSON value says; it is read as tolerantly as by the link.
+        """Return a new ROS message with the content of a JSON value.
+
+        It is read as tolerantly as by the link.
 
         Raises:
             FieldError: a value does not fit its field.
         """
         try:
             return self._from_json(value)
-        except _UNUSUAL:  # the long way finds the field, or a sense in it
+        except _MALFORMED:  # the slow reader accepts more, or names the bad field
             message = self.proto_class()
             from_json(value, message)
             return self.to_ros(message)
 
     def read(self, body: Body) -> Any:
-        """A new ROS message with what a frame's body says.
+        """Return a new ROS message with the content of a frame's body.
 
         Raises:
-            FrameError: it is no such message.
+            FrameError: the body does not hold such a message.
         """
         return body.read(self.from_json, self.to_ros)
 
     def to_proto(self, ros: Any) -> Any:
-        """A new protobuf message with what the ROS message says.
+        """Return a new protobuf message with the content of a ROS message.
 
         Raises:
-            BadFieldError: a number is not finite, or a string was not valid UTF-8.
+            BadFieldError: a number is not finite, or a string is not valid UTF-8.
         """
         message = self.proto_class()
         self._fill_proto(message, ros)
@@ -81,8 +83,8 @@ class Converter:
 
 
 def converter(ros_class: Any, proto_class: type[Message]) -> Converter:
-    """The converter of a pair of types, the same each time."""
-    pair: Any = (ros_class, proto_class)  # the type stubs hold message classes to be unhashable
+    """Return the converter of a pair of classes, creating it on first use."""
+    pair: Any = (ros_class, proto_class)  # the type stubs declare message classes unhashable
     return _converter(*pair)
 
 

@@ -1,4 +1,4 @@
-"""Numbers and texts of JSON for ROS fields: the usual ones fast, the others tolerantly."""
+"""Readers of JSON values for ROS fields: fast for usual values, tolerant for others."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from google.protobuf.descriptor import FieldDescriptor
 
 from woosh_robot_agent.link.codecs.json_scalars import blank_of, scalar_reader
 
-_MOST_FLOAT32 = 3.4e38
-"""Beyond it a double may have no float32, which ROS's conversion to C does not look at."""
+_MAX_FLOAT32 = 3.4e38
+"""Limit of values taken as they are: a larger one may not fit a float32, and ROS does not check."""
 _INTEGERS = {
     FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
     FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),
@@ -20,20 +20,21 @@ _INTEGERS = {
     FieldDescriptor.CPPTYPE_UINT64: (0, 2**64 - 1),
     FieldDescriptor.CPPTYPE_ENUM: (-(2**31), 2**31 - 1),
 }
+"""Smallest and largest value of each integer type."""
 
 
 def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
-    """How to read a field's value.
+    """Return how to read a field's value.
 
     Returns:
-        The source of a condition by which `v` is a usual value, to be taken as it is, and a
-        function that reads all others; it raises ValueError, TypeError or OverflowError.
+        The source of a condition that is true if `v` can be taken as it is, and a function that
+        reads all other values. The function raises ValueError, TypeError or OverflowError.
     """
     kind, read = field.cpp_type, scalar_reader(field)
     if field.type == FieldDescriptor.TYPE_BYTES:
         return "False", lambda value: array("B", read(value))
     if kind == FieldDescriptor.CPPTYPE_FLOAT:
-        usual = f"type(v) is float and -{_MOST_FLOAT32} <= v <= {_MOST_FLOAT32}"
+        usual = f"type(v) is float and -{_MAX_FLOAT32} <= v <= {_MAX_FLOAT32}"
         return usual, lambda value: c_float(read(value)).value
     if kind == FieldDescriptor.CPPTYPE_DOUBLE:
         return "type(v) is float", read
@@ -45,7 +46,7 @@ def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
 
     def read_integer(value: Any) -> int:
         number = read(value)
-        if number is None:  # the name of an enum value that is newer than this schema
+        if number is None:  # an enum value that is newer than this schema, given by name
             return 0
         if not least <= number <= most:
             raise ValueError("out of range")
@@ -55,7 +56,7 @@ def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
 
 
 def list_of(blank: Any) -> Callable[[Any], list[Any]]:
-    """What looks whether a value is a list; `blank` takes the place of null there."""
+    """Return a function that checks that a value is a list, and replaces null in it by `blank`."""
 
     def checked(values: Any) -> list[Any]:
         if type(values) is not list:
@@ -66,7 +67,7 @@ def list_of(blank: Any) -> Callable[[Any], list[Any]]:
 
 
 def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
-    """What reads a list of numbers, or bytes, as an array with the typecode `code`."""
+    """Return a function that reads a list of numbers, or bytes, as an array of typecode `code`."""
     if field.type == FieldDescriptor.TYPE_BYTES:
         return scalar(field)[1]
     checked, (_, read) = list_of(blank_of(field)), scalar(field)
@@ -77,9 +78,9 @@ def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
     def read_floats(values: Any) -> Any:
         try:
             if type(values) is list:
-                return array(code, values)  # the usual case: numbers, nothing else
+                return array(code, values)  # the usual case: only numbers
         except (TypeError, OverflowError):
-            pass  # null among them, or a number as text: one by one
+            pass  # null, or a number as text: read them one by one
         return read_each(values)
 
     return read_floats if code in "fd" else read_each

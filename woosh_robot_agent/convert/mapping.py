@@ -1,4 +1,4 @@
-"""What the ROS messages and the protobuf messages that they mirror have in common."""
+"""Correspondence between the fields of a ROS message and of the protobuf message it mirrors."""
 
 from __future__ import annotations
 
@@ -20,11 +20,15 @@ ARRAY_CODES = {
     "float": "f",
     "double": "d",
 }
-"""Typecodes of Python's arrays, which ROS takes without a look at each number, by ROS type."""
+"""Typecodes of `array.array` by ROS type. ROS takes an array without checking each number."""
 
 
 def pairs(ros_class: Any, proto_class: Any) -> list[tuple[str, str, Any]]:
-    """Name, ROS type and protobuf field of each field outside of oneofs."""
+    """Return name, ROS type and protobuf field of each field outside of oneofs.
+
+    Raises:
+        TypeError: the classes do not mirror each other.
+    """
     types = dict(ros_class.get_fields_and_field_types())
     types.pop("has_field", None)
     fields = proto_class.DESCRIPTOR.fields_by_name
@@ -38,7 +42,7 @@ def pairs(ros_class: Any, proto_class: Any) -> list[tuple[str, str, Any]]:
 
 
 def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
-    """Bit of each field in `has_field`; None where a class has no such field."""
+    """Return the bit of each field in `has_field`; None if the class has no `has_field`."""
     types = ros_class.get_fields_and_field_types()
     if "has_field" not in types:
         return None
@@ -52,17 +56,17 @@ def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
 
 
 def oneofs(proto_class: Any) -> list[Any]:
-    """The oneofs, those that `optional` makes included."""
+    """Return the oneofs of a class, including those made by `optional`."""
     return list(proto_class.DESCRIPTOR.oneofs)
 
 
 def item_type(ros_type: str) -> str | None:
-    """`T` of `sequence<T>`; None for a type that is no sequence."""
+    """Return `T` of `sequence<T>`; None for other types."""
     if not ros_type.startswith("sequence<"):
         return None
     return ros_type[len("sequence<") : -1]
 
 
 def message_class(field: Any) -> Any:
-    """The protobuf class of a field's messages."""
+    """Return the protobuf class of a message field."""
     return message_type(field.message_type.full_name)

@@ -1,6 +1,6 @@
-"""ROS to protobuf: one function per pair of types, made of source and run once.
+"""Conversion from ROS to protobuf: one generated function per pair of types.
 
-What the robot must not get, numbers that are not finite and bad text, is refused by its path.
+Values that must not be sent to the robot, non-finite numbers and invalid text, raise BadFieldError.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 
+from woosh_robot_agent.convert.bad_field import BadFieldError
 from woosh_robot_agent.convert.mapping import (
     item_type,
     message_class,
@@ -25,27 +26,9 @@ from woosh_robot_agent.ros_types import class_of
 _FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 
 
-class BadFieldError(ValueError):
-    """A value in a ROS message that the robot must not get.
-
-    Attributes:
-        path: where it stands in the message, e.g. `poses[1].x`.
-        reason: what is wrong with it.
-    """
-
-    def __init__(self, path: str, reason: str) -> None:
-        super().__init__(f"{path} {reason}")
-        self.path = path
-        self.reason = reason
-
-    def below(self, prefix: str) -> BadFieldError:
-        """The same fault, seen from the message that holds this one in its field `prefix`."""
-        return BadFieldError(f"{prefix}.{self.path}", self.reason)
-
-
 @cache
 def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
-    """A function `fill(p, r)` that writes into a protobuf message what a ROS message says."""
+    """Return a function `fill(p, r)` that copies a ROS message `r` into a protobuf message `p`."""
     source = Source("fill(p, r)")
     source.bind_as("BadField", BadFieldError)
     source.bind_as("check_text", _check_text)
@@ -68,7 +51,9 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
             inner = f"{group.name}.{field.name}"
             _set_proto(source, "o", field.name, types[field.name], field, "    ", path=inner)
         source.add("elif which:")
-        source.add(f"    raise BadField('{group.name}.which', f'is {{which}}, which is no member')")
+        source.add(
+            f"    raise BadField('{group.name}.which', f'is {{which}}, which is not a member')"
+        )
     return source.compile()
 
 
@@ -124,7 +109,7 @@ def _set_proto(
 
 
 def _check_text(text: str, path: str) -> None:
-    """Refuse what was not valid UTF-8: rclpy hands it over with U+FFFD in the bad places."""
+    """Refuse text that was not valid UTF-8: rclpy replaces invalid bytes by U+FFFD."""
     if text.isascii():
         return
     if "\ufffd" in text:

@@ -1,4 +1,4 @@
-"""Protobuf or JSON to ROS: one function per pair of types, made of source and run once."""
+"""Conversion from protobuf or JSON to ROS: one generated function per pair of types."""
 
 from __future__ import annotations
 
@@ -17,40 +17,44 @@ from woosh_robot_agent.convert.mapping import (
     pairs,
     presence_bits,
 )
-from woosh_robot_agent.convert.new import New
+from woosh_robot_agent.convert.new_message import NewMessage
 from woosh_robot_agent.convert.source import Source
 from woosh_robot_agent.link.codecs.json_fields import is_repeated, json_names
 from woosh_robot_agent.link.codecs.json_scalars import blank_of
 from woosh_robot_agent.ros_types import class_of
 
 Make = Callable[[Any], Any]
+"""Function that returns a new ROS message."""
 
 
 class Origin(ABC):
-    """What ROS messages are made of: how to take values out of the function's argument `d`."""
+    """Form of the data that ROS messages are made from: protobuf or JSON.
 
-    def begin(self, source: Source) -> None:  # noqa: B027 - nothing is needed by default
-        """Write what comes first."""
+    Its methods write the source that reads values from the function's argument `d`.
+    """
+
+    def begin(self, source: Source) -> None:  # noqa: B027 - empty by default
+        """Write source for the beginning of the function."""
 
     @abstractmethod
     def fetch(self, source: Source, field: Any) -> bool:
-        """Write what puts a field's value into `v`; returns whether that can be None: absent."""
+        """Write source that assigns a field to `v`; return True if `v` can be None (absent)."""
 
     @abstractmethod
     def scalar(self, source: Source, field: Any) -> str:
-        """The expression of the number, text or enum value in `v`."""
+        """Return the expression for the number, text or enum value in `v`."""
 
     @abstractmethod
     def scalars(self, source: Source, field: Any) -> str:
-        """The expression of an iterable of such in `v`."""
+        """Return the expression for an iterable of numbers, texts or enum values in `v`."""
 
     @abstractmethod
     def numbers(self, source: Source, field: Any, code: str) -> str:
-        """The expression of an array with the typecode `code` of the list or the bytes in `v`."""
+        """Return the expression for an array of typecode `code` of the list or bytes in `v`."""
 
     @abstractmethod
     def messages(self, source: Source) -> str:
-        """The expression of the iterable of messages in `v`."""
+        """Return the expression for the iterable of messages in `v`."""
 
 
 class _Proto(Origin):
@@ -109,14 +113,14 @@ JSON = _Json()
 
 @cache
 def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
-    """A function that makes a ROS message of what `origin` stands for.
+    """Return a function that creates a ROS message from data of the form `origin`.
 
     Raises:
-        TypeError: the two classes do not mirror each other.
+        TypeError: the classes do not mirror each other.
     """
     source = Source("make(d)")
     origin.begin(source)
-    made = New(source, "r", ros_class)
+    made = NewMessage(source, "r", ros_class)
     bits = presence_bits(ros_class, proto_class)
     if bits is not None:
         source.add("has = 0")
@@ -130,7 +134,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     for group in oneofs(proto_class):
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
-        inner = New(source, "o", inner_class)
+        inner = NewMessage(source, "o", inner_class)
         source.add("which = 0")
         for number, field in enumerate(group.fields, 1):
             origin.fetch(source, field)
@@ -146,9 +150,9 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
 
 
 def _set(
-    made: New, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
+    made: NewMessage, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
 ) -> None:
-    """Set the field `name` from `v`, to its blank value where that is None."""
+    """Write source that sets the field `name` from `v`, or to its blank value if `v` is None."""
     source, items = made.source, item_type(ros_type)
     if items is not None:
         blank, value = _list(source, items, field, origin)
@@ -160,7 +164,7 @@ def _set(
         blank, value = _BLANKS.get(ros_type, "0"), origin.scalar(source, field)
         if field.enum_type is not None and "/" in ros_type:
             source.add(f"v = {f'{blank} if v is None else ' if optional else ''}{value}")
-            enum = New(source, "e", class_of(ros_type))
+            enum = NewMessage(source, "e", class_of(ros_type))
             enum.set("value", "v")
             made.set(name, "e")
             return
@@ -170,10 +174,11 @@ def _set(
 
 
 _BLANKS = {"boolean": "False", "string": "''", "float": "0.0", "double": "0.0"}
+"""Sources of the blank values by ROS type, if not 0."""
 
 
 def _list(source: Source, items: str, field: Any, origin: Origin) -> tuple[str, str]:
-    """Expressions of an empty list and of the one in `v`."""
+    """Return the expressions for an empty list and for the list in `v`."""
     if field.message_type is not None:
         make = source.bind(maker(class_of(items), message_class(field), origin))
         return "[]", f"[{make}(item) for item in {origin.messages(source)}]"
@@ -189,7 +194,7 @@ def _list(source: Source, items: str, field: Any, origin: Origin) -> tuple[str, 
 @cache
 def _enum_maker(ros_class: Any) -> Make:
     source = Source("make(v)")
-    made = New(source, "e", ros_class)
+    made = NewMessage(source, "e", ros_class)
     made.set("value", "v")
     source.add("return e")
     return source.compile()

@@ -6,7 +6,8 @@ from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.time import Time
 
 from woosh_robot_agent.motion import VelocityDriver, VelocityLimits
-from woosh_robot_agent.standard.part_context import Part, PartContext
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
 
 
 class CmdVel(Part):
@@ -16,11 +17,11 @@ class CmdVel(Part):
     angular.z counter-clockwise in rad/s. The other components are ignored.
     """
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
-        self._driver = VelocityDriver(host.gate, host.chassis, "cmd_vel", self._limits)
-        stamped = host.settings().cmd_vel_stamped
-        host.subscribe(
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._driver = VelocityDriver(context.gate, context.chassis, "cmd_vel", self._limits)
+        stamped = context.settings().cmd_vel_stamped
+        context.subscribe(
             "cmd_vel",
             self._stamped if stamped else self._drive,
             "geometry_msgs/TwistStamped" if stamped else "",
@@ -30,7 +31,7 @@ class CmdVel(Part):
         await self._driver.run()
 
     def _limits(self) -> VelocityLimits:
-        settings = self._host.settings()
+        settings = self._context.settings()
         return VelocityLimits(
             max_linear=settings.cmd_vel_max_linear,
             max_angular=settings.cmd_vel_max_angular,
@@ -40,10 +41,10 @@ class CmdVel(Part):
         )
 
     def _stamped(self, message: TwistStamped) -> None:
-        now = self._host.node.get_clock().now()
+        now = self._context.node.get_clock().now()
         stamp = Time.from_msg(message.header.stamp, clock_type=now.clock_type)
         age = float((now - stamp).nanoseconds) / 1e9
-        limit = self._host.settings().cmd_vel_max_age
+        limit = self._context.settings().cmd_vel_max_age
         if limit and abs(age) > limit:
             self._driver.refuse(
                 "age",

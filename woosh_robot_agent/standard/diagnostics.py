@@ -1,4 +1,4 @@
-"""/diagnostics: what is well and what is not, made of what the agent knows anyway."""
+"""/diagnostics: the state of link and robot, from data that the agent has anyway."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotIn
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_located, is_taskable, objections
-from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.part_context import Part, PartContext
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.subscribers import Subscribers
 
-_RATE_HZ = 1.0
+_RATE = 1.0
+"""Rate of /diagnostics, in Hz."""
 _INFO = full_name(RobotInfo)
 
 OK, WARN, ERROR, STALE = (
@@ -31,13 +33,13 @@ OK, WARN, ERROR, STALE = (
 
 @dataclass
 class Status:
-    """One status, as `diagnostic_updater` makes them: the worst of what it was told counts.
+    """One status, merged from several messages as in `diagnostic_updater`: the worst level counts.
 
     Attributes:
-        name: what it is about.
-        level: of DiagnosticStatus.
-        texts: what is to be said, the worst of it in the message.
-        values: shown below it.
+        name: subject of the status.
+        level: level of DiagnosticStatus.
+        texts: messages, in the order in which they were added.
+        values: key-value pairs shown with the status.
     """
 
     name: str
@@ -46,13 +48,19 @@ class Status:
     values: dict[str, object] = field(default_factory=dict)
 
     def tell(self, level: bytes, text: str) -> None:
-        """Add something to say."""
+        """Add a message, and raise the level to its level."""
         if level > self.level:
             self.level = level
         self.texts.append(text)
 
     def message(self, prefix: str, hardware_id: str, fine: str = "OK") -> DiagnosticStatus:
-        """As a message; `prefix` tells robots apart."""
+        """Return the status as a ROS message.
+
+        Args:
+            prefix: prefix of the name, which tells robots apart.
+            hardware_id: serial number or id of the robot.
+            fine: text of a status without messages.
+        """
         return DiagnosticStatus(
             level=self.level,
             name=f"{prefix}: {self.name}",
@@ -63,7 +71,7 @@ class Status:
 
 
 def link_status(chassis: ChassisClient, superseded: int) -> Status:
-    """The link: state, since when, how it does, and what was lost.
+    """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
         chassis: the link.
@@ -100,10 +108,9 @@ def link_status(chassis: ChassisClient, superseded: int) -> Status:
 
 
 def chassis_status(info: RobotInfo) -> Status:
-    """The robot: its state and modes, and each reason for which it would refuse a task."""
+    """Return the status of the robot: state, modes, and each reason why it would refuse a task."""
     status = Status("chassis")
-    found = objections(info)
-    for objection in found:
+    for objection in objections(info):
         status.tell(WARN, str(objection))
     if info.state == robot.kFault:
         status.tell(ERROR, "the robot reports a fault")
@@ -120,7 +127,7 @@ def chassis_status(info: RobotInfo) -> Status:
 
 
 def battery_status(info: RobotInfo) -> Status:
-    """The battery, judged by the robot's own settings."""
+    """Return the status of the battery, judged by the thresholds in the robot's settings."""
     status, battery, power = Status("battery"), info.battery, info.setting.power
     charging = battery.charge_state in (Battery.kManual, Battery.kAuto)
     if not charging and battery.power <= power.alarm:
@@ -135,7 +142,7 @@ def battery_status(info: RobotInfo) -> Status:
 
 
 def hardware_status(hardware: HardwareState) -> Status:
-    """Each device that is not normal."""
+    """Return the status of the hardware, with each device that is not normal."""
     status = Status("hardware")
     for name, state in devices(hardware):
         if state == HardwareState.kNormal:
@@ -148,7 +155,7 @@ def hardware_status(hardware: HardwareState) -> Status:
 
 
 def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
-    """Every device with its `HardwareState.State`; several of a kind are numbered from 1."""
+    """Yield each device and its `HardwareState.State`; devices of one kind are numbered from 1."""
     for descriptor in HardwareState.DESCRIPTOR.fields:
         if descriptor.enum_type is None:
             continue
@@ -160,7 +167,7 @@ def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
 
 
 def codes_status(info: RobotInfo) -> Status:
-    """The abnormal codes: what is wrong now, in the chassis's words."""
+    """Return the status of the abnormal codes that the chassis reports now."""
     status = Status("abnormal codes")
     for code in info.abnormal_codes.scs:
         level = ERROR if code.level == StatusCode.kFault else WARN
@@ -169,22 +176,21 @@ def codes_status(info: RobotInfo) -> Status:
 
 
 class Diagnostics(Part):
-    """Publishes the statuses at 1 Hz. They cost the chassis nothing: nothing is asked for them."""
+    """Publishes /diagnostics at 1 Hz while there are subscribers. Sends no requests."""
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
-        self._audience = Audience(host)
-        self._publisher = self._audience.publisher("/diagnostics")
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._subscribers = Subscribers(context)
+        self._publisher = self._subscribers.publisher("/diagnostics")
 
     async def run(self) -> None:
-        """See `Part.run`."""
-        async for _ in self._audience.times(lambda: _RATE_HZ):
+        async for _ in self._subscribers.times(lambda: _RATE):
             self._publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:
-        chassis = self._host.chassis
-        info = self._host.known.get(_INFO)
-        statuses = [link_status(chassis, self._host.gate.superseded)]
+        chassis = self._context.chassis
+        info = self._context.last_known.get(_INFO)
+        statuses = [link_status(chassis, self._context.gate.superseded)]
         serial = ""
         if isinstance(info, RobotInfo):
             serial = str(info.robot_id or info.genral.serial_number)
@@ -197,15 +203,15 @@ class Diagnostics(Part):
             if chassis.state is not LinkState.READY:
                 for status in statuses[1:]:
                     status.level = STALE
-                    status.texts.insert(0, "there is no link; what was known last")
-        prefix = self._host.node.get_fully_qualified_name().lstrip("/")
+                    status.texts.insert(0, "no link; last known values")
+        prefix = self._context.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, serial) for each in statuses])
-        message.header.stamp = self._host.now()
+        message.header.stamp = self._context.now()
         return message
 
 
 def _name(enum: Any, value: int) -> str:
-    """The name of an enum's value without its `k`, or the number that firmware made of it."""
+    """Return the name of an enum value without its `k`; the number if the value has no name."""
     names = {number: name for name, number in enum.items()}
     return names[value].removeprefix("k") if value in names else str(value)
 

@@ -1,4 +1,4 @@
-"""goal_pose, as RViz sends it: navigates there by a MoveBase goal, which `cancel` cancels."""
+"""goal_pose and cancel: navigate to a pose, e.g. from RViz, by a goal of the MoveBase action."""
 
 from __future__ import annotations
 
@@ -14,38 +14,39 @@ from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.standard.part_context import Part, PartContext
-from woosh_robot_agent.standard.plane import Plane
-from woosh_robot_agent.standard.stamped import plane_in
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.pose_messages import from_pose_in
 
 _LOG = logging.getLogger(__name__)
 (_MOVE_BASE,) = (action for action in ACTIONS if action.arg == full_name(MoveBase))
 
 
 class GoalPose(Part):
-    """A client of the agent's own MoveBase action: the newest goal_pose counts.
+    """Client of the agent's own MoveBase action; a new goal_pose replaces the one before.
 
-    Being an ordinary goal it shows in the action's status, and what the chassis says of it reaches
-    the log, as RViz waits for no answer. All of it runs in the executor's thread.
+    The goal is an ordinary one, visible in the action's status. Its outcome is logged, because the
+    sender of a topic gets no answer. All methods run in the executor thread.
     """
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
         self._action = class_of(_MOVE_BASE.action, "action")
-        self._client = ActionClient(host.node, self._action, _MOVE_BASE.name)
+        self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
         self._newest = 0
         self._handle: Any = None
         self._sending = False
         self._cancels: list[Reply] = []
-        """Cancels that wait until the newest goal is known to the action's server."""
-        host.subscribe("goal_pose", self._asked, in_executor=True)
-        self._service = host.service("cancel", self._cancel_asked)
+        """Cancel requests that wait until the action server has accepted the newest goal."""
+        context.subscribe("goal_pose", self._received, in_executor=True)
+        self._service = context.service("cancel", self._cancel_requested)
 
-    def _asked(self, message: Any) -> None:
+    def _received(self, message: Any) -> None:
         try:
-            pose = plane_in(self._host.frame("map"), message.header.frame_id, message.pose)
+            pose = from_pose_in(self._context.frame("map"), message.header.frame_id, message.pose)
         except ValueError as error:
-            _LOG.error("goal_pose is not obeyed: %s", error)
+            _LOG.error("goal_pose is ignored: %s", error)
             return
         self._newest += 1
         number = self._newest
@@ -53,7 +54,7 @@ class GoalPose(Part):
         sent = self._client.send_goal_async(self._goal(pose))
         sent.add_done_callback(lambda future: self._sent(number, future))
 
-    def _goal(self, pose: Plane) -> Any:
+    def _goal(self, pose: Pose2D) -> Any:
         goal = self._action.Goal()
         goal.arg.action.value = kExecute
         goal.arg.target_pose.x = pose.x
@@ -69,7 +70,7 @@ class GoalPose(Part):
             waiting, self._cancels = self._cancels, []
             for reply in waiting:
                 self._cancel(reply)
-        if handle.accepted:  # the agent accepts all, but while it is being shut down
+        if handle.accepted:  # always true, except during shutdown
             result = handle.get_result_async()
             result.add_done_callback(lambda future: self._ended(number, handle, future))
 
@@ -82,7 +83,7 @@ class GoalPose(Part):
         elif response.status == GoalStatus.STATUS_SUCCEEDED:
             _LOG.info("goal_pose was reached")
 
-    def _cancel_asked(self, _request: Any, reply: Reply) -> None:
+    def _cancel_requested(self, _request: Any, reply: Reply) -> None:
         if self._sending:
             self._cancels.append(reply)
         else:
@@ -90,17 +91,17 @@ class GoalPose(Part):
 
     def _cancel(self, reply: Reply) -> None:
         if self._handle is None:
-            reply.send(Trigger.Response(success=False, message="no goal_pose is being driven to"))
+            reply.send(Trigger.Response(success=False, message="no goal_pose is active"))
             return
         cancel = self._handle.cancel_goal_async()
         cancel.add_done_callback(lambda future: self._cancelled(reply, future))
 
     @staticmethod
     def _cancelled(reply: Reply, future: Any) -> None:
-        taken = bool(future.result().goals_canceling)
+        accepted = bool(future.result().goals_canceling)
         reply.send(
             Trigger.Response(
-                success=taken,
-                message="the chassis is told to cancel" if taken else "it had ended already",
+                success=accepted,
+                message="cancelling" if accepted else "the goal has ended already",
             )
         )

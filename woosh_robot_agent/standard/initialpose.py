@@ -1,4 +1,4 @@
-"""initialpose, as RViz sends it: tells the chassis where it is."""
+"""initialpose: sets the robot's pose in the map, e.g. from RViz."""
 
 from __future__ import annotations
 
@@ -8,37 +8,39 @@ from typing import Any
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
-from woosh_robot_agent.standard.part_context import Part, PartContext
-from woosh_robot_agent.standard.stamped import plane_in
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.pose_messages import from_pose_in
 
 _LOG = logging.getLogger(__name__)
 
 
 class InitialPose(Part):
-    """Does SetRobotPose for each initialpose. Its sender gets no answer, so the log tells."""
+    """Sends SetRobotPose for each message on initialpose. Results and errors are logged."""
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
-        host.subscribe("initialpose", self._asked)
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        context.subscribe("initialpose", self._received)
 
-    def _asked(self, message: Any) -> None:
+    def _received(self, message: Any) -> None:
+        frame = message.header.frame_id
         try:
-            pose = plane_in(self._host.frame("map"), message.header.frame_id, message.pose.pose)
+            pose = from_pose_in(self._context.frame("map"), frame, message.pose.pose)
         except ValueError as error:
-            _LOG.error("initialpose is not obeyed: %s", error)
+            _LOG.error("initialpose is ignored: %s", error)
             return
         request = SetRobotPose()
         request.pose.x, request.pose.y, request.pose.theta = pose.x, pose.y, pose.theta
-        self._host.thread.spawn(partial(self._set, request))
+        self._context.thread.spawn(partial(self._set, request))
 
     async def _set(self, request: SetRobotPose) -> None:
         try:
-            answer = await self._host.chassis.request(self._host.requests.address(request))
+            answer = await self._context.chassis.request(self._context.requests.address(request))
         except LinkError as error:
             _LOG.error("initialpose was not set: %s", error)
             return
-        where = f"({request.pose.x:.2f}, {request.pose.y:.2f}, {request.pose.theta:.2f})"
+        pose = f"({request.pose.x:.2f}, {request.pose.y:.2f}, {request.pose.theta:.2f})"
         if answer.ok:
-            _LOG.info("initialpose: the robot is at %s now", where)
+            _LOG.info("initialpose: set the robot's pose to %s", pose)
         else:
-            _LOG.error("the chassis refused initialpose %s: %s", where, answer.msg)
+            _LOG.error("the chassis refused initialpose %s: %s", pose, answer.msg)

@@ -1,4 +1,4 @@
-"""odom and /tf: where the robot is, from the PoseSpeed that it pushes while it moves."""
+"""odom and /tf: pose and velocity, from the PoseSpeed that the robot pushes while it moves."""
 
 from __future__ import annotations
 
@@ -14,109 +14,117 @@ from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.standard.audience import Audience
 from woosh_robot_agent.standard.odometry import Odometry
-from woosh_robot_agent.standard.part_context import Part, PartContext
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.standard.subscribers import Subscribers
 
 _LOG = logging.getLogger(__name__)
-#: s after which a robot that reports nothing does not move; it reports every 0.05 s if it does.
-_SILENT_S = 0.25
+_SILENCE = 0.25
+"""Time without a push after which the robot stands, in seconds; a moving robot pushes at 20 Hz."""
 
 
 class Odom(Part):
-    """Publishes odom at up to `odom_rate` while the link is ready and somebody subscribes.
+    """Publishes odom at up to `odom_rate` while the link is ready and there are subscribers.
 
-    A fresh push goes out at once, stamped with the time of its receipt. Between them, a robot that
-    stands is repeated with the time of the moment; one that moves is not, for it is elsewhere by
-    then. With `publish_tf`, `map` -> `odom` -> `base_link` goes out with each odom, with its stamp.
+    A push is published at once, stamped with the time of its receipt. Between pushes, the pose of a
+    standing robot is repeated with the current time. The pose of a moving robot is not repeated,
+    because it is outdated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each
+    message and the same stamp.
     """
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
         self._odometry = Odometry()
         self._log = LogOnce(_LOG)
-        settings = host.settings()
-        self._audience = Audience(host)
-        self._odom = self._audience.publisher("odom") if settings.enable_odom else None
-        self._tf = self._audience.publisher("/tf") if settings.publish_tf else None
-        # each is made once and sent again and again: making one takes longer than sending it
-        self._message = OdometryMsg(child_frame_id=host.frame("base"))
-        self._message.header.frame_id = host.frame("odom")
-        self._filled_by: StandardSettings | None = None
+        settings = context.settings()
+        self._subscribers = Subscribers(context)
+        self._odom = self._subscribers.publisher("odom") if settings.enable_odom else None
+        self._tf = self._subscribers.publisher("/tf") if settings.publish_tf else None
+        # created once and reused: creating a message takes longer than publishing it
+        self._message = OdometryMsg(child_frame_id=context.frame("base"))
+        self._message.header.frame_id = context.frame("odom")
+        self._covariances_of: StandardSettings | None = None
+        """Settings whose covariances are in the message."""
         self._transforms: Any = self._chain() if settings.publish_tf else None
         self._received = -math.inf
-        self._passed_on = -math.inf
+        """Loop time of the last push."""
+        self._forwarded = -math.inf
+        """Loop time of the last push that was published."""
         self._sent = -math.inf
+        """Loop time of the last message."""
         self._known = False
-        host.chassis.on_snapshot(self._snapshot)
-        host.chassis.on_state(self._link_changed)
-        for placing in (InitRobot, SetRobotPose, SwitchMap):
-            host.chassis.on_accepted(placing, self._placed)
-        host.chassis.subscribe(PoseSpeed, self._pushed)
+        """True if the pose is known on the current link."""
+        context.chassis.on_snapshot(self._snapshot)
+        context.chassis.on_state(self._link_changed)
+        for request in (InitRobot, SetRobotPose, SwitchMap):
+            context.chassis.on_accepted(request, self._pose_set)
+        context.chassis.subscribe(PoseSpeed, self._pushed)
 
     async def run(self) -> None:
-        """See `Part.run`: what is published while nothing is pushed."""
-        async for now in self._audience.times(self._rate):
-            if now - self._received > _SILENT_S:
+        async for now in self._subscribers.times(self._rate):
+            if now - self._received > _SILENCE:
                 self._odometry.silent()
             if not self._odometry.moving and self._due(now, self._sent, 0.9):
                 self._publish(now)
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):
-            self._odometry.lost()  # who knows what happened while there was no link
+            self._odometry.lost()  # the robot may have moved while there was no link
             self._pushed(info.pose_speed)
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
             self._known = False
 
-    def _placed(self) -> None:
-        self._odometry.placed(asyncio.get_running_loop().time())
+    def _pose_set(self) -> None:
+        self._odometry.pose_set(asyncio.get_running_loop().time())
 
     def _pushed(self, report: PoseSpeed) -> None:
         pose, twist = report.pose, report.twist
         numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
-        if not all(map(math.isfinite, numbers)):  # one would stay in all that is added to it
-            self._log.warn("not finite", f"skipped a PoseSpeed that is no pose for odom: {numbers}")
+        if not all(map(math.isfinite, numbers)):  # it would make all later poses non-finite
+            self._log.warn("not finite", f"ignored a PoseSpeed with non-finite numbers: {numbers}")
             return
         self._log.clear()
         now = asyncio.get_running_loop().time()
-        self._odometry.update(Plane.of(pose), twist.linear, twist.angular, report.map_id, now)
+        self._odometry.update(
+            Pose2D.from_message(pose), twist.linear, twist.angular, report.map_id, now
+        )
         self._received, self._known = now, True
-        # a bit early counts: pushes that come at just this rate must all go out
-        if self._due(now, self._passed_on, 0.7):
-            self._passed_on = now
+        # tolerate jitter: pushes that arrive at exactly this rate must all be published
+        if self._due(now, self._forwarded, 0.7):
+            self._forwarded = now
             self._publish(now)
 
     def _rate(self) -> float:
-        return self._host.settings().odom_rate
+        return self._context.settings().odom_rate
 
     def _due(self, now: float, last: float, share: float) -> bool:
-        """Whether `share` of the period has passed since `last`, and it can and need be."""
+        """Return True if `share` of the period has passed and the pose can be published."""
         if now - last < share / self._rate():
             return False
-        ready = self._known and self._host.chassis.state is LinkState.READY
-        return ready and self._audience.present
+        ready = self._known and self._context.chassis.state is LinkState.READY
+        return ready and self._subscribers.present
 
     def _publish(self, now: float) -> None:
         self._sent = now
-        stamp = self._host.now()
+        stamp = self._context.now()
         if self._odom is not None and self._odom.get_subscription_count():
             self._odom.publish(self._filled(stamp))
         if self._tf is not None and self._tf.get_subscription_count():
             to_odom, to_base = self._transforms.transforms
-            _place(to_odom, stamp, self._odometry.map_to_odom)
-            _place(to_base, stamp, self._odometry.pose)
+            _set_transform(to_odom, stamp, self._odometry.map_to_odom)
+            _set_transform(to_base, stamp, self._odometry.pose)
             self._tf.publish(self._transforms)
 
     def _filled(self, stamp: Any) -> OdometryMsg:
-        """The message, as things are now."""
-        settings, odometry, message = self._host.settings(), self._odometry, self._message
-        if settings is not self._filled_by:
-            self._filled_by = settings
+        """Return the message with the current values."""
+        settings, odometry, message = self._context.settings(), self._odometry, self._message
+        if settings is not self._covariances_of:
+            self._covariances_of = settings
             message.pose.covariance[::7] = settings.pose_covariance
             message.twist.covariance[::7] = settings.twist_covariance
         message.header.stamp = stamp
@@ -129,34 +137,34 @@ class Odom(Part):
         return message
 
     def _chain(self) -> Any:
-        frame = self._host.frame
+        frame = self._context.frame
         return transforms(
-            self._host.now(),
-            (frame("map"), frame("odom"), Plane()),
-            (frame("odom"), frame("base"), Plane()),
+            self._context.now(),
+            (frame("map"), frame("odom"), Pose2D()),
+            (frame("odom"), frame("base"), Pose2D()),
         )
 
 
-def transforms(stamp: Any, *chain: tuple[str, str, Plane]) -> Any:
-    """A TFMessage.
+def transforms(stamp: Any, *chain: tuple[str, str, Pose2D]) -> Any:
+    """Return a TFMessage.
 
     Args:
-        stamp: time of all of them.
+        stamp: time of all transforms.
         chain: parent frame, child frame, and the child's pose in the parent.
     """
-    from tf2_msgs.msg import TFMessage  # not everybody who leaves /tf to others has it
+    from tf2_msgs.msg import TFMessage  # not needed, and perhaps not installed, without publish_tf
 
     message = TFMessage()
     for parent, child, pose in chain:
         transform = TransformStamped()
         transform.header.frame_id = parent
         transform.child_frame_id = child
-        _place(transform, stamp, pose)
+        _set_transform(transform, stamp, pose)
         message.transforms.append(transform)
     return message
 
 
-def _place(transform: TransformStamped, stamp: Any, pose: Plane) -> None:
+def _set_transform(transform: TransformStamped, stamp: Any, pose: Pose2D) -> None:
     transform.header.stamp = stamp
     shift, rotation = transform.transform.translation, transform.transform.rotation
     shift.x, shift.y = pose.x, pose.y

@@ -1,135 +1,140 @@
-"""Odometry from a robot that says only where it is in its map.
+"""Odometry for a robot that reports only its pose in the map.
 
-The chassis reports one pose, in its map, corrected by its localisation. REP 105 wants two
+The chassis reports one pose, in its map, corrected by its localisation. REP 105 requires two
 transforms: `odom` -> `base_link`, which never jumps, and `map` -> `odom`, which takes the jumps.
-So each report is compared with the one before: what the robot can have driven meanwhile, at the
-speeds that both reports tell, moves `odom`; all else, such as a pose that somebody set, moves
-`map` -> `odom`. The small corrections by which the chassis's localisation follows the laser cannot
-be told from driving and are part of `odom`.
+Therefore each report is compared with the one before. Movement that fits the speeds in both reports
+changes `odom` -> `base_link`. Any other movement, such as a pose set by a user, changes `map` ->
+`odom`. Small corrections of the localisation look like driving, and become part of `odom`.
 """
 
 from __future__ import annotations
 
 import math
 
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.pose2d import Pose2D
 
-MOST_SPEED_MPS = 1.5
-"""Faster than the robot can be."""
-_LATE_S = 0.3
-"""How much more time than has passed between two reports may be between what they report."""
-_LONGEST_S = 0.5
-"""A moving robot reports more often than this; a longer silence was standing still."""
-_OFF_M = 0.03
-_OFF_RAD = 0.03
-"""How much a report may differ from the speeds, along the robot and in its heading."""
-_ASIDE_M = 0.1
-"""The same sideways: reports do not have that speed."""
-_PLACED_S = 0.3
-"""How long after it was told where it is the robot may report a pose from before."""
-_PLACED_OFF = 0.01
-"""How much a report may differ then, in m or rad; at rest, any difference is the new place."""
-_REST_OFF = 1e-4
-_LEVER_M = 0.3
-"""At this distance from the robot's centre, turning counts as much as driving."""
-_LEAST_SIDEWAYS_M = 0.004
-"""Less than this between two reports is the curve that the robot drives, not sideways driving."""
+MAX_SPEED = 1.5
+"""Upper bound of the robot's speed, in m/s."""
+_MAX_DELAY = 0.3
+"""Maximum delay of a report relative to the one before, in seconds."""
+_MAX_INTERVAL = 0.5
+"""Maximum interval between two reports of a moving robot, in seconds."""
+_POSITION_TOLERANCE = 0.03
+"""Maximum difference between a report and the reported speeds, forward, in metres."""
+_HEADING_TOLERANCE = 0.03
+"""Maximum difference between a report and the reported speeds, in radians."""
+_SIDEWAYS_TOLERANCE = 0.1
+"""Maximum sideways movement between two reports, in metres; reports have no sideways speed."""
+_POSE_SET_INTERVAL = 0.3
+"""Time after setting the robot's pose in which it may still report the old one, in seconds."""
+_POSE_SET_TOLERANCE = 0.01
+"""Maximum difference in that time while the robot moves, in metres or radians."""
+_POSE_SET_TOLERANCE_AT_REST = 1e-4
+"""Maximum difference in that time while the robot stands, in metres or radians."""
+_LEVER = 0.3
+"""Distance from the robot's centre at which turning counts as much as driving, in metres."""
+_MIN_SIDEWAYS = 0.004
+"""Minimum sideways movement, in metres; a smaller one is part of a curve."""
 
 
 class Odometry:
-    """Where the robot is in `odom`, and where `odom` is in `map`.
+    """Pose of the robot in `odom`, and of `odom` in `map`.
 
     Attributes:
-        pose: pose of the robot in `odom`; continuous for as long as this object lives.
+        pose: pose of the robot in `odom`; it never jumps.
         map_to_odom: pose of `odom` in `map`.
-        forward: speed ahead in m/s.
-        sideways: speed to the left in m/s, from the poses: reports do not have it.
-        turn: rad/s.
+        forward: forward speed, in m/s.
+        sideways: speed to the left, in m/s; derived from the poses, as reports do not have it.
+        turn: angular speed, in rad/s.
     """
 
     def __init__(self) -> None:
-        self.pose = Plane()
-        self.map_to_odom = Plane()
+        self.pose = Pose2D()
+        self.map_to_odom = Pose2D()
         self.forward = 0.0
         self.sideways = 0.0
         self.turn = 0.0
         self._time = -math.inf
         self._map_id = 0
         self._known = False
-        self._placed_until = -math.inf
+        self._pose_set_until = -math.inf
 
     @property
-    def map_pose(self) -> Plane:
-        """Pose of the robot in `map`, as it was reported last."""
+    def map_pose(self) -> Pose2D:
+        """Last reported pose of the robot in `map`."""
         return self.map_to_odom * self.pose
 
     @property
     def moving(self) -> bool:
-        """Whether the last report said that the robot moves, and so that the next is near."""
+        """True if the robot moved at the last report."""
         return bool(self.forward or self.turn)
 
     def lost(self) -> None:
-        """Nobody knows what happens until the next report: it says nothing about driving."""
+        """Note that reports are missing: the next one starts anew instead of showing a movement."""
         self._known = False
 
-    def placed(self, time: float) -> None:
-        """Somebody told the robot at `time` where it is: a report after that jumps there."""
-        self._placed_until = time + _PLACED_S
+    def pose_set(self, time: float) -> None:
+        """Note that the robot's pose was set at `time`: a following report may jump."""
+        self._pose_set_until = time + _POSE_SET_INTERVAL
 
     def silent(self) -> None:
-        """Nothing was reported for longer than a moving robot is silent."""
+        """Note that there was no report for so long that the robot must be standing."""
         self.sideways = 0.0
 
     def update(
-        self, reported: Plane, forward: float, turn: float, map_id: int, time: float
+        self, reported: Pose2D, forward: float, turn: float, map_id: int, time: float
     ) -> None:
-        """Take a report of the chassis.
+        """Process a report of the chassis.
 
         Args:
             reported: pose in the map.
-            forward: speed ahead in m/s.
-            turn: turning speed in rad/s.
-            map_id: number of the map.
-            time: s at which it came, by any clock that only goes forward.
+            forward: forward speed, in m/s.
+            turn: angular speed, in rad/s.
+            map_id: id of the map.
+            time: time of receipt by a monotonic clock, in seconds.
         """
         moved = self.map_pose.inverse * reported
-        lasted = min(max(time - self._time, 0.0), _LONGEST_S)
+        interval = min(max(time - self._time, 0.0), _MAX_INTERVAL)
         if not self._known:
             self.map_to_odom = reported * self.pose.inverse
             self.sideways = 0.0
-        elif map_id != self._map_id or self._jumped(moved, forward, turn, lasted, time):
-            self.pose = self.pose * _arc(forward, turn, lasted)
+        elif map_id != self._map_id or self._jumped(moved, forward, turn, interval, time):
+            self.pose = self.pose * _arc(forward, turn, interval)
             self.map_to_odom = reported * self.pose.inverse
             self.sideways = 0.0
-            self._placed_until = -math.inf
+            self._pose_set_until = -math.inf
         else:
             self.pose = self.pose * moved
-            aside = moved.y if abs(moved.y) > _LEAST_SIDEWAYS_M else 0.0
-            speed = aside / max(lasted, 0.02)
-            self.sideways = max(-MOST_SPEED_MPS, min(MOST_SPEED_MPS, speed))
+            shift = moved.y if abs(moved.y) > _MIN_SIDEWAYS else 0.0
+            speed = shift / max(interval, 0.02)
+            self.sideways = max(-MAX_SPEED, min(MAX_SPEED, speed))
         self.forward, self.turn = forward, turn
         self._time, self._map_id = time, map_id
         self._known = True
 
     def _jumped(
-        self, moved: Plane, forward: float, turn: float, lasted: float, time: float
+        self, moved: Pose2D, forward: float, turn: float, interval: float, time: float
     ) -> bool:
-        """Whether the robot cannot have driven as it says it has moved since the last report."""
-        ahead, around = (forward + self.forward) / 2, (turn + self.turn) / 2
-        # for how long it would have to drive like that; the clock of receipt is only near to it
-        by_turn = abs(around) > abs(ahead) / _LEVER_M  # by what is told best
-        whole, part = (around, moved.theta) if by_turn else (ahead, moved.x)
-        needed = part / whole if whole else 0.0
-        driven = _arc(ahead, around, max(0.0, min(needed, lasted + _LATE_S)))
-        off = driven.inverse * moved
-        if time <= self._placed_until:
+        """Return True if the robot cannot have driven the movement since the last report."""
+        mean_forward, mean_turn = (forward + self.forward) / 2, (turn + self.turn) / 2
+        # the duration follows from the movement, because the times of receipt are inexact
+        turns_mostly = abs(mean_turn) > abs(mean_forward) / _LEVER
+        speed, way = (mean_turn, moved.theta) if turns_mostly else (mean_forward, moved.x)
+        duration = way / speed if speed else 0.0
+        driven = _arc(mean_forward, mean_turn, max(0.0, min(duration, interval + _MAX_DELAY)))
+        error = driven.inverse * moved
+        if time <= self._pose_set_until:
             standing = not (forward or turn or self.forward or self.turn)
-            limit = _REST_OFF if standing else _PLACED_OFF
-            return off.distance > limit or abs(off.theta) > limit
-        return abs(off.x) > _OFF_M or abs(off.theta) > _OFF_RAD or abs(off.y) > _ASIDE_M
+            limit = _POSE_SET_TOLERANCE_AT_REST if standing else _POSE_SET_TOLERANCE
+            return error.distance > limit or abs(error.theta) > limit
+        return (
+            abs(error.x) > _POSITION_TOLERANCE
+            or abs(error.theta) > _HEADING_TOLERANCE
+            or abs(error.y) > _SIDEWAYS_TOLERANCE
+        )
 
 
-def _arc(forward: float, turn: float, seconds: float) -> Plane:
-    """How far these speeds bring the robot."""
-    ahead, turned = forward * seconds, turn * seconds
-    return Plane(ahead * math.cos(turned / 2), ahead * math.sin(turned / 2), turned)
+def _arc(forward: float, turn: float, seconds: float) -> Pose2D:
+    """Return the movement of the robot at constant speeds."""
+    length, angle = forward * seconds, turn * seconds
+    return Pose2D(length * math.cos(angle / 2), length * math.sin(angle / 2), angle)

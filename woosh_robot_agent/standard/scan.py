@@ -1,4 +1,4 @@
-"""scan: the laser, asked while somebody wants to see it."""
+"""scan: the laser scan, requested from the chassis on demand."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from sensor_msgs.msg import LaserScan
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
-from woosh_robot_agent.standard.audience import Audience
 from woosh_robot_agent.standard.odom import transforms
-from woosh_robot_agent.standard.part_context import Part, PartContext
-from woosh_robot_agent.standard.plane import Plane
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.subscribers import Subscribers
 
 _LOG = logging.getLogger(__name__)
 
@@ -25,41 +26,42 @@ _LOG = logging.getLogger(__name__)
 class Scan(Part):
     """Publishes scan at `scan_rate` while it has subscribers and the link is ready.
 
-    The chassis gives scans only when asked. Its laser's place, where the firmware tells it, goes
-    out on /tf_static with `publish_laser_tf`; for that it is asked once on each new link.
+    The chassis sends scans only on request. With `publish_laser_tf`, the pose of the laser is
+    published on /tf_static, if the firmware reports it; for that one scan is requested on each new
+    link.
     """
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
         self._log = LogOnce(_LOG)
-        settings = host.settings()
-        self._audience = Audience(host)
-        self._scan = self._audience.publisher("scan") if settings.enable_scan else None
-        place = settings.publish_tf and settings.publish_laser_tf
-        self._tf_static = host.publisher("/tf_static") if place else None
-        self._place: Plane | None = None
-        self._height = 0.0
-        self._asking = asyncio.Lock()
-        host.chassis.on_state(self._link_changed)
+        settings = context.settings()
+        self._subscribers = Subscribers(context)
+        self._scan = self._subscribers.publisher("scan") if settings.enable_scan else None
+        with_tf = settings.publish_tf and settings.publish_laser_tf
+        self._tf_static = context.publisher("/tf_static") if with_tf else None
+        self._laser_pose: Pose2D | None = None
+        self._laser_height = 0.0
+        self._requesting = asyncio.Lock()
+        """Held during a request: there is never more than one in flight."""
+        context.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
-        """See `Part.run`: ask, and publish; never two questions at a time."""
-        async for _ in self._audience.times(lambda: self._host.settings().scan_rate):
-            if self._host.chassis.state is LinkState.READY:
-                await self._ask()
+        async for _ in self._subscribers.times(lambda: self._context.settings().scan_rate):
+            if self._context.chassis.state is LinkState.READY:
+                await self._request()
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:
-            self._host.thread.spawn(self._ask)
+            self._context.thread.spawn(self._request)
 
-    async def _ask(self) -> None:
-        async with self._asking:
-            await self._ask_alone()
+    async def _request(self) -> None:
+        async with self._requesting:
+            await self._request_locked()
 
-    async def _ask_alone(self) -> None:
-        asked = self._host.node.get_clock().now()
+    async def _request_locked(self) -> None:
+        sent = self._context.node.get_clock().now()
         try:
-            answer = await self._host.chassis.request(self._host.requests.empty(ScannerData))
+            answer = await self._context.chassis.request(self._context.requests.empty(ScannerData))
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
             return
@@ -67,11 +69,11 @@ class Scan(Part):
             self._log.warn("refused", f"no scan: {answer.msg or answer.defect or answer.type}")
             return
         self._log.clear()
-        self._place_laser(answer.body)
+        self._publish_laser_pose(answer.body)
         if self._scan is not None:
-            # it was measured some time between question and answer
-            taken = self._host.node.get_clock().now() - asked
-            middle = asked + Duration(nanoseconds=taken.nanoseconds // 2)
+            # the time of measurement lies between request and answer
+            taken = self._context.node.get_clock().now() - sent
+            middle = sent + Duration(nanoseconds=taken.nanoseconds // 2)
             self._scan.publish(self._message(answer.body, middle.to_msg()))
 
     def _message(self, data: ScannerData, stamp: Any) -> LaserScan:
@@ -86,33 +88,33 @@ class Scan(Part):
             ranges=rep_117(data.ranges, data.range_min, data.range_max),
         )
         message.header.stamp = stamp
-        message.header.frame_id = self._host.frame("scan")
+        message.header.frame_id = self._context.frame("scan")
         return message
 
-    def _place_laser(self, data: ScannerData) -> None:
+    def _publish_laser_pose(self, data: ScannerData) -> None:
         if self._tf_static is None or not data.HasField("offset"):
             return
-        place, height = Plane(data.offset.x, data.offset.y), data.offset.z
-        if (place, height) == (self._place, self._height):
+        pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
+        if (pose, height) == (self._laser_pose, self._laser_height):
             return
-        self._place, self._height = place, height
-        frame = self._host.frame
-        message = transforms(self._host.now(), (frame("base"), frame("scan"), place))
+        self._laser_pose, self._laser_height = pose, height
+        frame = self._context.frame
+        message = transforms(self._context.now(), (frame("base"), frame("scan"), pose))
         message.transforms[0].transform.translation.z = height
         self._tf_static.publish(message)
 
 
 def rep_117(ranges: Any, least: float, most: float) -> array.array[float]:
-    """Ranges in m as REP 117 has them.
+    """Return ranges in metres as REP 117 requires them.
 
-    What is beyond `most`, and a 0, with which some lasers say that nothing came back, is +inf; what
-    is nearer than `least` is -inf; what is no number stays so.
+    A range above `most` is +inf, and so is 0, which some lasers report if nothing reflects. A range
+    below `least` is -inf. NaN stays NaN.
     """
     far, near = math.inf, -math.inf
     return array.array(
         "f",
         [
-            far if r > most or r == 0.0 else near if r < least else r  # NaN passes through all
+            far if r > most or r == 0.0 else near if r < least else r  # NaN fails all comparisons
             for r in ranges
         ],
     )

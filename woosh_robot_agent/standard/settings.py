@@ -1,105 +1,104 @@
-"""The standard layer's parameters: one field each, with its default, range and meaning."""
+"""The parameters of the standard layer: one field each, with default, range and meaning."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from typing import Any
 
-from woosh_robot_agent.parameter import Parameter
+from woosh_robot_agent.parameter import parameter_field as _parameter
 
 
-def _parameter(
-    default: Any, description: str, low: float = 0, high: float = 0, *, fixed: bool = False
-) -> Any:
-    return field(
-        default=default,
-        metadata={"description": description, "low": low, "high": high, "fixed": fixed},
-    )
-
-
-def _part(what: str, default: bool = True) -> Any:
-    return _parameter(default, what, fixed=True)
+def _switch(description: str) -> Any:
+    """Return the field of a parameter that enables a part."""
+    return _parameter(True, description, read_only=True)
 
 
 @dataclass(frozen=True)
 class StandardSettings:
-    """The values of the standard layer's parameters; the fields say what they mean.
+    """The values of the standard layer's parameters; the fields describe themselves.
 
-    Fields that begin with `enable_` switch one part each; frames are without leading slashes.
+    Raises:
+        ValueError: the name of a frame is invalid.
     """
 
-    enable_odom: bool = _part("Publish odom")
-    enable_scan: bool = _part("Publish scan")
-    enable_battery_state: bool = _part("Publish battery_state")
-    enable_map: bool = _part("Publish map")
-    enable_plan: bool = _part("Publish plan")
-    enable_footprint: bool = _part("Publish footprint")
-    enable_cmd_vel: bool = _part("Drive by cmd_vel")
-    enable_initialpose: bool = _part("Set the pose by initialpose")
-    enable_goal_pose: bool = _part("Navigate by goal_pose, cancelled by the service cancel")
-    enable_stop: bool = _part("Offer the service stop")
-    enable_connected: bool = _part("Publish connected")
-    enable_diagnostics: bool = _part("Publish /diagnostics")
-    publish_tf: bool = _parameter(False, "Publish map -> odom -> base_link on /tf", fixed=True)
+    enable_odom: bool = _switch("Publish odom.")
+    enable_scan: bool = _switch("Publish scan.")
+    enable_battery_state: bool = _switch("Publish battery_state.")
+    enable_map: bool = _switch("Publish map.")
+    enable_plan: bool = _switch("Publish plan.")
+    enable_footprint: bool = _switch("Publish footprint.")
+    enable_cmd_vel: bool = _switch("Drive the robot by cmd_vel.")
+    enable_initialpose: bool = _switch("Set the robot's pose by initialpose.")
+    enable_goal_pose: bool = _switch("Navigate by goal_pose, and offer the service cancel.")
+    enable_stop: bool = _switch("Offer the service stop.")
+    enable_connected: bool = _switch("Publish connected.")
+    enable_diagnostics: bool = _switch("Publish /diagnostics.")
+    publish_tf: bool = _parameter(False, "Publish map -> odom -> base_link on /tf.", read_only=True)
     publish_laser_tf: bool = _parameter(
         True,
-        "With publish_tf, publish base_link -> laser on /tf_static where the firmware tells it; "
-        "false where a URDF does",
-        fixed=True,
+        "With publish_tf, publish base_link -> laser on /tf_static if the firmware reports it; set "
+        "it to false if a URDF defines that transform.",
+        read_only=True,
     )
 
-    frame_prefix: str = _parameter("", "Put before every frame, e.g. robot1/", fixed=True)
-    map_frame: str = _parameter("map", "Frame of the chassis's map", fixed=True)
-    odom_frame: str = _parameter("odom", "Frame in which odom is continuous", fixed=True)
-    base_frame: str = _parameter("base_link", "Frame of the robot", fixed=True)
-    scan_frame: str = _parameter("laser", "Frame of the laser", fixed=True)
+    frame_prefix: str = _parameter("", "Prefix of all frame names, e.g. robot1/.", read_only=True)
+    map_frame: str = _parameter("map", "Frame of the chassis's map.", read_only=True)
+    odom_frame: str = _parameter(
+        "odom", "Frame in which the robot's pose never jumps.", read_only=True
+    )
+    base_frame: str = _parameter("base_link", "Frame of the robot.", read_only=True)
+    scan_frame: str = _parameter("laser", "Frame of the laser.", read_only=True)
 
-    odom_rate: float = _parameter(20.0, "Rate of odom, Hz", 0.1, 200.0)
+    odom_rate: float = _parameter(20.0, "Maximum rate of odom, in Hz.", 0.1, 200.0)
     pose_covariance: tuple[float, ...] = _parameter(
         (0.0025, 0.0025, 1e6, 1e6, 1e6, 0.0076),
-        "Diagonal of odom's pose covariance: x, y, z in m^2, roll, pitch, yaw in rad^2",
+        "Diagonal of the pose covariance in odom: x, y, z in m^2, roll, pitch, yaw in rad^2.",
         0.0,
         1e12,
     )
     twist_covariance: tuple[float, ...] = _parameter(
         (0.0025, 0.0025, 1e6, 1e6, 1e6, 0.0076),
-        "Diagonal of odom's twist covariance, (m/s)^2 and (rad/s)^2",
+        "Diagonal of the twist covariance in odom: x, y, z in (m/s)^2, roll, pitch, yaw in "
+        "(rad/s)^2.",
         0.0,
         1e12,
     )
-    scan_rate: float = _parameter(10.0, "Rate at which the laser is asked, Hz", 0.1, 50.0)
+    scan_rate: float = _parameter(
+        10.0, "Rate of scan, and of requests to the laser for it, in Hz.", 0.1, 50.0
+    )
 
     cmd_vel_stamped: bool = _parameter(
-        False, "cmd_vel is a TwistStamped instead of a Twist", fixed=True
+        False, "Subscribe to cmd_vel as TwistStamped instead of Twist.", read_only=True
     )
-    cmd_vel_rate: float = _parameter(20.0, "Most velocities sent per second", 1.0, 100.0)
+    cmd_vel_rate: float = _parameter(
+        20.0, "Maximum rate of velocity commands sent to the chassis, in Hz.", 1.0, 100.0
+    )
     cmd_vel_timeout: float = _parameter(
-        0.5, "Silence on cmd_vel after which the robot is stopped, s", 0.05, 5.0
+        0.5,
+        "Time without a message on cmd_vel after which the robot is stopped, in seconds.",
+        0.05,
+        5.0,
     )
     cmd_vel_max_age: float = _parameter(
-        0.5, "Age of a TwistStamped's stamp from which it is refused, s; 0 takes any", 0.0, 60.0
+        0.5,
+        "Maximum age of a TwistStamped on cmd_vel, in seconds; 0 accepts any age.",
+        0.0,
+        60.0,
     )
     cmd_vel_max_linear: float = _parameter(
-        1.0, "Speed along the floor to which cmd_vel is clamped, m/s", 0.0, 10.0
+        1.0, "Maximum linear speed; cmd_vel is clamped to it, in m/s.", 0.0, 10.0
     )
     cmd_vel_max_angular: float = _parameter(
-        1.0, "Turning speed to which cmd_vel is clamped, rad/s", 0.0, 10.0
+        1.0, "Maximum angular speed; cmd_vel is clamped to it, in rad/s.", 0.0, 10.0
     )
     cmd_vel_override: bool = _parameter(
-        False, "Obey cmd_vel also while a goal of another client runs"
+        False, "Accept cmd_vel also while a goal of another client drives the robot."
     )
 
     def __post_init__(self) -> None:
         for name in ("frame_prefix", "map_frame", "odom_frame", "base_frame", "scan_frame"):
             frame = getattr(self, name)
             if frame.startswith("/"):
-                raise ValueError(f"{name} {frame!r} must not begin with a slash")
+                raise ValueError(f"{name} must not begin with a slash: {frame!r}")
             if not frame and name != "frame_prefix":
                 raise ValueError(f"{name} must not be empty")
-
-
-PARAMETERS = tuple(
-    Parameter(each.name, getattr(StandardSettings, each.name), **each.metadata)
-    for each in fields(StandardSettings)
-)
-"""The parameters, in the order of the fields."""

@@ -1,4 +1,4 @@
-"""battery_state, plan, footprint and connected: the chassis's state in ROS's own messages."""
+"""battery_state, plan, footprint and connected: the chassis's state as standard messages."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ from std_msgs.msg import Bool
 from woosh_robot_agent.last_known import is_part_of_info, parts_of
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
-from woosh_robot_agent.standard.audience import Audience
-from woosh_robot_agent.standard.part_context import Part, PartContext
-from woosh_robot_agent.standard.plane import Plane
-from woosh_robot_agent.standard.stamped import stamped
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.pose_messages import to_pose_stamped
+from woosh_robot_agent.standard.subscribers import Subscribers
 
 _LOG = logging.getLogger(__name__)
-_FOOTPRINT_HZ = 2.0
+_FOOTPRINT_RATE = 2.0
+"""Rate of footprint, in Hz."""
 _CHARGE = {
     Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
     Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
@@ -30,8 +32,8 @@ _CHARGE = {
 }
 
 
-def battery_state(host: PartContext, battery: Battery) -> BatteryState:
-    """The battery; what the chassis does not measure is NaN."""
+def battery_state(context: PartContext, battery: Battery) -> BatteryState:
+    """Return the state of the battery; what the chassis does not measure is NaN."""
     nan = math.nan
     message = BatteryState(
         voltage=nan,
@@ -47,67 +49,70 @@ def battery_state(host: PartContext, battery: Battery) -> BatteryState:
         power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
         present=True,
     )
-    message.header.stamp = host.now()
-    message.header.frame_id = host.frame("base")
+    message.header.stamp = context.now()
+    message.header.frame_id = context.frame("base")
     return message
 
 
-def plan(host: PartContext, nav_path: NavPath) -> Path:
-    """The path that is driven, in the map's frame; empty when there is none."""
-    stamp, frame = host.now(), host.frame("map")
-    message = Path(poses=[stamped(Plane.of(pose), frame, stamp) for pose in nav_path.path.poses])
+def plan(context: PartContext, nav_path: NavPath) -> Path:
+    """Return the path that the robot is following, in the map frame; empty if there is none."""
+    stamp, frame = context.now(), context.frame("map")
+    message = Path(
+        poses=[
+            to_pose_stamped(Pose2D.from_message(pose), frame, stamp) for pose in nav_path.path.poses
+        ]
+    )
     message.header.stamp = stamp
     message.header.frame_id = frame
     return message
 
 
-def footprint(host: PartContext, model: Model) -> PolygonStamped:
-    """The outline in use, in the robot's frame."""
+def footprint(context: PartContext, model: Model) -> PolygonStamped:
+    """Return the current outline of the robot, in the base frame."""
     message = PolygonStamped()
-    message.header.stamp = host.now()
-    message.header.frame_id = host.frame("base")
+    message.header.stamp = context.now()
+    message.header.frame_id = context.frame("base")
     message.polygon.points = [Point32(x=point.x, y=point.y) for point in model.model]
     return message
 
 
 class _State(Part):
-    """Publishes a message of the chassis in another form: the first value, and each push.
+    """Publishes a value of the chassis as a ROS message: the first value, and each push.
 
     Args:
-        host: see `PartContext`.
-        name: the topic.
-        cls: the chassis's message.
-        convert: makes the one of the other.
-        rate: Hz at which the last one is published again while somebody subscribes, with a new
-            stamp, so that viewers can draw it where the robot is now; 0 for never.
+        context: the context of the part.
+        name: name of the topic.
+        cls: protobuf class of the value.
+        convert: converts the value into a ROS message.
+        rate: rate at which the last value is repeated with a new stamp while there are
+            subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
     """
 
     def __init__(
         self,
-        host: PartContext,
+        context: PartContext,
         name: str,
         cls: type[Message],
         convert: Callable[[PartContext, Any], Any],
         rate: float = 0.0,
     ) -> None:
-        self._host = host
+        self._context = context
         self._cls = cls
         self._convert = convert
         self._rate = rate
         self._last: Message | None = None
-        self._audience = Audience(host)
-        self._publisher = self._audience.publisher(name) if rate else host.publisher(name)
-        host.chassis.on_snapshot(self._snapshot)
+        self._subscribers = Subscribers(context)
+        self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
+        context.chassis.on_snapshot(self._snapshot)
         if not is_part_of_info(cls):
-            host.chassis.on_state(self._ask_when_ready)
-        host.chassis.subscribe(cls, self._publish)
+            context.chassis.on_state(self._link_changed)
+        context.chassis.subscribe(cls, self._publish)
 
     async def run(self) -> None:
-        """See `Part.run`."""
         if not self._rate:
             return
-        async for _ in self._audience.times(lambda: self._rate):
-            if self._host.chassis.state is LinkState.READY and self._last is not None:
+        async for _ in self._subscribers.times(lambda: self._rate):
+            if self._context.chassis.state is LinkState.READY and self._last is not None:
                 self._publish(self._last)
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -115,15 +120,15 @@ class _State(Part):
             if isinstance(part, self._cls):
                 self._publish(part)
 
-    def _ask_when_ready(self, state: LinkState) -> None:
+    def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
-            self._host.thread.spawn(self._ask)
+            self._context.thread.spawn(self._request)
 
-    async def _ask(self) -> None:
-        """What RobotInfo does not have."""
-        question = self._host.requests.empty(self._cls)
-        try:  # it takes no client's room among the requests
-            answer = await self._host.chassis.request(question, first=True)
+    async def _request(self) -> None:
+        """Request the first value of a type that is not part of RobotInfo."""
+        request = self._context.requests.empty(self._cls)
+        try:  # sent before pending requests, whatever max_in_flight says
+            answer = await self._context.chassis.request(request, first=True)
         except LinkError as error:
             _LOG.debug("no first %s: %s", self._cls.DESCRIPTOR.name, error)
             return
@@ -132,35 +137,34 @@ class _State(Part):
 
     def _publish(self, message: Message) -> None:
         self._last = message
-        self._publisher.publish(self._convert(self._host, message))
+        self._publisher.publish(self._convert(self._context, message))
 
 
-def battery_part(host: PartContext) -> _State:
-    """Makes the part that publishes battery_state."""
-    return _State(host, "battery_state", Battery, battery_state)
+def battery_part(context: PartContext) -> _State:
+    """Return the part that publishes battery_state."""
+    return _State(context, "battery_state", Battery, battery_state)
 
 
-def plan_part(host: PartContext) -> _State:
-    """Makes the part that publishes plan."""
-    return _State(host, "plan", NavPath, plan)
+def plan_part(context: PartContext) -> _State:
+    """Return the part that publishes plan."""
+    return _State(context, "plan", NavPath, plan)
 
 
-def footprint_part(host: PartContext) -> _State:
-    """Makes the part that publishes footprint."""
-    return _State(host, "footprint", Model, footprint, rate=_FOOTPRINT_HZ)
+def footprint_part(context: PartContext) -> _State:
+    """Return the part that publishes footprint."""
+    return _State(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
 
 
 class Connected(Part):
-    """Publishes whether the link is ready, when that changes and at the start."""
+    """Publishes connected: True while the link is ready. Sent at the start and on each change."""
 
-    def __init__(self, host: PartContext) -> None:
-        self._publisher = host.publisher("connected")
+    def __init__(self, context: PartContext) -> None:
+        self._publisher = context.publisher("connected")
         self._last: bool | None = None
-        host.chassis.on_state(self._changed)
+        context.chassis.on_state(self._changed)
 
     async def run(self) -> None:
-        """See `Part.run`: tell those who come before there ever was a link."""
-        if self._last is None:
+        if self._last is None:  # no state change yet
             self._publish(False)
 
     def _changed(self, state: LinkState) -> None:

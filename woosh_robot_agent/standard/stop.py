@@ -9,7 +9,8 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from woosh_robot_agent.bridge import Reply
-from woosh_robot_agent.standard.part_context import Part, PartContext
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT = 2.0
@@ -19,15 +20,15 @@ _TIMEOUT = 2.0
 class Stop(Part):
     """The service stop: `MotionGate.stop`."""
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
-        self._service = host.service("stop", self._asked)
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._service = context.service("stop", self._asked)
 
     def _asked(self, _request: Any, reply: Reply) -> None:
-        self._host.thread.spawn(partial(self._stop, reply), reply.fail)
+        self._context.thread.spawn(partial(self._stop, reply), reply.fail)
 
     async def _stop(self, reply: Reply) -> None:
-        report = await self._host.gate.stop(_TIMEOUT)
+        report = await self._context.gate.stop(_TIMEOUT)
         if not report.success:
             _LOG.error("stop: %s", report.message)
         reply.send(Trigger.Response(success=report.success, message=report.message))

@@ -17,13 +17,12 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from woosh_robot_agent.agent import make_executor
+from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.node import Agent
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.testing.domains import domain_variables, own_domain
 from woosh_robot_agent.testing.spinning import Spinner
 from woosh_robot_agent.testing.waiting import TIMEOUT, wait_until
-
-NAMESPACE = "/woosh_robot"
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.live import Live
 
+from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.tools.keys import keys
 from woosh_robot_agent.tools.link_source import LinkSource
@@ -20,7 +21,6 @@ from woosh_robot_agent.tools.reader import ends_with_its_reader
 from woosh_robot_agent.tools.screen import draw
 from woosh_robot_agent.tools.view import Source
 
-_NAMESPACE = "/woosh_robot"
 _REDRAW = 0.2
 _QUIT = ("q", "Q", "\x03", "\x04")
 _EPILOG = """\
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_link_options(parser, ip_required=False)
-    parser.add_argument("--namespace", default=_NAMESPACE, help="of the agent; %(default)s")
+    parser.add_argument("--namespace", default=NAMESPACE, help="of the agent; %(default)s")
     parser.add_argument("--once", action="store_true", help="print one picture, and end")
     parser.add_argument(
         "--interval", type=float, default=1.0, help="s between pictures where there is no terminal"

@@ -22,9 +22,9 @@ from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.view import LinkReport, View
-from woosh_robot_agent.topics import latched
 
 _LOOK_EVERY = 0.5
 _STALE = 5.0

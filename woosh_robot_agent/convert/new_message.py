@@ -1,9 +1,9 @@
-"""New ROS messages without their constructor.
+"""Creation of ROS messages without their constructor.
 
-It makes each message inside the new one, and then the caller puts another one in its place; that
-takes longer than all the rest. So fields are set in the slots behind the properties. Where ROS
-checks fields (`ROS_PYTHON_CHECK_FIELDS=1`), or where a class has other slots than expected, the
-constructor and the properties are used.
+The constructor creates all nested messages, only for the caller to replace them. That takes longer
+than the rest of a conversion, so fields are set directly in the slots behind the properties. The
+constructor and the properties are used if ROS checks fields (`ROS_PYTHON_CHECK_FIELDS=1`), or if a
+class has unexpected slots.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from woosh_robot_agent.convert.source import Source
 
 
 def filled(ros_class: Any, **fields: Any) -> Any:
-    """A new message with these fields, which must be all that its class has."""
+    """Return a new message. `fields` must name all fields of its class."""
     if not has_known_slots(ros_class):
         return ros_class(**fields)
     message = object.__new__(ros_class)
@@ -25,12 +25,12 @@ def filled(ros_class: Any, **fields: Any) -> Any:
     return message
 
 
-class New:
-    """Source that makes a message and sets its fields.
+class NewMessage:
+    """Generator of source that creates a message and sets its fields.
 
     Args:
-        source: where it goes.
-        variable: name of the message in it.
+        source: function that the source is added to.
+        variable: variable that holds the message.
         ros_class: class of the message.
     """
 
@@ -46,13 +46,13 @@ class New:
             source.add(f"{variable} = {bound}()")
 
     def set(self, name: str, expression: str) -> None:
-        """Set a field."""
+        """Add source that sets a field."""
         self.source.add(f"{self._variable}.{self._slot}{name} = {expression}")
 
 
 @cache
 def has_known_slots(ros_class: Any) -> bool:
-    """Whether the fields of a class are where today's ROS has them, and not to be checked."""
+    """Return True if a class has the slots that ROS Jazzy generates, and does not check fields."""
     fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
     unchecked = getattr(ros_class(), "_check_fields", None) is False
     return unchecked and set(ros_class.__slots__) == fields | {"_check_fields"}

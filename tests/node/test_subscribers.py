@@ -1,4 +1,4 @@
-"""What nobody subscribes to is not published, and who subscribes gets it soon."""
+"""Topics without subscribers are not published, and new subscribers get messages soon."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.harness import Client, Collector, RunningAgent, wait_until
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
 
-UNTOLD = "a middleware that tells of no subscribers"
+NO_EVENTS = "a middleware without matched events"
 
 
 @pytest.fixture
 def published(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
-    """How often each topic was published on, in this process."""
+    """Number of messages published in this process, by topic."""
     counts: Counter[str] = Counter()
     publish = Publisher.publish
 
@@ -37,7 +37,7 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return counts
 
 
-@pytest.fixture(params=[*EXECUTORS, UNTOLD])
+@pytest.fixture(params=[*EXECUTORS, NO_EVENTS])
 def start(
     request: pytest.FixtureRequest,
     published: Counter[str],
@@ -45,7 +45,7 @@ def start(
     start_agent: Callable[..., RunningAgent],
     monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[..., RunningAgent]:
-    if request.param == UNTOLD:
+    if request.param == NO_EVENTS:
         create = PublisherEventCallbacks.create_event_handlers
 
         def refuse(callbacks: Any, *arguments: Any) -> Any:
@@ -54,7 +54,7 @@ def start(
             return create(callbacks, *arguments)
 
         monkeypatch.setattr(PublisherEventCallbacks, "create_event_handlers", refuse)
-    executor = EXECUTORS[0] if request.param == UNTOLD else request.param
+    executor = EXECUTORS[0] if request.param == NO_EVENTS else request.param
 
     def start(**parameters: Any) -> RunningAgent:
         agent = start_agent(
@@ -67,7 +67,7 @@ def start(
 
 
 def listen(client: Client, msg: Any, name: str) -> tuple[Collector, Callable[[], None]]:
-    """What comes on a topic, and how to hear no more of it."""
+    """Subscribe to a topic; return the collector of its messages, and a function to unsubscribe."""
     collector = Collector()
     subscription = client.node.create_subscription(
         msg, client.path(name), collector.add, QoSProfile(depth=10)
@@ -75,12 +75,12 @@ def listen(client: Client, msg: Any, name: str) -> tuple[Collector, Callable[[],
     return collector, lambda: client.node.destroy_subscription(subscription)
 
 
-def test_only_while_somebody_subscribes(
+def test_only_while_there_are_subscribers(
     start: Callable[..., RunningAgent], client: Client, published: Counter[str]
 ) -> None:
     start()
-    wait_until(lambda: published["footprint"], "its first value, kept for whoever comes")
-    threading.Event().wait(1.2)  # 24 odoms, 2 footprints and 1 /diagnostics
+    wait_until(lambda: published["footprint"], "the first value, which is latched")
+    threading.Event().wait(1.2)  # time for 24 messages on odom, 2 on footprint, 1 on /diagnostics
     assert published["odom"] == published["/tf"] == published["/diagnostics"] == 0
     assert published["footprint"] == 1
     for msg, name in (
@@ -97,7 +97,7 @@ def test_only_while_somebody_subscribes(
 
 
 def wait_quiet(published: Counter[str], name: str) -> None:
-    """Return when a topic was not published on for 1.2 s."""
+    """Wait until nothing is published on a topic for 1.2 s."""
 
     def quiet() -> bool:
         before = published[name]
@@ -108,7 +108,7 @@ def wait_quiet(published: Counter[str], name: str) -> None:
 
 
 def test_odom_comes_with_its_subscriber(start: Callable[..., RunningAgent], client: Client) -> None:
-    """And not with the next beat of its rate, of which there is one in 10 s."""
+    """It does not wait for the next period, which is 10 s here."""
     start(odom_rate=0.1)
-    threading.Event().wait(0.5)  # the first beat is over, if there is one
+    threading.Event().wait(0.5)  # the first period has begun
     listen(client, Odometry, "odom")[0].wait_count(1, 5.0)

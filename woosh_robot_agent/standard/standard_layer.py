@@ -1,4 +1,4 @@
-"""The standard layer, put together."""
+"""The standard layer as a whole: creates and runs the parts that the parameters enable."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from functools import partial
 from woosh_robot_agent.standard.cmd_vel import CmdVel
 from woosh_robot_agent.standard.diagnostics import Diagnostics
 from woosh_robot_agent.standard.goal_pose import GoalPose
-from woosh_robot_agent.standard.grid import Grid
 from woosh_robot_agent.standard.initialpose import InitialPose
+from woosh_robot_agent.standard.map import Map
 from woosh_robot_agent.standard.odom import Odom
-from woosh_robot_agent.standard.part_context import Part, PartContext
+from woosh_robot_agent.standard.part import Part
+from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.scan import Scan
 from woosh_robot_agent.standard.states import (
     Connected,
@@ -24,14 +25,14 @@ from woosh_robot_agent.standard.states import (
 from woosh_robot_agent.standard.stop import Stop
 
 _LOG = logging.getLogger(__name__)
-_PAUSE_S = 1.0
+_RESTART_DELAY = 1.0
+"""Delay before a part that failed runs again, in seconds."""
 
-#: What makes each part, with the parameters of which any switches it on.
 PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (Odom, ("enable_odom", "publish_tf")),
     (Scan, ("enable_scan", "publish_tf")),
     (battery_part, ("enable_battery_state",)),
-    (Grid, ("enable_map",)),
+    (Map, ("enable_map",)),
     (plan_part, ("enable_plan",)),
     (footprint_part, ("enable_footprint",)),
     (CmdVel, ("enable_cmd_vel",)),
@@ -41,38 +42,39 @@ PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (Connected, ("enable_connected",)),
     (Diagnostics, ("enable_diagnostics",)),
 )
+"""Constructor of each part, and the parameters that enable it; one of them suffices."""
 
 
 class StandardLayer:
-    """The parts that the parameters switch on.
+    """The enabled parts of the standard layer.
 
     Args:
-        host: what they share.
+        context: the context that the parts share.
     """
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
-        self._parts = list(_parts(host))
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._parts = list(_parts(context))
 
     def start(self) -> None:
-        """Let all parts run; from any thread."""
+        """Start all parts. Thread-safe."""
         for part in self._parts:
-            self._host.thread.spawn(partial(_keep_running, part))
+            self._context.thread.spawn(partial(_keep_running, part))
 
 
 async def _keep_running(part: Part) -> None:
-    """Run a part; a mistake of ours in it, which is logged, must not end it for good."""
+    """Run a part; after an unexpected error, log it and run the part again."""
     while True:
         try:
             await part.run()
             return
         except Exception:
-            _LOG.exception("%s of the standard layer failed; it goes on", type(part).__name__)
-            await asyncio.sleep(_PAUSE_S)
+            _LOG.exception("%s of the standard layer failed; restarting it", type(part).__name__)
+            await asyncio.sleep(_RESTART_DELAY)
 
 
-def _parts(host: PartContext) -> Iterator[Part]:
-    settings = host.settings()
-    for make, switches in PARTS:
+def _parts(context: PartContext) -> Iterator[Part]:
+    settings = context.settings()
+    for create, switches in PARTS:
         if any(getattr(settings, switch) for switch in switches):
-            yield make(host)
+            yield create(context)

@@ -1,4 +1,4 @@
-"""Poses in the plane, and how they chain. Metres and radians, angles counter-clockwise."""
+"""Poses in the plane and their composition. Lengths in metres, angles in radians (REP 103)."""
 
 from __future__ import annotations
 
@@ -8,39 +8,39 @@ from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
-    """The pose of one frame in another: a rotation by `theta`, then a shift by (`x`, `y`)."""
+class Pose2D:
+    """Pose of a child frame in a parent frame: rotation by `theta`, then shift by (`x`, `y`)."""
 
     x: float = 0.0
     y: float = 0.0
     theta: float = 0.0
 
     @classmethod
-    def of(cls, pose: Any) -> Plane:
-        """From a message with `x`, `y` and `theta`."""
+    def from_message(cls, pose: Any) -> Pose2D:
+        """Return the pose in a message with the fields `x`, `y` and `theta`."""
         return cls(pose.x, pose.y, pose.theta)
 
-    def __mul__(self, other: Plane) -> Plane:
-        """`other`, which is given in this frame, in the frame that this one is given in."""
+    def __mul__(self, other: Pose2D) -> Pose2D:
+        """Compose two poses: `other`, given in this pose's child frame, in its parent frame."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
-        return Plane(
+        return Pose2D(
             self.x + cos * other.x - sin * other.y,
             self.y + sin * other.x + cos * other.y,
             math.remainder(self.theta + other.theta, math.tau),
         )
 
     @property
-    def inverse(self) -> Plane:
-        """The pose of the other frame in this one."""
+    def inverse(self) -> Pose2D:
+        """Pose of the parent frame in the child frame."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
-        return Plane(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, -self.theta)
+        return Pose2D(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, -self.theta)
 
     @property
     def distance(self) -> float:
-        """From the origin, in m."""
+        """Distance from the origin, in metres."""
         return math.hypot(self.x, self.y)
 
     @property
     def quaternion(self) -> tuple[float, float]:
-        """The rotation as the z and w of a quaternion; x and y are 0."""
+        """Z and w of the rotation's quaternion; x and y are 0."""
         return math.sin(self.theta / 2), math.cos(self.theta / 2)

@@ -1,4 +1,4 @@
-"""What is remembered of the chassis: read only when somebody looks, and then in order."""
+"""The last known values: decoded lazily, and in order."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ INFO = "woosh.robot.RobotInfo"
 BATTERY = "woosh.robot.Battery"
 
 
-class Said:
-    """Bodies as frames bring them, and what was told of bad ones."""
+class Pushed:
+    """Pushes bodies as frames do, and collects the reports of bad ones."""
 
     def __init__(self) -> None:
         self.known = LastKnown(None)
@@ -29,8 +29,8 @@ class Said:
         return self.known.get(INFO)
 
 
-def test_a_part_that_comes_after_robot_info_is_in_it():
-    said = Said()
+def test_a_part_after_robot_info_is_merged_into_it():
+    said = Pushed()
     said.push(INFO, battery={"power": 50}, state=2)
     said.push(BATTERY, power=49)
     said.push("woosh.robot.RobotState", state=3)
@@ -38,23 +38,23 @@ def test_a_part_that_comes_after_robot_info_is_in_it():
     assert said.known.get(BATTERY) == Battery(power=49)
 
 
-def test_robot_info_that_comes_after_a_part_replaces_it():
-    said = Said()
+def test_robot_info_after_a_part_replaces_it():
+    said = Pushed()
     said.push(BATTERY, power=49)
     said.push(INFO, battery={"power": 50})
     assert said.info.battery.power == 50
     assert said.known.get(BATTERY) == Battery(power=50)
 
 
-def test_robot_info_that_lacks_a_part_leaves_the_one_before():
-    said = Said()
+def test_robot_info_without_a_part_keeps_the_earlier_one():
+    said = Pushed()
     said.push(INFO, battery={"power": 50})
     said.push(INFO, robotId=7)
     assert said.known.get(BATTERY) == Battery(power=50)
 
 
-def test_order_counts_however_often_nobody_looked():
-    said = Said()
+def test_order_counts_without_reads_in_between():
+    said = Pushed()
     said.push(INFO, battery={"power": 1})
     said.push(BATTERY, power=2)
     said.push(INFO, battery={"power": 3})
@@ -64,8 +64,8 @@ def test_order_counts_however_often_nobody_looked():
     assert said.info.battery.power == 5
 
 
-def test_what_cannot_be_read_is_told_once_and_changes_nothing():
-    said = Said()
+def test_a_bad_body_is_reported_once_and_changes_nothing():
+    said = Pushed()
     said.push(BATTERY, power=49)
     assert said.known.get(BATTERY) == Battery(power=49)
     said.push(BATTERY, power="much")
@@ -75,16 +75,16 @@ def test_what_cannot_be_read_is_told_once_and_changes_nothing():
 
 
 def test_messages_are_remembered_too():
-    said = Said()
+    said = Pushed()
     info = RobotInfo(robot_id=7)
     said.known.remember(info)
     said.known.remember(RobotState(state=2))
     assert (said.info.robot_id, said.info.state) == (7, 2)
-    assert info.state == 0  # the caller's own does not change
+    assert info.state == 0  # the caller's message does not change
 
 
-def test_of_what_nobody_looks_at_the_last_of_each_type_is_kept():
-    said = Said()
+def test_only_the_last_unread_value_of_each_type_is_kept():
+    said = Pushed()
     for power in range(1000):
         said.push(BATTERY, power=power)
         said.push("woosh.robot.PoseSpeed", mileage=power)

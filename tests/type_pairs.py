@@ -1,4 +1,4 @@
-"""The pairs of types between which the table's endpoints convert."""
+"""The pairs of types that the endpoints of the table convert."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ENDPOINTS = (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS)
 
 
 def field_class(part: Any, name: str = "") -> Any:
-    """The message class of a field, of the only one where no name is given."""
+    """Return the message class of a field; by default of the only field."""
     types = part.get_fields_and_field_types()
     return class_of(types[name] if name else next(iter(types.values())), "msg")
 
@@ -36,4 +36,4 @@ def _pairs() -> dict[str, tuple[Any, Any]]:
 
 
 PAIRS = _pairs()
-"""ROS class and protobuf class of every type of the table, by protobuf full name."""
+"""ROS class and protobuf class of each type in the table, by protobuf full name."""

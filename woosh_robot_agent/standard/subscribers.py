@@ -1,4 +1,4 @@
-"""Who listens to what is published: what nobody listens to need not be made."""
+"""The subscribers of a set of publishers, so that messages are made only on demand."""
 
 from __future__ import annotations
 
@@ -10,46 +10,49 @@ from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeErr
 
 from woosh_robot_agent.standard.part_context import PartContext
 
-_LOOK_S = 0.1
-"""s between two looks for subscribers, where the middleware does not tell of them."""
+_POLL_PERIOD = 0.1
+"""Period of looking for subscribers if the middleware has no events for them, in seconds."""
 
 
-class Audience:
-    """The subscribers of some publishers; used in the link's thread.
+class Subscribers:
+    """The subscribers of a set of publishers. Use it in the link thread.
 
-    The middleware tells the executor of each one that comes, so that waiting for the first costs
-    nothing.
+    Waiting for the first subscriber costs nothing: the middleware reports each one by an event.
 
     Args:
-        host: see `PartContext`.
+        context: the context of the part.
     """
 
-    def __init__(self, host: PartContext) -> None:
-        self._host = host
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
         self._publishers: list[Any] = []
         self._changed = asyncio.Event()
-        self._told = True
+        self._has_events = True
 
     def publisher(self, name: str) -> Any:
-        """A publisher of the table, the subscribers of which belong to this audience."""
+        """Return a publisher for a topic of the table, and add it to the set."""
         callbacks = PublisherEventCallbacks(matched=self._matched)
         try:
-            publisher = self._host.publisher(name, callbacks)
+            publisher = self._context.publisher(name, callbacks)
         except UnsupportedEventTypeError:
-            publisher = self._host.publisher(name)
-            self._told = False
+            publisher = self._context.publisher(name)
+            self._has_events = False
         self._publishers.append(publisher)
         return publisher
 
     @property
     def present(self) -> bool:
-        """Whether anybody subscribes."""
+        """True if there is at least one subscriber."""
         return any(publisher.get_subscription_count() for publisher in self._publishers)
 
     async def times(self, rate: Callable[[], float]) -> AsyncIterator[float]:
-        """Give the loop's time `rate` times per second, without drift, while anybody subscribes.
+        """Yield the loop's time at a fixed rate while there are subscribers.
 
-        The first comes with the first subscriber. What was missed in between is left out.
+        The first time comes with the first subscriber. Missed times are skipped, and do not add up
+        to a drift.
+
+        Args:
+            rate: returns the current rate, in Hz.
         """
         loop = asyncio.get_running_loop()
         due = -1.0
@@ -63,11 +66,11 @@ class Audience:
 
     async def _wait(self) -> None:
         while True:
-            # in this order: who comes after the look sets it again
+            # cleared before the check: a subscriber that comes after the check sets it again
             self._changed.clear()
             if self.present:
                 return
-            await (self._changed.wait() if self._told else asyncio.sleep(_LOOK_S))
+            await (self._changed.wait() if self._has_events else asyncio.sleep(_POLL_PERIOD))
 
     def _matched(self, _change: Any) -> None:
-        self._host.thread.call(self._changed.set)
+        self._context.thread.call(self._changed.set)

@@ -1,0 +1,38 @@
+"""Generated files and tables are up to date."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from woosh_robot_agent import generate
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_nothing_is_out_of_date() -> None:
+    stale = [str(path.relative_to(ROOT)) for path, _ in generate.outdated(ROOT)]
+    assert not stale, f"out of date: {', '.join(stale)}; run {generate.COMMAND}"
+
+
+def test_each_table_has_a_place() -> None:
+    text = "\n".join(page.read_text() for page in generate.pages(ROOT))
+    assert set(re.findall(r"^<!-- generated: (\S+) -->$", text, re.M)) == set(generate.TABLES)
+
+
+def test_a_changed_table_is_written_anew() -> None:
+    page = "# Page\n\n<!-- generated: endpoints -->\n| old |\n<!-- end -->\n\nText\n"
+    table = generate.TABLES["endpoints"]()
+    new = f"# Page\n\n<!-- generated: endpoints -->\n{table}\n<!-- end -->\n\nText\n"
+    assert generate.with_tables(page) == new
+    assert generate.with_tables(new) == new
+
+
+def test_an_unknown_table_is_refused() -> None:
+    page = "<!-- generated: nothing -->\n<!-- end -->\n"
+    with pytest.raises(ValueError, match="unknown table 'nothing'"):
+        generate.with_tables(page)

@@ -1,0 +1,119 @@
+"""Regeneration of derived files and tables: `python3 -m woosh_robot_agent.generate`.
+
+Files are replaced as a whole. Tables in README.md and docs/ stand between the lines
+
+    <!-- generated: NAME -->
+    <!-- end -->
+
+where NAME is one of `TABLES`. With `--check` nothing is written: the out-of-date files are listed,
+and the exit status is 1 if there are any. It works in a source checkout only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from woosh_robot_agent import endpoints, parameters, security
+from woosh_robot_agent.simulator import faults
+from woosh_robot_agent.simulator.__main__ import _parser as simulator_parser
+from woosh_robot_agent.standard import endpoints as standard_endpoints
+
+ROOT = Path(__file__).resolve().parents[1]
+"""Root of the source checkout."""
+COMMAND = "python3 -m woosh_robot_agent.generate"
+"""The command that regenerates everything."""
+
+
+def options_table(parser: argparse.ArgumentParser) -> str:
+    """Return the options of a program as a Markdown table."""
+    rows = ["| Option | Default | Meaning |", "| --- | --- | --- |"]
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        names = ", ".join(f"`{name}`" for name in action.option_strings)
+        default = "" if action.default in (None, [], False, 0) else f"`{action.default}`"
+        choices = f" ({', '.join(action.choices)})" if action.choices else ""
+        rows.append(f"| {names} | {default} | {action.help}{choices} |")
+    return "\n".join(rows)
+
+
+FILES: dict[str, Callable[[], str]] = {
+    "config/agent.yaml": parameters.yaml,
+    "config/agent.policy.xml": security.agent_policy,
+    "config/client.policy.xml": security.client_policy,
+}
+"""Generated files: path, and the function that returns the content."""
+
+TABLES: dict[str, Callable[[], str]] = {
+    "endpoints": endpoints.markdown,
+    "standard-topics": standard_endpoints.markdown,
+    "parameters": parameters.markdown,
+    "simulator-options": lambda: options_table(simulator_parser()),
+    "simulator-faults": faults.markdown,
+}
+"""Generated tables: name in the marker, and the function that returns the Markdown."""
+
+_BLOCK = re.compile(
+    r"(?P<begin>^<!-- generated: (?P<name>\S+) -->\n).*?(?P<end>^<!-- end -->$)", re.M | re.S
+)
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """Return the pages that may hold generated tables."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def with_tables(text: str) -> str:
+    """Return the text of a page with its generated tables up to date.
+
+    Raises:
+        ValueError: the page has a table of an unknown name.
+    """
+
+    def replace(block: re.Match[str]) -> str:
+        if block["name"] not in TABLES:
+            raise ValueError(f"unknown table {block['name']!r}; the names are {', '.join(TABLES)}")
+        return f"{block['begin']}{TABLES[block['name']]()}\n{block['end']}"
+
+    return _BLOCK.sub(replace, text)
+
+
+def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str]]:
+    """Yield each file that is out of date, with the content that it should have."""
+    for name, content in FILES.items():
+        path = root / name
+        wanted = content()
+        if not path.exists() or path.read_text() != wanted:
+            yield path, wanted
+    for path in pages(root):
+        text = path.read_text()
+        wanted = with_tables(text)
+        if text != wanted:
+            yield path, wanted
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Regenerate or check all files; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog=COMMAND, description="Regenerate the files and tables that derive from the code."
+    )
+    parser.add_argument("--check", action="store_true", help="only list files that are out of date")
+    options = parser.parse_args(arguments)
+    if not (ROOT / "setup.py").exists():
+        parser.error(f"this is not a source checkout: {ROOT}")
+    found = list(outdated())
+    for path, wanted in found:
+        if options.check:
+            print(f"{path.relative_to(ROOT)} is out of date; run {COMMAND}")
+        else:
+            path.write_text(wanted)
+            print(f"wrote {path.relative_to(ROOT)}")
+    return 1 if options.check and found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

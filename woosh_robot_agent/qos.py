@@ -1,0 +1,26 @@
+"""Quality-of-service profiles of the agent's topics and services."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+SERVICE_QOS = QoSProfile(depth=10_000)
+"""Profile of all services, those of actions included.
+
+DDS drops requests and responses that exceed the depth, and tells nobody. It asks for lost samples
+every 3 s; this depth is enough for 5 s at 2,000 calls/s."""
+
+
+def reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+    """Return the profile of a reliable topic with a queue of `depth` messages."""
+    return QoSProfile(
+        depth=depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
+
+
+def latched(depth: int) -> QoSProfile:
+    """Return the profile of a latched topic: late subscribers get the last `depth` messages."""
+    return reliable(depth, DurabilityPolicy.TRANSIENT_LOCAL)

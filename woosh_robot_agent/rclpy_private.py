@@ -1,0 +1,109 @@
+"""The private parts of rclpy that the agent needs, each with the public API that would replace it.
+
+rclpy may change these names in any release. They are kept in this one module, so that a new release
+is checked in one place. Ruff (TID251) forbids `rclpy.impl` everywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.action import ActionServer
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.logging import LoggingSeverity
+
+RCLError: Any = _rclpy.RCLError
+"""Base class of the errors of the C library.
+
+Awaited: an exception exported by `rclpy.exceptions`."""
+
+UnknownROSArgsError: Any = _rclpy.UnknownROSArgsError
+"""Raised by `rclpy.init` for ROS arguments that it does not know.
+
+Awaited: an exception exported by `rclpy.exceptions`."""
+
+PEER_GONE_ERRORS = (InvalidHandle, RCLError)
+"""Raised when a reply or feedback is sent to a client that no longer exists."""
+
+
+def log(
+    logger_name: str, severity: LoggingSeverity, text: str, function: str, path: str, line: int
+) -> None:
+    """Log a text with a given place in the source.
+
+    The public logger searches the call stack for that place: it would find the log handler, and
+    takes 60 ms for the first line of each caller.
+
+    Awaited: a logger that takes the place as an argument.
+    """
+    if _rclpy.rclpy_logging_logger_is_enabled_for(logger_name, severity):
+        _rclpy.rclpy_logging_rcutils_log(severity, logger_name, text, function, path, line)
+
+
+def replace_send_response(
+    service: Any, replacement: Callable[[Any, Any], None]
+) -> Callable[[Any, Any], None]:
+    """Replace a service's `send_response`; return the original.
+
+    The executor calls `send_response(response, header)` right after the callback. Only there is the
+    header known, which a later reply needs.
+
+    Awaited: service callbacks that get the header and reply later (deferred replies).
+    """
+    original: Callable[[Any, Any], None] = service.send_response
+    service.send_response = replacement
+    return original
+
+
+def take_request(service: Any) -> tuple[Any, Any]:
+    """Return the next pending request of a service and its header, or (None, None).
+
+    Awaited: a `Service.take_request`, or executors that drain a service in one turn.
+    """
+    handle = service.handle
+    with handle:
+        return handle.service_take_request(service.srv_type.Request) or (None, None)
+
+
+class DeferringActionServer(ActionServer):
+    """An action server that executes a goal when told to, and counts clients that wait for results.
+
+    rclpy calls `notify_execute` when a goal has become executing, and would then run the execute
+    callback until the goal ends. Here `on_executing` is called instead, and `execute_later` runs a
+    callback in the executor at the end of the goal.
+
+    Awaited: a goal handle whose result can be set from outside the execute callback, and the number
+    of pending result requests.
+
+    Args:
+        arguments, options: those of `rclpy.action.ActionServer`.
+
+    Attributes:
+        pending_results: clients that asked for the result of a goal and have not received it.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        self.pending_results = 0
+        super().__init__(*arguments, **options)
+
+    def on_executing(self, goal_handle: Any) -> None:
+        """Take over a goal whose state has become executing."""
+        raise NotImplementedError
+
+    def execute_later(self, goal_handle: Any, callback: Callable[[Any], Any]) -> None:
+        """Have the executor call `callback` with the goal; it returns the result. Any thread."""
+        super().notify_execute(goal_handle, callback)
+
+    def notify_execute(self, goal_handle: Any, _execute_callback: Any) -> None:
+        self.on_executing(goal_handle)
+
+    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
+        if bytes(request_header_and_message[1].goal_id.uuid) in self._goal_handles:
+            self.pending_results += 1
+        await super()._execute_get_result_request(request_header_and_message)
+
+    def _send_result_response(self, request_header: Any, future: Any) -> None:
+        self.pending_results -= 1
+        super()._send_result_response(request_header, future)

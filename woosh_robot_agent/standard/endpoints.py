@@ -1,0 +1,162 @@
+"""The table of the standard layer's topics and services.
+
+Publishers, policies, documentation and tests derive from it. Names are relative to the agent's
+namespace unless they begin with a slash.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Kind(Enum):
+    """Kind of an endpoint; for a published topic also its quality of service (REP 2003)."""
+
+    STREAM = "published, reliable"
+    LATCHED = "published, reliable and transient local"
+    INPUT = "subscribed"
+    SERVICE = "service"
+
+
+@dataclass(frozen=True)
+class StandardEndpoint:
+    """A topic or service of the standard layer.
+
+    Attributes:
+        name: name of the topic or service.
+        type: ROS type, `package/Name`.
+        kind: kind of the endpoint.
+        switch: parameter that enables it.
+        meaning: description for the documentation.
+        depth: queue size of the publisher or subscription.
+    """
+
+    name: str
+    type: str
+    kind: Kind
+    switch: str
+    meaning: str
+    depth: int = 1
+
+    @property
+    def is_output(self) -> bool:
+        """True for a topic that the agent publishes."""
+        return self.kind in (Kind.STREAM, Kind.LATCHED)
+
+
+STANDARD = (
+    StandardEndpoint(
+        "odom",
+        "nav_msgs/Odometry",
+        Kind.STREAM,
+        "enable_odom",
+        "pose in `odom`, velocity in `base_link`",
+        10,
+    ),
+    StandardEndpoint(
+        "/tf",
+        "tf2_msgs/TFMessage",
+        Kind.STREAM,
+        "publish_tf",
+        "`map` -> `odom` -> `base_link`, with each message on `odom`",
+        100,
+    ),
+    StandardEndpoint(
+        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "publish_tf", "`base_link` -> `laser`"
+    ),
+    StandardEndpoint(
+        "scan",
+        "sensor_msgs/LaserScan",
+        Kind.STREAM,
+        "enable_scan",
+        "laser scan, requested only while there are subscribers",
+        5,
+    ),
+    StandardEndpoint(
+        "battery_state",
+        "sensor_msgs/BatteryState",
+        Kind.LATCHED,
+        "enable_battery_state",
+        "state of charge, and if the battery is charging",
+    ),
+    StandardEndpoint("map", "nav_msgs/OccupancyGrid", Kind.LATCHED, "enable_map", "current map"),
+    StandardEndpoint(
+        "plan", "nav_msgs/Path", Kind.LATCHED, "enable_plan", "path that the robot is following"
+    ),
+    StandardEndpoint(
+        "footprint",
+        "geometry_msgs/PolygonStamped",
+        Kind.LATCHED,
+        "enable_footprint",
+        "current outline of the robot",
+    ),
+    StandardEndpoint(
+        "cmd_vel",
+        "geometry_msgs/Twist",
+        Kind.INPUT,
+        "enable_cmd_vel",
+        "velocity command; repeat it to keep driving",
+        1,
+    ),
+    StandardEndpoint(
+        "initialpose",
+        "geometry_msgs/PoseWithCovarianceStamped",
+        Kind.INPUT,
+        "enable_initialpose",
+        "sets the pose of the robot in the map",
+        10,
+    ),
+    StandardEndpoint(
+        "goal_pose",
+        "geometry_msgs/PoseStamped",
+        Kind.INPUT,
+        "enable_goal_pose",
+        "navigates to a pose",
+        10,
+    ),
+    StandardEndpoint(
+        "cancel",
+        "std_srvs/Trigger",
+        Kind.SERVICE,
+        "enable_goal_pose",
+        "cancels the navigation to `goal_pose`",
+    ),
+    StandardEndpoint(
+        "stop",
+        "std_srvs/Trigger",
+        Kind.SERVICE,
+        "enable_stop",
+        "stops the robot, and cancels its task and actions",
+    ),
+    StandardEndpoint(
+        "connected",
+        "std_msgs/Bool",
+        Kind.LATCHED,
+        "enable_connected",
+        "true while the link to the chassis is ready",
+    ),
+    StandardEndpoint(
+        "/diagnostics",
+        "diagnostic_msgs/DiagnosticArray",
+        Kind.STREAM,
+        "enable_diagnostics",
+        "link, chassis, battery, hardware and abnormal codes, at 1 Hz",
+        10,
+    ),
+)
+"""All endpoints of the standard layer."""
+
+BY_NAME = {each.name: each for each in STANDARD}
+"""The endpoints by name."""
+
+
+def markdown() -> str:
+    """Return the table in Markdown."""
+    rows = ["| Name | Type | Kind | Meaning |", "| --- | --- | --- | --- |"]
+    rows += [f"| `{e.name}` | `{e.type}` | {e.kind.value} | {e.meaning} |" for e in STANDARD]
+    return "\n".join(rows)
+
+
+if __name__ == "__main__":
+    print(markdown())

@@ -1,0 +1,57 @@
+"""Conversion between poses in the plane and ROS pose messages."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from geometry_msgs.msg import Pose, PoseStamped
+
+from woosh_robot_agent.standard.pose2d import Pose2D
+
+
+def to_pose(pose: Pose2D) -> Pose:
+    """Return a pose as geometry_msgs/Pose."""
+    message = Pose()
+    message.position.x, message.position.y = pose.x, pose.y
+    message.orientation.z, message.orientation.w = pose.quaternion
+    return message
+
+
+def to_pose_stamped(pose: Pose2D, frame: str, stamp: Any) -> PoseStamped:
+    """Return a pose in `frame` at the time `stamp` as geometry_msgs/PoseStamped."""
+    message = PoseStamped(pose=to_pose(pose))
+    message.header.frame_id = frame
+    message.header.stamp = stamp
+    return message
+
+
+def from_pose_in(required_frame: str, frame: str, message: Any) -> Pose2D:
+    """Return the pose in a geometry_msgs/Pose that a client gave in `frame`.
+
+    Raises:
+        ValueError: `frame` is not the required one, or the pose is invalid; the text says what to
+            do.
+    """
+    if frame not in ("", required_frame):
+        raise ValueError(
+            f"the pose must be in the frame {required_frame}, not in {frame}; set the fixed frame "
+            f"to {required_frame}"
+        )
+    return from_pose(message)
+
+
+def from_pose(message: Any) -> Pose2D:
+    """Return the pose in a geometry_msgs/Pose.
+
+    Raises:
+        ValueError: it has non-finite numbers, or its orientation is not a rotation.
+    """
+    q, position = message.orientation, message.position
+    numbers = (position.x, position.y, q.x, q.y, q.z, q.w)
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"the pose has numbers that are not finite: {numbers}")
+    if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 0.5:
+        raise ValueError("the orientation is not a unit quaternion")
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return Pose2D(position.x, position.y, yaw)
