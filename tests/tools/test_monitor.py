@@ -1,4 +1,4 @@
-"""The monitor with `--ip`: what it shows is what is true of the simulated chassis."""
+"""`monitor --ip` against the simulated chassis."""
 
 from __future__ import annotations
 
@@ -34,17 +34,18 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.monitor import main
-from woosh_robot_agent.tools.screen import draw
-from woosh_robot_agent.tools.view import LinkReport, View
-from woosh_robot_agent.tools.words import word
+from woosh_robot_agent.tools.monitor.robot_view import RobotView
+from woosh_robot_agent.tools.monitor.screen import draw
+from woosh_robot_agent.tools.monitor.source import LinkReport
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 TIMEOUT = 30.0
 GOOD = LinkReport(True, "connected")
 
 
-def shown(view: View, link: LinkReport = GOOD) -> str:
+def shown(view: RobotView, link: LinkReport = GOOD) -> str:
     console = Console(file=io.StringIO(), width=200, color_system=None)
     console.print(draw("ws://x", link, view))
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
@@ -52,15 +53,15 @@ def shown(view: View, link: LinkReport = GOOD) -> str:
 
 
 def row(text: str, title: str) -> str:
-    """What stands beside a title."""
+    """Return the text beside a title."""
     (found,) = re.findall(rf"^│ {re.escape(title)}  +(.*?) *│$", text, re.MULTILINE)
     return str(found)
 
 
-def seen(*messages: Any) -> View:
-    view = View()
+def seen(*messages: Any) -> RobotView:
+    view = RobotView()
     for message in messages:
-        view.take(message)
+        view.update(message)
     return view
 
 
@@ -68,15 +69,15 @@ def seen(*messages: Any) -> View:
 
 
 def test_nothing_is_known():
-    text = shown(View(), LinkReport(False, "not connected", "switch it on"))
+    text = shown(RobotView(), LinkReport(False, "not connected", "switch it on"))
     assert "not connected  switch it on" in row(text, "link")
     assert "mode" not in text
 
 
 def test_what_is_not_known_is_not_made_up():
     text = shown(seen(RobotState(state=robot.kIdle)))
-    for title in ("a task", "pose", "speed", "battery"):
-        assert row(text, title) == "not known yet"
+    for title in ("new task", "pose", "speed", "battery"):
+        assert row(text, title) == "unknown"
     assert row(text, "mode") == "state idle"
 
 
@@ -93,7 +94,7 @@ def test_parts_come_one_by_one():
     text = shown(view)
     assert row(text, "mode") == "control auto   work task   state task"
     assert row(text, "battery") == "14 %   charging (auto)"
-    assert row(text, "pose") == "not known yet"  # RobotInfo replaced what was known
+    assert row(text, "pose") == "unknown"  # RobotInfo replaced what was known
 
 
 def test_where_it_is_and_what_it_does():
@@ -131,7 +132,7 @@ def test_every_reason_to_refuse_a_task():
         OperationState(),
     )
     text = shown(view)
-    assert row(text, "a task") == "would be refused"
+    assert row(text, "new task") == "would be rejected"
     for reason in ("emergency stop is pressed", "manual mode", "deployment mode"):
         assert f"- the {'robot is in ' if 'mode' in reason else ''}{reason}" in text
     assert "turn the key switch to automatic" in text
@@ -147,8 +148,8 @@ def test_status_codes_newest_first_and_once():
 
 def test_what_is_old_is_not_shown_as_new():
     view = seen(RobotState(state=robot.kIdle))
-    assert "OLD" not in shown(view)
-    assert "OLD: what was known last" in shown(view, LinkReport(False, "lost"))
+    assert "OUTDATED" not in shown(view)
+    assert "OUTDATED: this is the last known state" in shown(view, LinkReport(False, "lost"))
 
 
 def test_texts_of_the_robot_cannot_steer_the_terminal():
@@ -170,8 +171,8 @@ def test_texts_of_the_robot_cannot_steer_the_terminal():
         (ros_pack_pb2.State, ros_pack_pb2.kRosExecuteFailed, "execute failed"),
     ],
 )
-def test_words(enum, number, text):
-    assert word(enum, number) == text
+def test_enum_names(enum, number, text):
+    assert enum_name(enum, number) == text
 
 
 # The program
@@ -202,7 +203,7 @@ def test_once(chassis: SimulatorThread, arguments: tuple[str, ...], port: str) -
     truth = chassis.state
     assert status == 0
     assert row(text, "link").startswith("connected since")
-    assert row(text, "a task") == "would be taken"
+    assert row(text, "new task") == "would be accepted"
     assert row(text, "mode") == "control auto   work task   state idle"
     assert row(text, "battery") == f"{truth.info.battery.power} %"
     pose = f"x {truth.pose.x:.3f} m   y {truth.pose.y:.3f} m   theta {truth.pose.theta:.3f} rad"
@@ -217,7 +218,7 @@ def test_once_with_a_robot_that_would_refuse(
     set_state(ctrl=robot.kManual)
     status, text = once(chassis.port, "--timeout", str(TIMEOUT))
     assert status == 0
-    assert row(text, "a task") == "would be refused"
+    assert row(text, "new task") == "would be rejected"
     assert "manual mode: turn the key switch" in text
 
 
@@ -290,13 +291,13 @@ def test_on_a_terminal(terminal: Terminal, chassis: SimulatorThread) -> None:
     chassis.set_emergency_stop(True)
     terminal.wait("the emergency stop is pressed")
     chassis.stop_listening()
-    terminal.wait("lost since")
-    terminal.wait("OLD: what was known last")
+    terminal.wait("connection lost since")
+    terminal.wait("OUTDATED")
     chassis.listen()
     terminal.wait("connected since")
     for key in "xyz0 \r\x1b[A":  # none of them does anything
         terminal.press(key)
-    terminal.wait("would be refused")
+    terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
     terminal.press("q")
     assert terminal.end() == 0
@@ -329,7 +330,7 @@ def test_without_a_terminal(chassis: SimulatorThread) -> None:
         assert process.stdout is not None
         pictures = 0
         for line in process.stdout:
-            pictures += "would be taken" in line
+            pictures += "would be accepted" in line
             if pictures == 3:
                 break
         process.send_signal(signal.SIGTERM)
@@ -355,5 +356,5 @@ def test_without_ros_it_says_so() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "there is no ROS here" in done.stderr
+    assert "ROS is not available" in done.stderr
     assert "--ip" in done.stderr

@@ -111,8 +111,8 @@ async def open_link(config: LinkConfig) -> Transport:
         return await open_transport(config)
     except TransportClosedError as error:
         raise CheckFailedError(
-            f"another program than that of the robot answers on this port: {error}",
-            "check --port and --transport; the port may belong to a proxy or another program",
+            f"the program on this port is not a chassis: {error}",
+            "check --port and --transport; a proxy or another program may use the port",
         ) from None
     except TimeoutError:
         raise CheckFailedError(

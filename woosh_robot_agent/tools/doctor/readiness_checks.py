@@ -55,7 +55,7 @@ def check_initialisation(info: RobotInfo) -> Result:
 def check_localisation(info: RobotInfo) -> Result:
     """Check that the robot knows its position."""
     if info.state == robot.kUninit:
-        return Result(Status.SKIPPED, "follows from the initialisation")
+        return Result(Status.SKIPPED, "not checked until the robot is initialised")
     return _check(is_located(info), LOST, "the robot knows its position")
 
 

@@ -65,7 +65,9 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     except TimeoutError:
         raise CheckFailedError(
             f"no answer within {config.handshake_timeout:g} s"
-            + (f", only frames that cannot be read: {invalid_frames[-1]}" if invalid_frames else ""),
+            + (
+                f", only frames that cannot be read: {invalid_frames[-1]}" if invalid_frames else ""
+            ),
             "check --encoding and --robot-id; if they are right, the robot's program hangs: switch "
             "the robot off and on",
         ) from None

@@ -160,7 +160,9 @@ def _task(info: RobotInfo) -> Text:
         f"to {_printable(proc.dest)}" if proc.dest else "",
     ]
     text = Text(" ".join(part for part in parts if part) + "   ")
-    style = _BAD if proc.state == task.kFailed else _GOOD if proc.state == task.kCompleted else "bold"
+    style = (
+        _BAD if proc.state == task.kFailed else _GOOD if proc.state == task.kCompleted else "bold"
+    )
     text.append(enum_name(task.State, proc.state), style)
     return text.append(f"   {_printable(proc.msg)}" if proc.msg else "")
 

@@ -1,4 +1,4 @@
-"""Stands between clients and a chassis, passes every byte on untouched and records the frames."""
+"""Proxy between clients and a chassis that forwards every byte and records the frames."""
 
 from __future__ import annotations
 
@@ -10,39 +10,52 @@ from dataclasses import dataclass, field
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.timeouts import drop, within
 from woosh_robot_agent.link.transports import Listener
-from woosh_robot_agent.tools.recording import Side, Writer
-from woosh_robot_agent.tools.wiretap import DelimitedEar, Ear, UnreadableError, WebSocketEar
+from woosh_robot_agent.tools.record.frame_parsers import (
+    DelimitedParser,
+    FrameParser,
+    UnreadableError,
+    WebSocketParser,
+)
+from woosh_robot_agent.tools.recording.records import Side
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _LOG = logging.getLogger(__name__)
-_CHUNK = 256 * 1024
-_LINGER = 5.0
-"""s that one side gets to end what the other one has ended."""
-_FLUSH_EVERY = 1.0
+_CHUNK_SIZE = 256 * 1024
+_LINGER_TIMEOUT = 5.0
+"""Time that one side gets to close the connection after the other one did, in seconds."""
+_FLUSH_PERIOD = 1.0
+"""Time between two flushes of the file, in seconds."""
 
 
 @dataclass
 class _Connection:
-    """One connection of a client, and ours to the chassis for it.
+    """Connection of one client, and the proxy's connection to the chassis for it.
 
     Attributes:
-        number: from 1.
-        ended_by: who was the first to end it, and how.
+        number: Number of the connection, from 1.
+        writers: Stream of the client, and that of the chassis once it is connected.
+        ended_by: Side that ended the connection first, and how; None while it is open.
     """
 
     number: int
-    ended_by: tuple[Side, str] | None = None
     writers: list[asyncio.StreamWriter] = field(default_factory=list)
+    ended_by: tuple[Side, str] | None = None
+
+    def end(self, by: Side, how: str) -> None:
+        """Note how the connection ended, unless it has already ended or never was complete."""
+        if self.ended_by is None and len(self.writers) == 2:
+            self.ended_by = by, how
 
 
-class Recorder:
-    """A proxy that records. What it cannot read it passes on all the same.
+class RecordingProxy:
+    """A proxy that records; bytes that it cannot parse are forwarded all the same.
 
     Args:
-        chassis: the chassis; clients are connected to it one by one.
-        writer: takes the frames.
+        chassis: Address of the chassis; each client gets a connection of its own to it.
+        writer: Writer of the recording.
     """
 
-    def __init__(self, chassis: LinkConfig, writer: Writer) -> None:
+    def __init__(self, chassis: LinkConfig, writer: RecordingWriter) -> None:
         self._chassis = chassis
         self._writer = writer
         self._count = 0
@@ -50,17 +63,24 @@ class Recorder:
         self._listener: Listener | None = None
 
     async def start(self, host: str, port: int) -> int:
-        """Take clients; returns the port, which is a free one if `port` is 0.
+        """Listen for clients.
+
+        Args:
+            host: Address to listen on.
+            port: Port to listen on; 0 for any free one.
+
+        Returns:
+            The port in use.
 
         Raises:
-            OSError: the port is taken.
+            OSError: The port is in use.
         """
         self._listener = Listener(await asyncio.start_server(self._serve, host, port))
         self._tasks.add(asyncio.get_running_loop().create_task(self._flush()))
         return self._listener.port
 
     async def stop(self) -> None:
-        """Drop everybody and listen no more; the writer stays open."""
+        """Drop all clients and stop listening; the writer stays open."""
         tasks = tuple(self._tasks)
         await drop(*tasks)
         if self._listener is not None:
@@ -68,7 +88,7 @@ class Recorder:
 
     async def _flush(self) -> None:
         while True:
-            await asyncio.sleep(_FLUSH_EVERY)
+            await asyncio.sleep(_FLUSH_PERIOD)
             self._writer.flush()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -76,14 +96,14 @@ class Recorder:
         assert task is not None
         self._tasks.add(task)
         self._count += 1
-        connection = _Connection(self._count, writers=[writer])
+        connection = _Connection(self._count, [writer])
         try:
-            await self._pass_on(connection, reader, writer)
-        except asyncio.CancelledError:  # by `stop`; the server must not see it
-            self._ended(connection, "recorder", "the recording was ended")
-        except Exception as error:  # a mistake of ours must not look like one of the robot
+            await self._forward(connection, reader, writer)
+        except asyncio.CancelledError:  # by `stop`; asyncio's server must not see it
+            connection.end("recorder", "the recording was stopped")
+        except Exception as error:  # a bug here must not look like an error of the robot
             _LOG.exception("connection %d failed", connection.number)
-            self._ended(connection, "recorder", f"internal error: {error!r}")
+            connection.end("recorder", f"internal error: {error!r}")
         finally:
             for each in connection.writers:
                 each.transport.abort()
@@ -91,86 +111,90 @@ class Recorder:
                 self._writer.event(connection.number, "close", *connection.ended_by)
             self._tasks.discard(task)
 
-    async def _pass_on(
-        self, connection: _Connection, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    async def _forward(
+        self,
+        connection: _Connection,
+        client_reader: asyncio.StreamReader,
+        client_writer: asyncio.StreamWriter,
     ) -> None:
         config = self._chassis
-        peer = writer.get_extra_info("peername")
+        peer = client_writer.get_extra_info("peername")
         try:
             opening = asyncio.open_connection(config.ip, config.effective_port)
-            there, back = await within(config.connect_timeout, opening)
+            chassis_reader, chassis_writer = await within(config.connect_timeout, opening)
         except OSError as error:
             reason = error.strerror or str(error) or type(error).__name__
             self._writer.event(connection.number, "refused", "chassis", reason)
-            _LOG.warning("a client came, but %s does not answer: %s", config.address, reason)
+            _LOG.warning("a client connected, but %s cannot be reached: %s", config.address, reason)
             return
-        connection.writers.append(back)
+        connection.writers.append(chassis_writer)
         self._writer.event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
         _LOG.info("client %d connected", connection.number)
         loop = asyncio.get_running_loop()
-        pumps = {
-            loop.create_task(self._pump(connection, "client", reader, back)),
-            loop.create_task(self._pump(connection, "chassis", there, writer)),
+        directions = {
+            loop.create_task(self._copy(connection, "client", client_reader, chassis_writer)),
+            loop.create_task(self._copy(connection, "chassis", chassis_reader, client_writer)),
         }
         try:
-            await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
-            await asyncio.wait(pumps, timeout=_LINGER)
+            await asyncio.wait(directions, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(directions, timeout=_LINGER_TIMEOUT)
         finally:
-            await drop(*pumps)
-        for pump in pumps:
-            if not pump.cancelled() and (mistake := pump.exception()):
-                raise mistake
+            await drop(*directions)
+        for direction in directions:
+            if not direction.cancelled() and (bug := direction.exception()):
+                raise bug
 
-    async def _pump(
+    async def _copy(
         self,
         connection: _Connection,
         sender: Side,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
-        """Copy one direction to its end; what goes on first, and is looked at after that."""
-        ear: Ear | None = self._ear(sender)
-        other: Side = "chassis" if sender == "client" else "client"
-        reading = True
+        """Copy one direction until its end; each piece is forwarded first and parsed then."""
+        parser: FrameParser | None = self._make_parser(sender)
+        receiver: Side = "chassis" if sender == "client" else "client"
+        is_reading = True
         try:
-            while data := await reader.read(_CHUNK):
+            while data := await reader.read(_CHUNK_SIZE):
                 writer.write(data)
-                ear = self._listen(connection, sender, ear, data)
-                reading = False
+                parser = self._record(connection, sender, parser, data)
+                is_reading = False
                 await writer.drain()
-                reading = True
-            self._ended(connection, sender, "without a close")
-            with contextlib.suppress(OSError):  # the other side has gone too
+                is_reading = True
+            connection.end(sender, "without a close frame")
+            with contextlib.suppress(OSError):  # the receiver is gone, too
                 writer.write_eof()
         except ConnectionError as error:
-            by = sender if reading else other
-            self._ended(connection, by, error.strerror or type(error).__name__)
+            by = sender if is_reading else receiver
+            connection.end(by, error.strerror or type(error).__name__)
             writer.transport.abort()
 
-    def _listen(
-        self, connection: _Connection, sender: Side, ear: Ear | None, data: bytes
-    ) -> Ear | None:
-        if ear is None:
+    def _record(
+        self, connection: _Connection, sender: Side, parser: FrameParser | None, data: bytes
+    ) -> FrameParser | None:
+        """Record the frames in `data`; return the parser for what follows, None without one."""
+        if parser is None:
             return None
         try:
-            for heard in ear.feed(data):
-                if heard.close:
-                    self._ended(connection, sender, heard.data.decode(errors="replace").strip())
+            for frame in parser.feed(data):
+                if frame.close:
+                    connection.end(sender, frame.data.decode(errors="replace").strip())
                 else:
-                    self._writer.frame(connection.number, sender, heard.data, text=heard.text)
+                    self._writer.frame(connection.number, sender, frame.data, text=frame.text)
         except UnreadableError as error:
             self._writer.event(connection.number, "unreadable", sender, str(error))
-            _LOG.warning("nothing more is recorded of what the %s sends: %s", sender, error)
+            _LOG.warning(
+                "recording of what the %s sends on connection %d ends, forwarding goes on: %s",
+                sender,
+                connection.number,
+                error,
+            )
             return None
-        return ear
+        return parser
 
-    def _ear(self, sender: Side) -> Ear:
+    def _make_parser(self, sender: Side) -> FrameParser:
         max_size = self._chassis.max_frame_size
         if self._chassis.transport == "tcp":
-            return DelimitedEar(max_size)
-        return WebSocketEar(masked=sender == "client", max_size=max_size)
-
-    @staticmethod
-    def _ended(connection: _Connection, by: Side, how: str) -> None:
-        if connection.ended_by is None and len(connection.writers) == 2:
-            connection.ended_by = by, how
+            return DelimitedParser(max_size)
+        return WebSocketParser(masked=sender == "client", max_size=max_size)

@@ -55,7 +55,9 @@ def read_recording(path: Path) -> Recording:
         try:
             records.append(_make_record(_parse_line(path, number, line)))
         except (KeyError, TypeError, ValueError, binascii.Error) as error:
-            raise RecordingError(f"{path}: line {number} is not a valid record: {error!r}") from None
+            raise RecordingError(
+                f"{path}: line {number} is not a valid record: {error!r}"
+            ) from None
     return Recording(
         str(header.get("address", "")), float(header.get("started", 0)), tuple(records), damage
     )
