@@ -58,6 +58,9 @@ class Watching:
     def wait(self, condition: Callable[[RobotView], Any], what: str = "") -> Any:
         return wait_until(lambda: self.ask(condition), what, TIMEOUT)
 
+    def wait_complete(self) -> None:
+        wait_until(self.source.is_complete, "the first values", TIMEOUT)
+
     def wait_link(self, condition: Callable[[LinkReport], Any]) -> LinkReport:
         wait_until(lambda: condition(self.source.link()), "the link's state", TIMEOUT)
         return self.source.link()
@@ -77,7 +80,7 @@ def watching(domain: int) -> Iterator[Watching]:
 
 
 def test_first_values_and_changes(watching, agent, simulator):
-    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+    watching.wait_complete()
     truth = simulator.state.info
     shown = watching.ask(lambda view: (view.info.mode, view.info.pose_speed.pose, view.info.genral))
     assert shown == (truth.mode, truth.pose_speed.pose, truth.genral)
@@ -90,7 +93,7 @@ def test_first_values_and_changes(watching, agent, simulator):
 
 
 def test_progress_of_an_action(watching, agent, client):
-    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+    watching.wait_complete()
     agent_topic = client.path("ros/StepControl/_action/feedback")
     wait_until(lambda: agent.agent.node.count_subscribers(agent_topic) > 0, "the monitor")
     ends = []
@@ -143,7 +146,7 @@ def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
 
 
 def test_invalid_values(watching, agent, simulator):
-    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+    watching.wait_complete()
     simulator.push(PoseSpeed(pose=Pose2D(x=math.nan)))
     link = watching.wait_link(lambda link: "unreadable" in link.detail)
     assert "1 unreadable messages, the last one because of pose.x" in link.detail
@@ -178,7 +181,10 @@ def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProces
         agent.close()
 
 
-def test_once_waits_for_a_late_latched_message(watching, agent_without_connected, client):
+def test_once_waits_for_a_late_latched_message(
+    watching, agent_without_connected, client, monkeypatch
+):
+    monkeypatch.setattr(ros_source, "_LATCHED_TIMEOUT", TIMEOUT)
     output = Output(watching)
     watching.wait(lambda view: view.has_robot_info, "RobotInfo")
     watching.wait_link(lambda link: link.good and "waiting for its topic connected" in link.text)
@@ -208,7 +214,7 @@ def test_once_with_an_agent_that_does_not_publish_connected(watching, start_agen
 
 
 def test_it_can_be_drawn(watching, agent):
-    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+    watching.wait_complete()
     assert draw(watching.source.name, watching.source.link(), watching.source.view)
 
 

@@ -153,6 +153,11 @@ class RosSource:
 
     async def start(self) -> None:
         self._loop = asyncio.get_running_loop()
+        srv = class_of(_ROBOT_INFO.srv, "srv")
+        client = self._node.create_client(srv, _ROBOT_INFO.name)
+        self._robot_info = _RetriedCall(
+            client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
+        )
         for topic in TOPICS:
             self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
         for action in ACTIONS:
@@ -161,11 +166,6 @@ class RosSource:
                     action.name, class_of(action.action, "action"), action.feedback
                 )
         self._node.create_subscription(Bool, _CONNECTED, self._on_connected, latched(1))
-        srv = class_of(_ROBOT_INFO.srv, "srv")
-        client = self._node.create_client(srv, _ROBOT_INFO.name)
-        self._robot_info = _RetriedCall(
-            client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
-        )
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._thread.start()
 
@@ -177,7 +177,8 @@ class RosSource:
         rclpy.try_shutdown(context=self._context)
 
     def is_complete(self) -> bool:
-        return self.view.has_robot_info and not self._is_awaiting()
+        has_robot_info = self.view.has_robot_info and not self._needs_robot_info
+        return has_robot_info and not self._is_awaiting()
 
     def link(self) -> LinkReport:
         if self._agent is None:
@@ -286,7 +287,9 @@ class RosSource:
             self._loop.call_soon_threadsafe(function, argument)
 
     def _on_connected(self, message: Any) -> None:
-        if message.data and self._connected is False:
+        if message.data and not self._connected:
+            # What the agent answered without a connection can be outdated or empty.
+            self._robot_info.cancel()
             self._needs_robot_info = True
         self._connected = message.data
         self._received.add(_CONNECTED)
@@ -312,7 +315,8 @@ class RosSource:
             self._robot_info.call()
 
     def _set_agent(self, name: str) -> None:
-        self._agent_answered_at, self._needs_robot_info = 0.0, True
+        self._agent_answered_at = 0.0
+        self._needs_robot_info = True
         client = self._node.create_client(GetParameters, f"{name}/get_parameters")
         request = GetParameters.Request(names=list(_PARAMETERS))
         self._agent = _RetriedCall(client, request, _PARAMETERS_TIMEOUT, self._on_parameters)
@@ -337,9 +341,8 @@ class RosSource:
         self._agent_answered_at = time.monotonic()
 
     def _on_robot_info(self, response: Any) -> None:
+        info = self._update(converter(type(response.info), RobotInfo), response.info)
         self._needs_robot_info = False
-        convert = converter(type(response.info), RobotInfo)
-        info = self._update(convert, response.info)
         if info is not None:
             # The agent publishes each part of RobotInfo when it connects.
             parts = {full_name(part) for part in parts_of(info)}
