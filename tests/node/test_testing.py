@@ -94,7 +94,7 @@ def test_marks_set_the_fixtures_up(tmp_path: Path) -> None:
     status, said = run_pytest(tmp_path)
     assert status == 1, said
     assert "1 passed, 1 error" in said
-    assert "woosh_chassis takes options by name, not (4,)" in said
+    assert "woosh_chassis takes keyword arguments only: (4,)" in said
 
 
 @pytest.fixture(params=[False, True], ids=["in process", "process"])
