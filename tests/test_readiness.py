@@ -1,4 +1,4 @@
-"""Why a robot would refuse a task: what is said is what the simulated chassis does."""
+"""Reasons to reject a task, compared with those of the simulated chassis."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_ready_robot():
     assert is_located(ready()) is True
 
 
-def test_nothing_known_is_no_objection():
+def test_an_empty_robot_info_gives_no_reason():
     assert objections(RobotInfo()) == []
     assert is_taskable(RobotInfo()) is None
     assert is_located(RobotInfo()) is None
@@ -52,7 +52,7 @@ def test_nothing_known_is_no_objection():
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("located", [False, True])
 @pytest.mark.parametrize("initialised", [False, True])
-def test_as_the_chassis_refuses(stop: bool, located: bool, initialised: bool) -> None:
+def test_the_same_reasons_as_the_chassis(stop: bool, located: bool, initialised: bool) -> None:
     for ctrl, work in itertools.product((robot.kAuto, robot.kManual, robot.kMaintain), (1, 2)):
         chassis = Chassis(SimulatorConfig())
         readiness = chassis.readiness
