@@ -2,8 +2,8 @@
 
 `python3 -m woosh_robot_agent.security agent` prints the policy of the agent, which allows exactly
 its own endpoints. `python3 -m woosh_robot_agent.security client` prints the policy of a client,
-which allows all of them, or a part with `--read-only` and `--only`. `scripts/make_keystore` generates
-both and makes a keystore with them.
+which allows all of them, or a part with `--read-only` and `--only`. `scripts/make_keystore` makes a
+keystore with both.
 """
 
 from __future__ import annotations
