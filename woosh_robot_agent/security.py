@@ -177,13 +177,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python3 -m woosh_robot_agent.security",
         description="Print the SROS2 policy of the agent or of a client.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("whose", choices=("agent", "client"), help="whose policy to print")
-    parser.add_argument("--namespace", default=NAMESPACE, help="namespace of the agent")
+    parser.add_argument(
+        "--namespace", default=NAMESPACE, help="namespace of the agent (default: %(default)s)"
+    )
     parser.add_argument("--sim-time", action="store_true", help="the node runs with use_sim_time")
     clients = parser.add_argument_group("options for a client")
-    clients.add_argument("--node", default=CLIENT_NODE, help="full name of the client's node")
+    clients.add_argument(
+        "--node", default=CLIENT_NODE, help="full name of the client's node (default: %(default)s)"
+    )
     clients.add_argument(
         "--read-only", action="store_true", help="allow no commands and no actions"
     )
@@ -192,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="PATTERN",
-        help="allow only matching endpoints, e.g. robot/Pose*; can be repeated",
+        help="allow only endpoints that match, e.g. robot/Pose*; can be repeated (default: all)",
     )
     options = parser.parse_args(arguments)
     try:

@@ -19,8 +19,8 @@ _NAME_WIDTH = max(map(len, CHECKS))
 _EPILOG = """\
 doctor requests RobotInfo once and never commands the robot.
 
-Exit status: 0 if no check failed (there may be warnings), 1 if a check failed or the output was not
-read to its end, 2 if the command line is invalid."""
+Exit status: 0 if no check failed (there may be warnings), 1 if a check failed
+or the output was not read to its end, 2 if the command line is invalid."""
 
 
 @exit_quietly_on_broken_pipe

@@ -27,8 +27,10 @@ _CHECK_PERIOD = 0.02
 """Time between two looks at whether `--once` can print, in seconds."""
 _QUIT_KEYS = ("q", "Q", "\x03", "\x04")
 _EPILOG = """\
-Without --ip, the data comes from the agent, over ROS. With --ip, it comes straight from the robot,
-and ROS is not needed. The key q quits. No key commands the robot.
+Without --ip, the data comes from the agent, over ROS. With --ip, it comes
+straight from the robot, and ROS is not needed.
+
+The key q quits. No key commands the robot.
 
 Exit status with --once: 0 if the printed state is up to date, 1 if it is not."""
 
@@ -58,7 +60,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=_NAMESPACE,
         help="namespace of the agent, without --ip (default: %(default)s)",
     )
-    parser.add_argument("--once", action="store_true", help="print the state once and exit")
+    parser.add_argument(
+        "--once",
+        action="store_true",
+        help="print the state once, after --timeout seconds at the latest, and exit",
+    )
     parser.add_argument(
         "--interval",
         type=float,

@@ -27,10 +27,10 @@ from woosh_robot_agent.tools.stop_signals import stop_event
 
 _LOCALHOST = "127.0.0.1"
 _EPILOG = """\
-With --listen, record is a proxy between the agent and the robot: connect the agent to it, and all
-traffic is recorded, commands included.
-Without --listen, record connects to the robot by itself, subscribes to everything and sends each
-query once. It never commands the robot.
+With --listen, record is a proxy between the agent and the robot: connect the
+agent to it, and all traffic is recorded, commands included.
+Without --listen, record connects to the robot by itself, subscribes to
+everything and sends each query once. It never commands the robot.
 
 Ctrl-C ends the recording."""
 

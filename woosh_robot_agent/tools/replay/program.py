@@ -17,9 +17,11 @@ from woosh_robot_agent.tools.replay.playback import Playback, prepare
 from woosh_robot_agent.tools.stop_signals import stop_event
 
 _EPILOG = """\
-The playback starts when a client has subscribed. Requests get the recorded answers in their
-recorded order; a request of a type that was not recorded is refused. Recorded losses of the
-connection are replayed. Ctrl-C ends the program."""
+The playback starts when a client has subscribed. Requests get the recorded
+answers in their recorded order. A request of a type that was not recorded is
+refused. Recorded losses of the connection are replayed.
+
+Ctrl-C ends the program."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="replay",
-        description="Be a chassis that replays a recording made with `record`.",
+        description="Simulate the chassis of a recording made with `record`.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
