@@ -111,7 +111,7 @@ def test_the_agent_comes_and_goes(watching, start_agent, simulator):
     agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
     watching.wait(lambda view: view.has_robot_info, "RobotInfo")
     link = watching.wait_link(lambda link: link.good and "127.0.0.1" in link.text)
-    assert f"127.0.0.1:{simulator.port} by websocket" in link.text
+    assert f"127.0.0.1:{simulator.port} over websocket" in link.text
     agent.close()
     watching.wait_link(lambda link: not link.good and "no agent found" in link.text)
     start_agent(ip="127.0.0.1", port=simulator.port)

@@ -70,7 +70,7 @@ async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Resu
     transport = await open_link(config)
     try:
         is_tcp = config.transport == "tcp"
-        yield Result(Status.OK, "tcp has none" if is_tcp else "the WebSocket is open")
+        yield Result(Status.OK, "not needed over tcp" if is_tcp else "the WebSocket is open")
         answer = await request_robot_info(transport, config)
     finally:
         await transport.close(config.close_timeout)

@@ -59,8 +59,8 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     except TransportClosedError as error:
         raise CheckFailedError(
             f"the robot closed the connection after the request: {error}",
-            "check --encoding; if it is right, the robot's program is faulty: switch the robot off "
-            "and on",
+            "check --port, --transport and --encoding; if they are right, the robot's program is "
+            "faulty: switch the robot off and on",
         ) from None
     except TimeoutError:
         raise CheckFailedError(
@@ -68,8 +68,8 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
             + (
                 f", only frames that cannot be read: {invalid_frames[-1]}" if invalid_frames else ""
             ),
-            "check --encoding and --robot-id; if they are right, the robot's program hangs: switch "
-            "the robot off and on",
+            "check --port, --transport, --encoding and --robot-id; if they are right, the robot's "
+            "program hangs: switch the robot off and on",
         ) from None
     received_at = time.time()
     info = _body(codec, answer)

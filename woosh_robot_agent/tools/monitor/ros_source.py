@@ -335,7 +335,7 @@ class RosSource:
     def _on_parameters(self, response: Any) -> None:
         transport, ip, port, enable_connected = response.values
         self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
-        self._address += f" by {transport.string_value}"
+        self._address += f" over {transport.string_value}"
         if enable_connected.bool_value:
             self._expected.add(_CONNECTED)
         self._agent_answered_at = time.monotonic()
