@@ -78,8 +78,10 @@ CASES: list[tuple[str, Callable[[RobotInfo], object]]] = [
 
 
 @pytest.mark.parametrize(("name", "change"), CASES, ids=[case[0] for case in CASES])
-def test_what_keeps_tasks_away_by_itself(name: str, change: Callable[[RobotInfo], object]) -> None:
-    """Whatever the taskable bit says, and without doubles when it is not set."""
+def test_reasons_that_are_sufficient_by_themselves(
+    name: str, change: Callable[[RobotInfo], object]
+) -> None:
+    """Independent of the taskable bit, and without duplicates if it is not set."""
     for info in (ready(), not_taskable()):
         change(info)
         assert names(info) == [name]
@@ -115,7 +117,7 @@ def test_all_reasons_at_once():
         (lambda i: None, "not_taskable", "not why"),
     ],
 )
-def test_likely_reasons_only_of_a_robot_that_is_not_taskable(change, name, text):
+def test_probable_reasons_only_if_the_robot_is_not_taskable(change, name, text):
     info = ready()
     change(info)
     assert names(info) == []

@@ -19,7 +19,9 @@ from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.standard.table import STANDARD, Kind
 
 NAMESPACE = "/woosh_robot"
+"""Default namespace of the agent."""
 CLIENT_NODE = "/client"
+"""Default name of the client's node."""
 
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _NODE_SERVICES = (
@@ -53,15 +55,15 @@ def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
     Raises:
         ValueError: `namespace` is not an absolute ROS name.
     """
-    here = _prefix(namespace)
-    profile = _Profile(f"{here}/agent", sim_time=sim_time)
+    prefix = _prefix(namespace)
+    profile = _Profile(f"{prefix}/agent", sim_time=sim_time)
     services = _QUERIES + _COMMANDS
-    profile.allow("topics", "publish", (_path(here, name) for name in _OUTPUTS))
-    profile.allow("topics", "subscribe", (_path(here, name) for name in _INPUTS))
-    profile.allow("services", "reply", (_path(here, name) for name in services))
-    profile.allow("actions", "execute", (_path(here, each.name) for each in ACTIONS))
-    profile.allow("actions", "call", (_path(here, name) for name in _OWN_ACTIONS))
-    return profile.policy(f"{here}/agent")
+    profile.allow("topics", "publish", (_path(prefix, name) for name in _OUTPUTS))
+    profile.allow("topics", "subscribe", (_path(prefix, name) for name in _INPUTS))
+    profile.allow("services", "reply", (_path(prefix, name) for name in services))
+    profile.allow("actions", "execute", (_path(prefix, each.name) for each in ACTIONS))
+    profile.allow("actions", "call", (_path(prefix, name) for name in _OWN_ACTIONS))
+    return profile.policy(f"{prefix}/agent")
 
 
 def client_policy(
@@ -87,7 +89,7 @@ def client_policy(
         ValueError: A name is not an absolute ROS name, a pattern matches no endpoint, or with
             `read_only` the patterns match commands and actions only.
     """
-    here = _prefix(namespace)
+    prefix = _prefix(namespace)
     names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS, *STANDARD)}
     for pattern in only:
         if not _matching(names, [pattern]):
@@ -99,7 +101,7 @@ def client_policy(
         )
 
     def selected(endpoints: Iterable[str]) -> list[str]:
-        return [_path(here, name) for name in _matching(endpoints, only or ("*",))]
+        return [_path(prefix, name) for name in _matching(endpoints, only or ("*",))]
 
     profile = _Profile(_checked(node), sim_time=sim_time)
     profile.allow("topics", "subscribe", selected(_OUTPUTS))
@@ -108,7 +110,7 @@ def client_policy(
     if not read_only:
         profile.allow("topics", "publish", selected(_INPUTS))
         profile.allow("actions", "call", selected(action.name for action in ACTIONS))
-    return profile.policy(f"{here}{node}")
+    return profile.policy(f"{prefix}{node}")
 
 
 class _Profile:
@@ -149,9 +151,9 @@ def _matching(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
     return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
-def _path(here: str, name: str) -> str:
+def _path(prefix: str, name: str) -> str:
     """Return the absolute form of an endpoint's name."""
-    return name if name.startswith("/") else f"{here}/{name}"
+    return name if name.startswith("/") else f"{prefix}/{name}"
 
 
 def _prefix(namespace: str) -> str:

@@ -94,7 +94,7 @@ def test_protobuf_has_no_clock(chassis, examine, arguments, port):
 
 
 def test_a_name_with_several_addresses(chassis, examine, monkeypatch):
-    """As `localhost`, which often resolves to ::1 first."""
+    """The robot need not listen on the first one; `localhost` often resolves to ::1 first."""
     port = chassis.port
     addresses = [
         (socket.AF_INET, socket.SOCK_STREAM, 6, "", (host, port))

@@ -205,9 +205,10 @@ class RosSource:
             )
         if self._connected:
             return LinkReport(True, f"the agent is connected to {address}", self._problems())
-        if self._is_awaiting():
+        publishes_it = _CONNECTED in self._expected
+        if publishes_it and self._is_awaiting():
             return LinkReport(True, f"the agent answers; waiting for its topic {_CONNECTED}")
-        if _CONNECTED in self._expected:
+        if publishes_it:
             text = f"the agent answers, but no message has come on its topic {_CONNECTED}"
             detail = f"it is unknown whether the agent is connected to {address}"
         else:
@@ -303,7 +304,7 @@ class RosSource:
             if info.node_name != _UNKNOWN_NODE
         }
         if self._agent_name not in found:
-            # Without a former agent, what was received is of the agent that was found now.
+            # If no agent was known, what has been received comes from the one found now.
             if self._agent is not None:
                 self._forget_agent()
             if not found:

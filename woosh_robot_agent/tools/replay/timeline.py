@@ -1,4 +1,4 @@
-"""What a replayed chassis does, step by step."""
+"""Timeline of a replayed chassis: pushes, losses of the connection, and where to pause."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from woosh_robot_agent.simulator.client import codec_of
 def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | bytes:
     """Return a recorded frame in another encoding, and with another serial number.
 
-    What need not change stays byte for byte; so does a frame that cannot be read.
+    A frame that needs no change, or cannot be read, is returned as it is.
 
     Args:
         frame: The recorded frame.
