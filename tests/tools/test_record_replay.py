@@ -376,6 +376,17 @@ async def test_pushes_go_to_subscribers() -> None:
 
 
 @aio
+async def test_an_invalid_recorded_subscription_is_ignored() -> None:
+    records = [
+        (0.1, 1, "client", {"type": "woosh.Subscription", "body": {"topics": 5}}),
+        subscribed(0.2, "woosh.robot.Mode"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with replaying(*records) as replayed, connected(replayed.port) as (_, heard):
+        await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+
+
+@aio
 async def test_the_playback_pauses_until_a_client_subscribes() -> None:
     records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
     async with (
