@@ -59,7 +59,9 @@ class Watching:
         return wait_until(lambda: self.ask(condition), what, TIMEOUT)
 
     def wait_complete(self) -> None:
-        wait_until(self.source.is_complete, "the first values", TIMEOUT)
+        """Wait until `monitor --once` would print."""
+        source = self.source
+        wait_until(lambda: source.link().good and source.is_complete(), "first values", TIMEOUT)
 
     def wait_link(self, condition: Callable[[LinkReport], Any]) -> LinkReport:
         wait_until(lambda: condition(self.source.link()), "the link's state", TIMEOUT)
@@ -109,14 +111,16 @@ def test_progress_of_an_action(watching, agent, client):
 def test_the_agent_comes_and_goes(watching, start_agent, simulator):
     assert "no agent found in namespace /woosh_robot" in watching.source.link().text
     agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
-    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+    watching.wait_complete()
     link = watching.wait_link(lambda link: link.good and "127.0.0.1" in link.text)
     assert f"127.0.0.1:{simulator.port} over websocket" in link.text
     agent.close()
     watching.wait_link(lambda link: not link.good and "no agent found" in link.text)
     start_agent(ip="127.0.0.1", port=simulator.port)
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
-    wait_until(lambda: simulator.counts["woosh.robot.RobotInfo"] >= 4, "RobotInfo asked again")
+    watching.wait_complete()
+    # For each agent, one request of the agent itself and one of the monitor.
+    assert simulator.counts["woosh.robot.RobotInfo"] >= 4
 
 
 def test_an_agent_that_hangs(watching, agent):
