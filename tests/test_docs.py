@@ -60,12 +60,12 @@ def test_the_limits_in_the_page_on_security() -> None:
     simulator, link = SimulatorConfig(), LinkConfig()
     for said in (
         f"`--max-frame` ({simulator.max_frame >> 20} MiB)",
-        f"`--max-waiting` requests ({simulator.max_waiting};",
-        f"`--max-outbox` frames ({simulator.max_outbox:,})".replace(",", " "),
+        f"`--max-waiting` ({simulator.max_waiting})",
+        f"`--max-outbox` ({simulator.max_outbox:,})".replace(",", " "),
         f"`--max-connections` ({simulator.max_connections})",
-        f"It listens on {simulator.host}.",
-        f"`max_frame_size`, {link.max_frame_size >> 20} MiB",
-        f"`max_in_flight`, {link.max_in_flight};",
+        f"The simulator listens on {simulator.host}.",
+        f"`max_frame_size` bytes ({link.max_frame_size >> 20} MiB)",
+        f"`max_in_flight` requests ({link.max_in_flight})",
         f"up to {link.backoff_max:g} s",
     ):
         assert said in text, said

@@ -1,4 +1,4 @@
-"""Why a robot would refuse a task: what is said is what the simulated chassis does."""
+"""Reasons to reject a task, compared with those of the simulated chassis."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_ready_robot():
     assert is_located(ready()) is True
 
 
-def test_nothing_known_is_no_objection():
+def test_an_empty_robot_info_gives_no_reason():
     assert objections(RobotInfo()) == []
     assert is_taskable(RobotInfo()) is None
     assert is_located(RobotInfo()) is None
@@ -52,7 +52,7 @@ def test_nothing_known_is_no_objection():
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("located", [False, True])
 @pytest.mark.parametrize("initialised", [False, True])
-def test_as_the_chassis_refuses(stop: bool, located: bool, initialised: bool) -> None:
+def test_the_same_reasons_as_the_chassis(stop: bool, located: bool, initialised: bool) -> None:
     for ctrl, work in itertools.product((robot.kAuto, robot.kManual, robot.kMaintain), (1, 2)):
         chassis = Chassis(SimulatorConfig())
         readiness = chassis.readiness
@@ -78,8 +78,10 @@ CASES: list[tuple[str, Callable[[RobotInfo], object]]] = [
 
 
 @pytest.mark.parametrize(("name", "change"), CASES, ids=[case[0] for case in CASES])
-def test_what_keeps_tasks_away_by_itself(name: str, change: Callable[[RobotInfo], object]) -> None:
-    """Whatever the taskable bit says, and without doubles when it is not set."""
+def test_reasons_that_are_sufficient_by_themselves(
+    name: str, change: Callable[[RobotInfo], object]
+) -> None:
+    """Independent of the taskable bit, and without duplicates if it is not set."""
     for info in (ready(), not_taskable()):
         change(info)
         assert names(info) == [name]
@@ -115,7 +117,7 @@ def test_all_reasons_at_once():
         (lambda i: None, "not_taskable", "not why"),
     ],
 )
-def test_likely_reasons_only_of_a_robot_that_is_not_taskable(change, name, text):
+def test_probable_reasons_only_if_the_robot_is_not_taskable(change, name, text):
     info = ready()
     change(info)
     assert names(info) == []

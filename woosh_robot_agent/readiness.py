@@ -1,4 +1,4 @@
-"""Why a robot would refuse a task, in words: the rules that tools and diagnostics share. No ROS."""
+"""Reasons for which a robot rejects tasks, for the tools and the diagnostics. Knows no ROS."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 
 
 class Objection(NamedTuple):
-    """One reason for which the robot would refuse a task.
+    """One reason for which the robot rejects tasks.
 
     Attributes:
-        name: short constant name, the same whatever the texts say, e.g. `emergency_stop`.
-        reason: what is wrong.
-        remedy: what to do about it.
+        name: Identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
+        reason: What is wrong.
+        remedy: What to do about it.
     """
 
     name: str
@@ -36,18 +36,18 @@ class Objection(NamedTuple):
 EMERGENCY_STOP = Objection(
     "emergency_stop",
     "the emergency stop is pressed",
-    "see that nobody is in danger, then release the button",
+    "make sure that nobody is in danger, then release the button",
 )
 MANUAL = Objection(
     "manual",
     "the robot is in manual mode",
-    "turn the key switch to automatic; if it stands there, call robot/SwitchControlMode with mode 1"
-    " (the key switch overrules what software set)",
+    "turn the key switch to automatic; if it is there already, call robot/SwitchControlMode with "
+    "mode 1 (the key switch overrides the mode set by software)",
 )
 MAINTENANCE = Objection(
     "maintenance",
     "the robot is in maintenance mode",
-    "when the maintenance is over, call robot/SwitchControlMode with mode 1",
+    "finish the maintenance, then call robot/SwitchControlMode with mode 1",
 )
 NO_CONTROL_MODE = Objection(
     "no_control_mode",
@@ -57,12 +57,12 @@ NO_CONTROL_MODE = Objection(
 DEPLOYMENT = Objection(
     "deployment",
     "the robot is in deployment mode, not in task mode",
-    "when maps and marks are saved, call robot/SwitchWorkMode with mode 2",
+    "save maps and marks, then call robot/SwitchWorkMode with mode 2",
 )
 SCHEDULE = Objection(
     "schedule",
-    "the robot is in schedule mode, not in task mode: a dispatch system drives it",
-    "give the task to the dispatch system, or call robot/SwitchWorkMode with mode 2",
+    "the robot is in schedule mode, not in task mode: a dispatch system controls it",
+    "send the task to the dispatch system, or call robot/SwitchWorkMode with mode 2",
 )
 NO_WORK_MODE = Objection(
     "no_work_mode",
@@ -72,12 +72,13 @@ NO_WORK_MODE = Objection(
 NOT_INITIALISED = Objection(
     "not_initialised",
     "the robot is not initialised",
-    "call robot/InitRobot with its pose, or with is_record true where it was switched off",
+    "call robot/InitRobot with its pose, or with is_record true if it has not been moved since it "
+    "was switched off",
 )
 LOST = Objection(
     "lost",
     "the robot has lost its localisation",
-    "call robot/SetRobotPose or robot/InitRobot with the pose where it really is",
+    "call robot/SetRobotPose or robot/InitRobot with its actual pose",
 )
 BATTERY_EMPTY = Objection("battery_empty", "the battery is empty", "charge it")
 
@@ -92,26 +93,26 @@ _WORK_MODES = {
     robot.kScheduleMode: SCHEDULE,
 }
 _STATES = {
-    robot.kMapping: Objection("mapping", "the robot is building a map", "end that first"),
+    robot.kMapping: Objection("mapping", "the robot is building a map", "finish the map first"),
     robot.kFollowing: Objection(
-        "following", "the robot is following somebody", "end that with robot/Follow"
+        "following", "the robot is following a person", "stop it with robot/Follow"
     ),
-    robot.kCharging: Objection("charging", "the robot is charging", "wait, or end the charging"),
+    robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
 
 
 def objections(info: RobotInfo) -> list[Objection]:
-    """Every reason for which the robot would refuse a task now; none if it would take one.
+    """Return every reason for which the robot rejects tasks now.
 
-    What `info` does not hold counts as right: nothing is known of it. A robot that says that it
-    is not taskable has at least one reason, if only that it names none.
+    A part that is absent from `info` gives no reason. If the robot reports that it is not taskable
+    and no part tells why, the only reason is `not_taskable`.
 
     Args:
-        info: what the robot reports, its parts up to date.
+        info: State of the robot.
     """
     found = list(_certain(info))
     if is_taskable(info) is False:
-        # at 0 percent some still drive, so this alone does not keep a task away
+        # Some robots still accept tasks at 0 percent, so this is no reason by itself.
         if info.battery.charge_state == Battery.kNot and info.battery.power == 0:
             found.append(BATTERY_EMPTY)
         found += _failed_parts(info.hardware_state)
@@ -120,33 +121,33 @@ def objections(info: RobotInfo) -> list[Objection]:
 
 
 def is_taskable(info: RobotInfo) -> bool | None:
-    """Whether the robot says that it can take a task; None if it does not say."""
+    """Return whether the robot reports that it accepts tasks; None if it does not report it."""
     if not info.HasField("operation_state"):
         return None
     return bool(info.operation_state.robot & OperationState.kTaskable)
 
 
 def is_located(info: RobotInfo) -> bool | None:
-    """Whether the robot knows where it is; None if it does not say."""
+    """Return whether the robot knows its position; None if it does not report it."""
     if not info.HasField("device_state"):
         return None
     return bool(info.device_state.software & DeviceState.kLocation)
 
 
 def _certain(info: RobotInfo) -> Iterator[Objection]:
-    """What keeps tasks away by itself, whatever else is the matter."""
+    """Yield the reasons each of which is sufficient by itself."""
     if info.device_state.hardware & DeviceState.kEmgBtn:
         yield EMERGENCY_STOP
     if info.HasField("mode"):
         if info.mode.ctrl in _CONTROL_MODES:
             yield _CONTROL_MODES[info.mode.ctrl]
-        # without automatic control an unset work mode says nothing
+        # Without automatic control, an undefined work mode has no meaning.
         automatic = info.mode.ctrl == robot.kAuto
         if info.mode.work in _WORK_MODES and (automatic or info.mode.work):
             yield _WORK_MODES[info.mode.work]
     if info.state == robot.kUninit:
         yield NOT_INITIALISED
-    elif is_located(info) is False:  # until it is initialised it cannot know where it is
+    elif is_located(info) is False:  # before the initialisation it never is
         yield LOST
 
 
@@ -161,13 +162,13 @@ def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
                 yield Objection(
                     "hardware",
                     f"a part of the robot has failed ({part})",
-                    "switch the robot off and on; if it stays, have it repaired",
+                    "switch the robot off and on; if the failure remains, have it repaired",
                 )
 
 
 def _likely(info: RobotInfo) -> list[Objection]:
-    """Why the robot is probably not taskable, where nothing certain is known."""
-    remedy = "see to what the text says; it is over when the code is gone from robot/AbnormalCodes"
+    """Return probable reasons for a robot that is not taskable; used if there is no certain one."""
+    remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"
     found = [
         Objection("fault", f"the robot reports a fault ({code.code}: {code.msg})", remedy)
         for code in info.abnormal_codes.scs
@@ -186,7 +187,7 @@ def _likely(info: RobotInfo) -> list[Objection]:
     return found or [
         Objection(
             "not_taskable",
-            "the robot says that it is not taskable, and not why",
-            "wait for the end of what it does, look at its status codes, or at its own screen",
+            "the robot reports that it rejects tasks, but not why",
+            "wait until it has finished what it is doing, or check its status codes and its screen",
         )
     ]

@@ -1,8 +1,9 @@
-"""SROS2 policies of the agent and of its clients, made from the table of endpoints.
+"""SROS2 policies of the agent and of its clients, generated from the table of endpoints.
 
-`python3 -m woosh_robot_agent.security agent` prints the agent's, which allows exactly what it has;
-`... client` that of a node which uses all of it, or with `--read-only` and `--only` a part.
-`scripts/make_keystore` makes a keystore of the two in `config/`.
+`python3 -m woosh_robot_agent.security agent` prints the policy of the agent, which allows exactly
+its own endpoints. `python3 -m woosh_robot_agent.security client` prints the policy of a client,
+which allows all of them, or a part with `--read-only` and `--only`. `scripts/make_keystore` makes a
+keystore with both.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, NAMESPACE, QUERIES, T
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 
 CLIENT_NODE = "/client"
+"""Default name of the client's node."""
 
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-_OF_EVERY_NODE = (
+_NODE_SERVICES = (
     "describe_parameters",
     "get_parameter_types",
     "get_parameters",
@@ -29,36 +31,37 @@ _OF_EVERY_NODE = (
     "set_parameters",
     "set_parameters_atomically",
 )
-"""Services that rclpy gives a node."""
-_PUBLISHED_BY_EVERY_NODE = ("/rosout", "/parameter_events")
+"""Services of every rclpy node."""
+_NODE_TOPICS = ("/rosout", "/parameter_events")
+"""Topics that every rclpy node publishes."""
 _OUTPUTS = [each.name for each in TOPICS] + [each.name for each in STANDARD if each.is_output]
 _INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT]
-_ASKING = [each.name for each in QUERIES]
-_COMMANDING = [each.name for each in COMMANDS]
-_COMMANDING += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
-_OWN_GOALS = ("ros/MoveBase",)
-"""Actions that the agent is a client of itself: goal_pose becomes a goal."""
+_QUERIES = [each.name for each in QUERIES]
+_COMMANDS = [each.name for each in COMMANDS]
+_COMMANDS += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
+_OWN_ACTIONS = ("ros/MoveBase",)
+"""Actions that the agent calls itself: a message on goal_pose becomes a goal."""
 
 
 def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
-    """The policy of the agent with every part switched on, for the enclave NAMESPACE/agent.
+    """Return the policy of the agent with all its parts enabled, for the enclave NAMESPACE/agent.
 
     Args:
-        namespace: the namespace that the agent runs in, `/` for none.
-        sim_time: whether it runs with `use_sim_time`, and so listens to /clock.
+        namespace: Namespace of the agent; `/` for none.
+        sim_time: True if the agent runs with `use_sim_time` and so subscribes to /clock.
 
     Raises:
-        ValueError: `namespace` is no absolute ROS name.
+        ValueError: `namespace` is not an absolute ROS name.
     """
-    here = _prefix(namespace)
-    profile = _Profile(f"{here}/agent", sim_time=sim_time)
-    services = _ASKING + _COMMANDING
-    profile.allow("topics", "publish", (_path(here, name) for name in _OUTPUTS))
-    profile.allow("topics", "subscribe", (_path(here, name) for name in _INPUTS))
-    profile.allow("services", "reply", (_path(here, name) for name in services))
-    profile.allow("actions", "execute", (_path(here, each.name) for each in ACTIONS))
-    profile.allow("actions", "call", (_path(here, name) for name in _OWN_GOALS))
-    return profile.policy(f"{here}/agent")
+    prefix = _prefix(namespace)
+    profile = _Profile(f"{prefix}/agent", sim_time=sim_time)
+    services = _QUERIES + _COMMANDS
+    profile.allow("topics", "publish", (_path(prefix, name) for name in _OUTPUTS))
+    profile.allow("topics", "subscribe", (_path(prefix, name) for name in _INPUTS))
+    profile.allow("services", "reply", (_path(prefix, name) for name in services))
+    profile.allow("actions", "execute", (_path(prefix, each.name) for each in ACTIONS))
+    profile.allow("actions", "call", (_path(prefix, name) for name in _OWN_ACTIONS))
+    return profile.policy(f"{prefix}/agent")
 
 
 def client_policy(
@@ -69,66 +72,72 @@ def client_policy(
     only: Sequence[str] = (),
     sim_time: bool = False,
 ) -> str:
-    """The policy of a node that uses the agent, for the enclave NAMESPACE/NODE.
+    """Return the policy of a client, for the enclave NAMESPACE/NODE.
 
-    It may not set the agent's parameters: who does that can have it drive another robot.
+    It does not allow the client to set the agent's parameters, because they select the robot.
 
     Args:
-        namespace: the namespace that the agent runs in, `/` for none.
-        node: full name of the client's node.
-        read_only: allow topics and queries, but nothing that has the robot do something.
-        only: patterns of endpoint names, such as `robot/Pose*`; others are left out.
-        sim_time: whether it runs with `use_sim_time`, and so listens to /clock.
+        namespace: Namespace of the agent; `/` for none.
+        node: Full name of the client's node.
+        read_only: Allow topics and queries, but no commands and no actions.
+        only: Patterns of the endpoints to allow, e.g. `robot/Pose*`; by default all.
+        sim_time: True if the client runs with `use_sim_time` and so subscribes to /clock.
 
     Raises:
-        ValueError: a name is no absolute ROS name, or a pattern fits no endpoint; or with
-            `read_only` the patterns together fit none that is only read.
+        ValueError: A name is not an absolute ROS name, a pattern matches no endpoint, or with
+            `read_only` the patterns match commands and actions only.
     """
-    here = _prefix(namespace)
+    prefix = _prefix(namespace)
     names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS, *STANDARD)}
     for pattern in only:
-        if not _fitting(names, [pattern]):
-            raise ValueError(f"no endpoint is called {pattern!r}; the README has their names")
-    if read_only and only and not _fitting((*_OUTPUTS, *_ASKING), only):
+        if not _matching(names, [pattern]):
+            raise ValueError(f"no endpoint matches; the README lists their names: {pattern!r}")
+    if read_only and only and not _matching((*_OUTPUTS, *_QUERIES), only):
         raise ValueError(
-            f"nothing that is only read is called {' or '.join(map(repr, only))}: these are "
-            "commands, which --read-only leaves out; leave one of the two away"
+            "only commands and actions match, which --read-only excludes; drop --read-only or "
+            f"change --only: {', '.join(map(repr, only))}"
         )
 
-    def full(endpoints: Iterable[str]) -> list[str]:
-        return [_path(here, name) for name in _fitting(endpoints, only or ("*",))]
+    def selected(endpoints: Iterable[str]) -> list[str]:
+        return [_path(prefix, name) for name in _matching(endpoints, only or ("*",))]
 
     profile = _Profile(_checked(node), sim_time=sim_time)
-    profile.allow("topics", "subscribe", full(_OUTPUTS))
-    services = _ASKING if read_only else _ASKING + _COMMANDING
-    profile.allow("services", "request", full(services))
+    profile.allow("topics", "subscribe", selected(_OUTPUTS))
+    services = _QUERIES if read_only else _QUERIES + _COMMANDS
+    profile.allow("services", "request", selected(services))
     if not read_only:
-        profile.allow("topics", "publish", full(_INPUTS))
-        profile.allow("actions", "call", full(action.name for action in ACTIONS))
-    return profile.policy(f"{here}{node}")
+        profile.allow("topics", "publish", selected(_INPUTS))
+        profile.allow("actions", "call", selected(action.name for action in ACTIONS))
+    return profile.policy(f"{prefix}{node}")
 
 
 class _Profile:
-    """What one node may do, beginning with what every node of rclpy does."""
+    """Permissions of one node, beginning with those that every rclpy node needs."""
 
     def __init__(self, node: str, *, sim_time: bool) -> None:
         namespace, _, name = node.rpartition("/")
         self._element = Element("profile", ns=namespace or "/", node=name)
-        self.allow("topics", "publish", _PUBLISHED_BY_EVERY_NODE)
+        self.allow("topics", "publish", _NODE_TOPICS)
         if sim_time:
             self.allow("topics", "subscribe", ["/clock"])
-        self.allow("services", "reply", (f"{node}/{service}" for service in _OF_EVERY_NODE))
+        self.allow("services", "reply", (f"{node}/{service}" for service in _NODE_SERVICES))
 
-    def allow(self, kind: str, deed: str, names: Iterable[str]) -> None:
-        """Allow a deed on topics, services or actions of these names."""
-        group = Element(kind, {deed: "ALLOW"})
+    def allow(self, kind: str, operation: str, names: Iterable[str]) -> None:
+        """Allow an operation.
+
+        Args:
+            kind: `topics`, `services` or `actions`.
+            operation: Operation of that kind, e.g. `publish`.
+            names: Full names of the topics, services or actions.
+        """
+        group = Element(kind, {operation: "ALLOW"})
         for name in sorted(names):
             SubElement(group, kind.removesuffix("s")).text = name
         if len(group):
             self._element.append(group)
 
     def policy(self, enclave: str) -> str:
-        """The whole file, with this profile alone in `enclave`."""
+        """Return a policy file with this profile as the only one of `enclave`."""
         root = Element("policy", version="0.2.0")
         parent = SubElement(SubElement(root, "enclaves"), "enclave", path=enclave)
         SubElement(parent, "profiles").append(self._element)
@@ -136,41 +145,57 @@ class _Profile:
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, encoding="unicode")}\n'
 
 
-def _fitting(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
+def _matching(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
     return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
-def _path(here: str, name: str) -> str:
-    """A name of a table as an absolute one."""
-    return name if name.startswith("/") else f"{here}/{name}"
+def _path(prefix: str, name: str) -> str:
+    """Return the absolute form of an endpoint's name."""
+    return name if name.startswith("/") else f"{prefix}/{name}"
 
 
 def _prefix(namespace: str) -> str:
-    """What stands before the slash of a name in `namespace`."""
+    """Return what precedes the slash before a name in `namespace`."""
     return "" if namespace == "/" else _checked(namespace)
 
 
 def _checked(name: str) -> str:
     if not _NAME.fullmatch(name):
-        raise ValueError(f"{name!r} is no absolute ROS name, such as {NAMESPACE}")
+        raise ValueError(f"not an absolute ROS name such as {NAMESPACE}: {name!r}")
     return name
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a policy. Returns the exit status."""
+    """Print a policy.
+
+    Args:
+        arguments: Arguments of the program; by default those of the command line.
+
+    Returns:
+        The exit status.
+    """
     parser = argparse.ArgumentParser(
         prog="python3 -m woosh_robot_agent.security",
         description="Print the SROS2 policy of the agent or of a client.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("whose", choices=("agent", "client"))
-    parser.add_argument("--namespace", default=NAMESPACE, help="namespace that the agent runs in")
-    parser.add_argument("--sim-time", action="store_true", help="it runs with use_sim_time")
-    clients = parser.add_argument_group("of a client")
-    clients.add_argument("--node", default=CLIENT_NODE, help="full name of its node")
-    clients.add_argument("--read-only", action="store_true", help="topics and queries, no commands")
+    parser.add_argument("whose", choices=("agent", "client"), help="whose policy to print")
+    parser.add_argument(
+        "--namespace", default=NAMESPACE, help="namespace of the agent (default: %(default)s)"
+    )
+    parser.add_argument("--sim-time", action="store_true", help="the node runs with use_sim_time")
+    clients = parser.add_argument_group("options for a client")
     clients.add_argument(
-        "--only", action="append", default=[], metavar="PATTERN", help="endpoints, e.g. robot/Pose*"
+        "--node", default=CLIENT_NODE, help="full name of the client's node (default: %(default)s)"
+    )
+    clients.add_argument(
+        "--read-only", action="store_true", help="allow no commands and no actions"
+    )
+    clients.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="allow only endpoints that match, e.g. robot/Pose*; can be repeated (default: all)",
     )
     options = parser.parse_args(arguments)
     try:

@@ -1,4 +1,4 @@
-"""What the tests in this folder can use."""
+"""Fixtures for the tests in this folder."""
 
 from woosh_robot_agent.testing import pytest_configure, simulated_chassis, woosh_agent
 

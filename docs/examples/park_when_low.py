@@ -1,4 +1,4 @@
-"""A small client of the robot: sends it to a parking place when its battery gets low."""
+"""Sends the robot to a parking place when its battery is low."""
 
 import rclpy
 from rclpy.action import ActionClient
@@ -10,10 +10,10 @@ from woosh_robot_msgs.msg import Battery
 
 
 class ParkWhenLow(Node):
-    """Watches the battery, and orders one task.
+    """Watches the battery and starts one parking task.
 
     Attributes:
-        outcome: how the task ended, in the chassis's words; empty until then.
+        outcome: Result of the task; empty until it has ended.
     """
 
     def __init__(self) -> None:
@@ -21,26 +21,26 @@ class ParkWhenLow(Node):
         self.outcome = ""
         self._limit = self.declare_parameter("limit", 20).value
         self._mark = self.declare_parameter("mark", "P1").value
-        self._ordered = False
+        self._is_started = False
         self._tasks = ActionClient(self, ExecTask, "/woosh_robot/robot/ExecTask")
         self._tasks.wait_for_server()
-        # the robot pushes changes only: the latched value says how things stand now
+        # The robot pushes changes only. The latched topic delivers the present value.
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(Battery, "/woosh_robot/robot/Battery", self._battery, latched)
+        self.create_subscription(Battery, "/woosh_robot/robot/Battery", self._on_battery, latched)
 
-    def _battery(self, battery: Battery) -> None:
-        if battery.power > self._limit or self._ordered:
+    def _on_battery(self, battery: Battery) -> None:
+        if battery.power > self._limit or self._is_started:
             return
-        self._ordered = True
+        self._is_started = True
         goal = ExecTask.Goal()
         goal.arg.mark_no = self._mark
         goal.arg.type.value = goal.arg.type.K_PARKING
-        self._tasks.send_goal_async(goal).add_done_callback(self._accepted)
+        self._tasks.send_goal_async(goal).add_done_callback(self._on_accepted)
 
-    def _accepted(self, sent) -> None:
-        sent.result().get_result_async().add_done_callback(self._ended)
+    def _on_accepted(self, sent) -> None:
+        sent.result().get_result_async().add_done_callback(self._on_ended)
 
-    def _ended(self, result) -> None:
+    def _on_ended(self, result) -> None:
         ret = result.result().result.ret
         parked = ret.state.value == ret.state.K_COMPLETED
         self.outcome = "parked" if parked else f"not parked: {ret.msg}"

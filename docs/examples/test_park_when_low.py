@@ -1,4 +1,4 @@
-"""The node against the simulated robot: no mock, no sleep, no fixed port."""
+"""Tests of the node with a simulated robot, without mocks, sleeps and fixed ports."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from woosh_robot_agent.testing import RunningAgent, spinning, wait_until
 
 @pytest.fixture
 def node(woosh_agent: RunningAgent) -> Iterator[ParkWhenLow]:
-    """The node under test, running in the ROS domain of its agent."""
+    """The node under test, in the ROS domain of the agent."""
     rclpy.init()
     node = ParkWhenLow()
     with spinning(node):
@@ -21,7 +21,7 @@ def node(woosh_agent: RunningAgent) -> Iterator[ParkWhenLow]:
     rclpy.shutdown()
 
 
-def drain(chassis: SimulatorThread, percent: float) -> None:
+def set_battery(chassis: SimulatorThread, percent: float) -> None:
     chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", percent))
 
 
@@ -29,21 +29,23 @@ def drain(chassis: SimulatorThread, percent: float) -> None:
 def test_parks_when_the_battery_is_low(
     simulated_chassis: SimulatorThread, node: ParkWhenLow
 ) -> None:
-    drain(simulated_chassis, 15.0)
+    set_battery(simulated_chassis, 15.0)
     assert wait_until(lambda: node.outcome) == "parked"
     assert simulated_chassis.state.pose.distance((10.5, -8.5)) < 0.1
 
 
-def test_says_why_it_does_not_park(simulated_chassis: SimulatorThread, node: ParkWhenLow) -> None:
+def test_reports_why_it_does_not_park(
+    simulated_chassis: SimulatorThread, node: ParkWhenLow
+) -> None:
     simulated_chassis.set_emergency_stop(True)
-    drain(simulated_chassis, 15.0)
+    set_battery(simulated_chassis, 15.0)
     assert "emergency stop" in wait_until(lambda: node.outcome)
 
 
-def test_parks_though_the_link_breaks(
+def test_parks_although_the_link_is_lost(
     simulated_chassis: SimulatorThread, woosh_agent: RunningAgent, node: ParkWhenLow
 ) -> None:
-    drain(simulated_chassis, 15.0)
+    set_battery(simulated_chassis, 15.0)
     simulated_chassis.wait_received("woosh.robot.ExecTask", timeout=15)
     simulated_chassis.drop()
     woosh_agent.wait_connected(2)

@@ -1,4 +1,4 @@
-"""A client in a process of its own, under SROS2: prints one word for each thing that it tries."""
+"""A client with SROS2, in its own process: prints a word for each operation that it tries."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def main() -> None:
         print("topic")
         try:
             forbidden = node.create_client(SetParameters, "/woosh_robot/agent/set_parameters")
-        except Exception as error:  # as rcl has it: the middleware did not make it
+        except Exception as error:  # rcl's error if the middleware refuses
             print("refused", type(error).__name__)
         else:
             print("refused" if not forbidden.service_is_ready() else "ALLOWED")

@@ -1,4 +1,4 @@
-"""The agent has exactly what its policy allows, and runs under SROS2 where that is there."""
+"""The SROS2 policies match the endpoints, and the agent runs with SROS2 if it is installed."""
 
 from __future__ import annotations
 
@@ -19,44 +19,49 @@ from woosh_robot_agent.testing import AgentProcess, running_chassis
 
 ROOT = Path(__file__).parents[2]
 EVERY_ROS_NODE = {"ros_discovery_info"}
-"""What the middleware itself uses; SROS2 adds it to all permissions."""
+"""Topics of the middleware; SROS2 adds them to all permissions."""
 
 
 def permissions(policy: str) -> dict[str, set[str]]:
-    """The DDS topics that a policy has a node publish and subscribe, by SROS2's translation."""
+    """Return the DDS topics that a policy allows, translated as SROS2 does."""
     out: dict[str, set[str]] = {"publish": set(), "subscribe": set()}
 
-    def ask(name: str, asks: str, answers: str) -> None:
+    def allow_service(name: str, asks: str, answers: str) -> None:
         out[asks].add(f"rq{name}Request")
         out[answers].add(f"rr{name}Reply")
 
-    def act(name: str, asks: str, answers: str) -> None:
+    def allow_action(name: str, asks: str, answers: str) -> None:
         for service in ("send_goal", "cancel_goal", "get_result"):
-            ask(f"{name}/_action/{service}", asks, answers)
+            allow_service(f"{name}/_action/{service}", asks, answers)
         for topic in ("feedback", "status"):
             out[answers].add(f"rt{name}/_action/{topic}")
 
     for group in xml.fromstring(policy).findall(".//profile/*"):
-        (deed,) = group.attrib
+        (operation,) = group.attrib
         for element in group:
             name = str(element.text)
             if group.tag == "topics":
-                out[deed].add(f"rt{name}")
-            elif deed in ("request", "reply"):
-                ask(name, *(("publish", "subscribe")[:: 1 if deed == "request" else -1]))
+                out[operation].add(f"rt{name}")
+            elif operation in ("request", "reply"):
+                allow_service(
+                    name, *(("publish", "subscribe")[:: 1 if operation == "request" else -1])
+                )
             else:
-                act(name, *(("publish", "subscribe")[:: 1 if deed == "call" else -1]))
+                allow_action(name, *(("publish", "subscribe")[:: 1 if operation == "call" else -1]))
     return out
 
 
 def used(client: Client, node: str, namespace: str) -> dict[str, set[str]]:
-    """The DDS topics that a node of the graph publishes and subscribes."""
-    ask: Any = client.node
+    """Return the DDS topics that a node publishes and subscribes to."""
+    graph: Any = client.node
     found = {
-        "publish": ask.get_publisher_names_and_types_by_node(node, namespace, True),
-        "subscribe": ask.get_subscriber_names_and_types_by_node(node, namespace, True),
+        "publish": graph.get_publisher_names_and_types_by_node(node, namespace, True),
+        "subscribe": graph.get_subscriber_names_and_types_by_node(node, namespace, True),
     }
-    return {deed: {name for name, _ in names} - EVERY_ROS_NODE for deed, names in found.items()}
+    return {
+        operation: {name for name, _ in names} - EVERY_ROS_NODE
+        for operation, names in found.items()
+    }
 
 
 def test_the_agent_has_exactly_what_its_policy_allows(
@@ -77,12 +82,11 @@ def test_the_agent_has_exactly_what_its_policy_allows(
         assert used(client, "agent", "/woosh_robot") == allowed
 
 
-def test_a_client_has_what_every_node_has(client: Client) -> None:
-    """Of the client's policy this is what the table does not say."""
+def test_every_node_has_the_endpoints_that_the_policy_assumes(client: Client) -> None:
     nothing = permissions(security.client_policy(read_only=True, only=["robot/General"]))
     nothing["publish"].remove("rq/woosh_robot/robot/GeneralRequest")
     nothing["subscribe"].remove("rr/woosh_robot/robot/GeneralReply")
-    wait_until(lambda: used(client, "client", "/") == nothing, "the client's own endpoints")
+    wait_until(lambda: used(client, "client", "/") == nothing, "the endpoints of a node")
 
 
 def test_policies_of_agent_and_client_fit_each_other() -> None:
@@ -96,14 +100,14 @@ def test_policies_of_agent_and_client_fit_each_other() -> None:
     published, subscribed = of_the_robot(agent["publish"]), of_the_robot(agent["subscribe"])
     assert of_the_robot(client["publish"]) <= subscribed
     assert of_the_robot(client["subscribe"]) <= published
-    # what remains is between the agent and itself: goal_pose becomes a goal
+    # The rest is between the agent and itself: a message on goal_pose becomes a goal.
     assert subscribed - of_the_robot(client["publish"]) <= published
     assert published - of_the_robot(client["subscribe"]) <= subscribed
 
 
 needs_sros2 = pytest.mark.skipif(
     not (importlib.util.find_spec("sros2") and shutil.which("ros2")),
-    reason="there are no tools of SROS2 here (apt-get install ros-jazzy-sros2)",
+    reason="SROS2 is not installed (apt-get install ros-jazzy-sros2)",
 )
 
 
@@ -111,7 +115,7 @@ needs_sros2 = pytest.mark.skipif(
 def test_agent_and_client_under_sros2(
     domain: int, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`client` is from before the keystore: it takes no part in security, and so gets nothing."""
+    """`client` is started without security, so it must not see the agent."""
     from woosh_robot_msgs.srv import PoseSpeed
 
     keystore = tmp_path / "keystore"
@@ -130,7 +134,7 @@ def test_agent_and_client_under_sros2(
         try:
             wait_until(lambda: "connected to " in agent.output or agent.process.poll() is not None)
             if "doesn't have the security libraries" in agent.output:
-                pytest.skip("this build of the middleware has no security")
+                pytest.skip("the middleware was built without security")
             agent.wait_connected()
             done = subprocess.run(
                 [

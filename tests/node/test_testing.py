@@ -1,4 +1,4 @@
-"""What teams use in their own tests: the example of the docs runs, and so does what is under it."""
+"""`woosh_robot_agent.testing`: the example of the docs, the fixtures and the context managers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
 
 
 def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
-    """Run pytest as a team would, outside of this repository; its exit code and its words."""
+    """Run pytest outside of this repository, as users do; return its exit status and output."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "--strict-markers", "--strict-config", *arguments],
         cwd=folder,
@@ -51,7 +51,7 @@ def test_the_example_of_the_docs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: str(file.name))
-def test_the_docs_show_the_example_as_it_is(file: Path) -> None:
+def test_the_docs_show_the_example_unchanged(file: Path) -> None:
     assert f"```python\n{file.read_text()}```" in (DOCS / "testing.md").read_text()
 
 
@@ -74,7 +74,7 @@ def test_fixtures_by_plugin_and_by_import(tmp_path: Path, conftest: str) -> None
     assert status == 0, said
 
 
-def test_marks_set_the_fixtures_up(tmp_path: Path) -> None:
+def test_marks_configure_the_fixtures(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text("pytest_plugins = ['woosh_robot_agent.testing']")
     (tmp_path / "test_it.py").write_text(
         "import pytest\n"
@@ -88,13 +88,13 @@ def test_marks_set_the_fixtures_up(tmp_path: Path) -> None:
         "    assert woosh_agent.namespace == '/r7'\n"
         "    assert woosh_agent.process.args[-1] == 'poll_timeout:=1234'\n"
         "@pytest.mark.woosh_chassis(4)\n"
-        "def test_without_names(simulated_chassis):\n"
+        "def test_positional(simulated_chassis):\n"
         "    pass\n"
     )
     status, said = run_pytest(tmp_path)
     assert status == 1, said
     assert "1 passed, 1 error" in said
-    assert "woosh_chassis takes options by name, not (4,)" in said
+    assert "woosh_chassis takes keyword arguments only: (4,)" in said
 
 
 @pytest.fixture(params=[False, True], ids=["in process", "process"])
@@ -103,7 +103,7 @@ def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
         yield agent
 
 
-def test_an_agent_beside_the_test(agent: RunningAgent) -> None:
+def test_an_agent_and_a_node_of_the_test(agent: RunningAgent) -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("visitor")
@@ -130,7 +130,7 @@ def test_an_agent_over_tcp() -> None:
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_an_agent_that_cannot_start_says_why(process: bool) -> None:
+def test_the_error_of_an_agent_that_cannot_start(process: bool) -> None:
     with (
         running_chassis() as chassis,
         pytest.raises((ValueError, AssertionError), match="encoding"),
@@ -150,7 +150,7 @@ def test_two_robots() -> None:
         assert (one.connections, two.connections) == (1, 1)
 
 
-def test_domains_are_apart_and_the_environment_is_restored(monkeypatch: Any) -> None:
+def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     with own_domain() as one, own_domain() as two:
@@ -161,18 +161,18 @@ def test_domains_are_apart_and_the_environment_is_restored(monkeypatch: Any) -> 
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
 
 
-def test_what_a_callback_raises_reaches_the_test() -> None:
+def test_the_exception_of_a_callback_reaches_the_test() -> None:
     with own_domain():
         rclpy.init()
         try:
-            node = rclpy.create_node("clumsy")
+            node = rclpy.create_node("failing")
             called = []
 
-            def clumsy() -> None:
+            def fail() -> None:
                 called.append(True)
                 raise ZeroDivisionError
 
-            node.create_timer(0.01, clumsy)
+            node.create_timer(0.01, fail)
             with pytest.raises(ZeroDivisionError), spinning(node):
                 wait_until(lambda: called, "the timer")
         finally:
@@ -180,7 +180,7 @@ def test_what_a_callback_raises_reaches_the_test() -> None:
 
 
 def test_the_driver_does_not_need_pytest() -> None:
-    """Nor does it load this package."""
+    """The driver does not import this package, either."""
     program = (
         "import sys, woosh_robot_agent.agent, woosh_robot_agent.node, woosh_robot_agent.simulator\n"
         "found = {'pytest', 'woosh_robot_agent.testing'} & set(sys.modules)\n"

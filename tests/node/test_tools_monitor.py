@@ -1,39 +1,45 @@
-"""The monitor over ROS: what it shows is what the simulated chassis says to the agent."""
+"""`monitor` over ROS, with an agent and a simulated chassis."""
 
 from __future__ import annotations
 
 import asyncio
+import io
 import math
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from rich.console import Console
+from std_msgs.msg import Bool
 
 from tests.harness import NAMESPACE, wait_until
 from tests.node.goals import SUCCEEDED, step
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.tools import ros_source
-from woosh_robot_agent.tools.ros_source import RosSource
-from woosh_robot_agent.tools.screen import draw
-from woosh_robot_agent.tools.view import LinkReport, View
+from woosh_robot_agent.testing import AgentProcess
+from woosh_robot_agent.tools.monitor import ros_source
+from woosh_robot_agent.tools.monitor.program import print_once
+from woosh_robot_agent.tools.monitor.robot_view import RobotView
+from woosh_robot_agent.tools.monitor.ros_source import RosSource
+from woosh_robot_agent.tools.monitor.screen import draw
+from woosh_robot_agent.tools.monitor.source import LinkReport
+from woosh_robot_agent.topics import latched
 
 TIMEOUT = 30.0
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 
 
 class Watching:
-    """The monitor's source in an event loop of its own, looked at from a test."""
+    """A `RosSource` in an event loop of its own, for use from the test's thread."""
 
     def __init__(self, domain: int, namespace: str = NAMESPACE) -> None:
-        import threading
-
         self.source = RosSource(namespace, domain=domain)
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
@@ -43,14 +49,19 @@ class Watching:
     def run(self, work: Any) -> Any:
         return asyncio.run_coroutine_threadsafe(work, self.loop).result(TIMEOUT)
 
-    def ask(self, question: Callable[[View], Any]) -> Any:
+    def ask(self, question: Callable[[RobotView], Any]) -> Any:
         async def answer() -> Any:
             return question(self.source.view)
 
         return self.run(answer())
 
-    def wait(self, condition: Callable[[View], Any], what: str = "") -> Any:
+    def wait(self, condition: Callable[[RobotView], Any], what: str = "") -> Any:
         return wait_until(lambda: self.ask(condition), what, TIMEOUT)
+
+    def wait_complete(self) -> None:
+        """Wait until `monitor --once` would print."""
+        source = self.source
+        wait_until(lambda: source.link().good and source.is_complete(), "first values", TIMEOUT)
 
     def wait_link(self, condition: Callable[[LinkReport], Any]) -> LinkReport:
         wait_until(lambda: condition(self.source.link()), "the link's state", TIMEOUT)
@@ -71,7 +82,7 @@ def watching(domain: int) -> Iterator[Watching]:
 
 
 def test_first_values_and_changes(watching, agent, simulator):
-    watching.wait(lambda view: view.complete, "RobotInfo")
+    watching.wait_complete()
     truth = simulator.state.info
     shown = watching.ask(lambda view: (view.info.mode, view.info.pose_speed.pose, view.info.genral))
     assert shown == (truth.mode, truth.pose_speed.pose, truth.genral)
@@ -79,16 +90,16 @@ def test_first_values_and_changes(watching, agent, simulator):
     watching.wait(lambda view: view.info.mode.ctrl == robot.kManual, "the push")
     assert watching.source.link().good
     asked = {each.type for each in simulator.received}
-    of_plan = {"woosh.robot.NavPath"}  # the agent's own, at the start of each link
-    assert asked - of_plan == {"woosh.Subscription", "woosh.robot.RobotInfo"}
+    of_the_agent = {"woosh.robot.NavPath"}  # requested by the agent itself
+    assert asked - of_the_agent == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
 def test_progress_of_an_action(watching, agent, client):
-    watching.wait(lambda view: view.complete, "RobotInfo")
+    watching.wait_complete()
     agent_topic = client.path("ros/StepControl/_action/feedback")
     wait_until(lambda: agent.agent.node.count_subscribers(agent_topic) > 0, "the monitor")
     ends = []
-    for _ in range(10):  # the first feedbacks can come before DDS has brought the two together
+    for _ in range(10):  # DDS can match the two only after the first feedbacks
         goal = step(client, 0.2)
         ends.append(goal.result()[0])
         if watching.ask(lambda view: "StepControl" in view.actions):
@@ -98,16 +109,18 @@ def test_progress_of_an_action(watching, agent, client):
 
 
 def test_the_agent_comes_and_goes(watching, start_agent, simulator):
-    assert "no agent in /woosh_robot" in watching.source.link().text
+    assert "no agent found in namespace /woosh_robot" in watching.source.link().text
     agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
-    watching.wait(lambda view: view.complete, "RobotInfo")
+    watching.wait_complete()
     link = watching.wait_link(lambda link: link.good and "127.0.0.1" in link.text)
-    assert f"127.0.0.1:{simulator.port} by websocket" in link.text
+    assert f"127.0.0.1:{simulator.port} over websocket" in link.text
     agent.close()
-    watching.wait_link(lambda link: not link.good and "no agent" in link.text)
+    watching.wait_link(lambda link: not link.good and "no agent found" in link.text)
     start_agent(ip="127.0.0.1", port=simulator.port)
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
-    wait_until(lambda: simulator.counts["woosh.robot.RobotInfo"] >= 4, "RobotInfo asked again")
+    watching.wait_complete()
+    # For each agent, one request of the agent itself and one of the monitor.
+    assert simulator.counts["woosh.robot.RobotInfo"] >= 4
 
 
 def test_an_agent_that_hangs(watching, agent):
@@ -118,18 +131,17 @@ def test_an_agent_that_hangs(watching, agent):
 
 
 def test_the_link_of_the_agent(watching, agent, simulator):
-    """As its topic `connected` says it, also to who comes later."""
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
     simulator.stop_listening()
     link = watching.wait_link(lambda link: not link.good)
-    assert "the agent has lost 127.0.0.1" in link.text
+    assert "the agent is not connected to 127.0.0.1" in link.text
     simulator.listen()
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
 
 
 def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
-    """What its latched topic says comes before the monitor looks for it."""
-    monkeypatch.setattr(ros_source, "_LOOK_EVERY", 2.0)
+    """The message of `connected` arrives before the monitor has found the agent."""
+    monkeypatch.setattr(ros_source, "_DISCOVERY_PERIOD", 2.0)
     watching = Watching(domain)
     try:
         watching.wait_link(lambda link: "is connected to" in link.text)
@@ -137,18 +149,76 @@ def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
         watching.close()
 
 
-def test_values_that_are_no_numbers(watching, agent, simulator):
-    """They end nothing, and are said."""
-    watching.wait(lambda view: view.complete, "RobotInfo")
+def test_invalid_values(watching, agent, simulator):
+    watching.wait_complete()
     simulator.push(PoseSpeed(pose=Pose2D(x=math.nan)))
-    link = watching.wait_link(lambda link: "could not be read" in link.detail)
-    assert "1 messages could not be read, the last because of pose.x" in link.detail
+    link = watching.wait_link(lambda link: "unreadable" in link.detail)
+    assert "1 unreadable messages, the last one because of pose.x" in link.detail
     simulator.push(Battery(power=7))
     watching.wait(lambda view: view.info.battery.power == 7, "the next push")
 
 
+class Output:
+    """Console to which `monitor --once` prints, and the end of that."""
+
+    def __init__(self, watching: Watching) -> None:
+        self._file = io.StringIO()
+        console = Console(file=self._file, width=200, color_system=None)
+        once = print_once(watching.source, console, asyncio.Event(), TIMEOUT)
+        self._end = asyncio.run_coroutine_threadsafe(once, watching.loop)
+
+    def wait(self) -> tuple[int, str]:
+        """Return the exit status and the output."""
+        return self._end.result(2 * TIMEOUT), self._file.getvalue()
+
+
+@pytest.fixture
+def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProcess]:
+    """An agent that claims to publish `connected`, but publishes it under another name."""
+    remapped = ("-r", f"{NAMESPACE}/connected:=/elsewhere")
+    parameters = {"ip": "127.0.0.1", "port": simulator.port}
+    agent = AgentProcess(domain, NAMESPACE, *remapped, **parameters)
+    try:
+        agent.wait_connected()
+        yield agent
+    finally:
+        agent.close()
+
+
+def test_once_waits_for_a_late_latched_message(
+    watching, agent_without_connected, client, monkeypatch
+):
+    monkeypatch.setattr(ros_source, "_LATCHED_TIMEOUT", TIMEOUT)
+    output = Output(watching)
+    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+    watching.wait_link(lambda link: link.good and "waiting for its topic connected" in link.text)
+    path = client.path("connected")
+    publisher = client.node.create_publisher(Bool, path, latched(1))
+    publisher.publish(Bool(data=True))
+    status, text = output.wait()
+    assert "the agent is connected to 127.0.0.1" in text
+    assert status == 0
+
+
+def test_once_names_a_latched_topic_without_a_message(
+    watching, agent_without_connected, monkeypatch
+):
+    monkeypatch.setattr(ros_source, "_LATCHED_TIMEOUT", 0.2)
+    status, text = Output(watching).wait()
+    assert "no message has come on its topic connected" in text
+    assert status == 0
+
+
+def test_once_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
+    start_agent(ip="127.0.0.1", port=simulator.port, enable_connected=False).wait_connected()
+    status, text = Output(watching).wait()
+    assert "it is unknown whether it is connected" in text
+    assert "enable_connected" in text
+    assert status == 0
+
+
 def test_it_can_be_drawn(watching, agent):
-    watching.wait(lambda view: view.complete, "RobotInfo")
+    watching.wait_complete()
     assert draw(watching.source.name, watching.source.link(), watching.source.view)
 
 
@@ -169,7 +239,7 @@ def test_once(domain: int, agent: Any, simulator: Any, arguments: list[str]) -> 
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "robot at /woosh_robot" in done.stdout
-    assert "would be taken" in done.stdout
+    assert "would be accepted" in done.stdout
     assert f"x {simulator.state.pose.x:.3f} m" in done.stdout
 
 
@@ -182,7 +252,7 @@ def test_once_without_an_agent(domain: int) -> None:
         env={**os.environ, "ROS_DOMAIN_ID": str(domain), "COLUMNS": "200"},
     )
     assert (done.returncode, done.stderr) == (1, "")
-    assert "no agent in /woosh_robot" in done.stdout
+    assert "no agent found in namespace /woosh_robot" in done.stdout
 
 
 def test_wrong_namespace(domain: int) -> None:
@@ -207,7 +277,7 @@ def test_signals(domain: int) -> None:
     )
     try:
         assert process.stdout is not None
-        assert any("no agent" in line for line in process.stdout)
+        assert any("no agent found" in line for line in process.stdout)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=TIMEOUT)
         assert (process.returncode, err) == (0, "")

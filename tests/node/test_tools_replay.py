@@ -1,4 +1,4 @@
-"""A field problem on a laptop: the agent does a task through `record`, then again by `replay`."""
+"""An agent runs a task through `record`, then again with `replay`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ import pytest
 
 from tests.harness import wait_until
 from tests.node.goals import COMPLETED, SUCCEEDED, short_task
-from woosh_robot_agent.tools.recording import Frame, read
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.records import Frame
 from woosh_robot_msgs.msg import Mode as ModeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
 from woosh_robot_msgs.srv import RobotInfo, Speak
@@ -26,7 +27,7 @@ TASK = 77
 
 @contextmanager
 def running(tool: str, *arguments: str) -> Iterator[int]:
-    """A tool as a program; gives the port that it says it listens at, and ends it by Ctrl-C."""
+    """Run a program; yield the port that it prints, and end it as Ctrl-C does."""
     process = subprocess.Popen(
         [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *arguments],
         stdout=subprocess.PIPE,
@@ -47,7 +48,7 @@ def running(tool: str, *arguments: str) -> Iterator[int]:
 
 
 def do_task(client: Any) -> tuple[int, list[Any], list[Any]]:
-    """A goal's end, its feedback, and what its topic said of it."""
+    """Run a task; return its status, its feedback and its messages on the topic."""
     echo = client.echo(TaskProcMsg, "robot/TaskProc")
     wait_until(lambda: client.node.count_publishers(client.path("robot/TaskProc")), "the topic")
     goal = short_task(client, 0.5, task_id=TASK)
@@ -76,7 +77,7 @@ def test_a_task_through_the_recorder_and_from_the_recording(
         assert status == SUCCEEDED
         agent.close()
 
-    recorded = [record for record in read(path).records if isinstance(record, Frame)]
+    recorded = [record for record in read_recording(path).records if isinstance(record, Frame)]
     assert {record.sender for record in recorded} == {"client", "chassis"}
 
     arguments = ["--port", "0", "--tcp-port", "0", "--speed", "5", "--wait-for-commands"]

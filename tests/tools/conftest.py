@@ -1,4 +1,4 @@
-"""Fixtures of the tools' tests; those of `tests/conftest.py` need ROS, the tools do not."""
+"""Fixtures that work without ROS, unlike those of `tests/conftest.py`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
 @pytest.fixture
 def chassis() -> Iterator[SimulatorThread]:
-    """A simulated chassis whose clock is this machine's."""
+    """A simulated chassis in real time."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0)) as running:
         yield running
 
 
 @pytest.fixture
 def set_state(chassis: SimulatorThread) -> Callable[..., None]:
-    """Sets attributes of the chassis's readiness."""
+    """Function that sets attributes of the chassis's readiness."""
 
     def change(**values: object) -> None:
         def do(simulator: object) -> None:

@@ -1,4 +1,4 @@
-"""The monitor with `--ip`: what it shows is what is true of the simulated chassis."""
+"""`monitor --ip` against the simulated chassis."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import io
 import os
 import pty
 import re
+import select
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
@@ -34,17 +35,18 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.monitor import main
-from woosh_robot_agent.tools.screen import draw
-from woosh_robot_agent.tools.view import LinkReport, View
-from woosh_robot_agent.tools.words import word
+from woosh_robot_agent.tools.monitor.robot_view import RobotView
+from woosh_robot_agent.tools.monitor.screen import draw
+from woosh_robot_agent.tools.monitor.source import LinkReport
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 TIMEOUT = 30.0
 GOOD = LinkReport(True, "connected")
 
 
-def shown(view: View, link: LinkReport = GOOD) -> str:
+def shown(view: RobotView, link: LinkReport = GOOD) -> str:
     console = Console(file=io.StringIO(), width=200, color_system=None)
     console.print(draw("ws://x", link, view))
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
@@ -52,35 +54,35 @@ def shown(view: View, link: LinkReport = GOOD) -> str:
 
 
 def row(text: str, title: str) -> str:
-    """What stands beside a title."""
+    """Return the text beside a title."""
     (found,) = re.findall(rf"^│ {re.escape(title)}  +(.*?) *│$", text, re.MULTILINE)
     return str(found)
 
 
-def seen(*messages: Any) -> View:
-    view = View()
+def seen(*messages: Any) -> RobotView:
+    view = RobotView()
     for message in messages:
-        view.take(message)
+        view.update(message)
     return view
 
 
 # The picture
 
 
-def test_nothing_is_known():
-    text = shown(View(), LinkReport(False, "not connected", "switch it on"))
+def test_an_empty_view():
+    text = shown(RobotView(), LinkReport(False, "not connected", "switch it on"))
     assert "not connected  switch it on" in row(text, "link")
     assert "mode" not in text
 
 
-def test_what_is_not_known_is_not_made_up():
+def test_unknown_values():
     text = shown(seen(RobotState(state=robot.kIdle)))
-    for title in ("a task", "pose", "speed", "battery"):
-        assert row(text, title) == "not known yet"
+    for title in ("new task", "pose", "speed", "battery"):
+        assert row(text, title) == "unknown"
     assert row(text, "mode") == "state idle"
 
 
-def test_parts_come_one_by_one():
+def test_parts_update_robot_info():
     view = seen(
         PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),
         Battery(power=15, charge_state=Battery.kNot),
@@ -93,10 +95,10 @@ def test_parts_come_one_by_one():
     text = shown(view)
     assert row(text, "mode") == "control auto   work task   state task"
     assert row(text, "battery") == "14 %   charging (auto)"
-    assert row(text, "pose") == "not known yet"  # RobotInfo replaced what was known
+    assert row(text, "pose") == "unknown"  # RobotInfo replaced what was known
 
 
-def test_where_it_is_and_what_it_does():
+def test_pose_task_and_actions():
     view = seen(
         PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),
         TaskProc(
@@ -124,20 +126,20 @@ def test_where_it_is_and_what_it_does():
     assert row(text, "StepControl") == "executing   step 1"
 
 
-def test_every_reason_to_refuse_a_task():
+def test_every_reason_to_reject_a_task():
     view = seen(
         Mode(ctrl=robot.kManual, work=robot.kDeployMode),
         DeviceState(hardware=DeviceState.kEmgBtn, software=DeviceState.kLocation),
         OperationState(),
     )
     text = shown(view)
-    assert row(text, "a task") == "would be refused"
+    assert row(text, "new task") == "would be rejected"
     for reason in ("emergency stop is pressed", "manual mode", "deployment mode"):
         assert f"- the {'robot is in ' if 'mode' in reason else ''}{reason}" in text
     assert "turn the key switch to automatic" in text
 
 
-def test_status_codes_newest_first_and_once():
+def test_status_codes_newest_first_without_duplicates():
     codes = [StatusCode(code=n, time=n * 1000, msg=f"no. {n}") for n in range(1, 80)]
     view = seen(*codes[:60], RobotInfo(status_codes=StatusCodes(scs=codes[50:70])), *codes[65:])
     assert [code.code for code in view.codes] == list(range(30, 80))
@@ -145,13 +147,13 @@ def test_status_codes_newest_first_and_once():
     assert [int(n) for n in re.findall(r"no\. (\d+)", text)] == list(range(79, 71, -1))
 
 
-def test_what_is_old_is_not_shown_as_new():
+def test_an_outdated_view():
     view = seen(RobotState(state=robot.kIdle))
-    assert "OLD" not in shown(view)
-    assert "OLD: what was known last" in shown(view, LinkReport(False, "lost"))
+    assert "OUTDATED" not in shown(view)
+    assert "OUTDATED: this is the last known state" in shown(view, LinkReport(False, "lost"))
 
 
-def test_texts_of_the_robot_cannot_steer_the_terminal():
+def test_texts_of_the_robot_cannot_control_the_terminal():
     view = seen(TaskProc(state=task.kFailed, msg="\x1b]0;owned\x07 [red]x[/red]"))
     text = shown(view)
     assert "\x1b" not in text
@@ -170,8 +172,8 @@ def test_texts_of_the_robot_cannot_steer_the_terminal():
         (ros_pack_pb2.State, ros_pack_pb2.kRosExecuteFailed, "execute failed"),
     ],
 )
-def test_words(enum, number, text):
-    assert word(enum, number) == text
+def test_enum_names(enum, number, text):
+    assert enum_name(enum, number) == text
 
 
 # The program
@@ -202,7 +204,7 @@ def test_once(chassis: SimulatorThread, arguments: tuple[str, ...], port: str) -
     truth = chassis.state
     assert status == 0
     assert row(text, "link").startswith("connected since")
-    assert row(text, "a task") == "would be taken"
+    assert row(text, "new task") == "would be accepted"
     assert row(text, "mode") == "control auto   work task   state idle"
     assert row(text, "battery") == f"{truth.info.battery.power} %"
     pose = f"x {truth.pose.x:.3f} m   y {truth.pose.y:.3f} m   theta {truth.pose.theta:.3f} rad"
@@ -211,13 +213,13 @@ def test_once(chassis: SimulatorThread, arguments: tuple[str, ...], port: str) -
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
-def test_once_with_a_robot_that_would_refuse(
+def test_once_with_a_robot_that_rejects_tasks(
     chassis: SimulatorThread, set_state: Callable[..., None]
 ) -> None:
     set_state(ctrl=robot.kManual)
     status, text = once(chassis.port, "--timeout", str(TIMEOUT))
     assert status == 0
-    assert row(text, "a task") == "would be refused"
+    assert row(text, "new task") == "would be rejected"
     assert "manual mode: turn the key switch" in text
 
 
@@ -230,7 +232,7 @@ def test_once_without_a_robot(chassis: SimulatorThread) -> None:
 
 
 class Terminal:
-    """The monitor on a terminal of its own."""
+    """`monitor` on a pseudo-terminal."""
 
     def __init__(self, port: int) -> None:
         self._master, slave = pty.openpty()
@@ -249,13 +251,12 @@ class Terminal:
         os.write(self._master, key.encode())
 
     def read(self) -> None:
-        try:
+        select.select([self._master], [], [], 0.1)
+        with suppress(BlockingIOError, OSError):  # the latter when the program has ended
             self.text += os.read(self._master, 1_000_000).decode(errors="replace")
-        except (BlockingIOError, OSError):  # the latter when the program has ended
-            time.sleep(0.02)
 
     def wait(self, text: str) -> None:
-        """Wait for a text that comes after all that was waited for before."""
+        """Wait for a text that follows all texts awaited so far."""
         deadline = time.monotonic() + TIMEOUT
         while text not in self.text:
             assert time.monotonic() < deadline, f"no {text!r} in {self.text[-3000:]}"
@@ -263,7 +264,7 @@ class Terminal:
         self.text = self.text.partition(text)[2]
 
     def end(self) -> int:
-        """The exit status; the terminal is read, or the program could not write its last."""
+        """Wait for the end and return the exit status, reading so that the program can write."""
         deadline = time.monotonic() + TIMEOUT
         while self.process.poll() is None:
             assert time.monotonic() < deadline, "it does not end"
@@ -290,13 +291,13 @@ def test_on_a_terminal(terminal: Terminal, chassis: SimulatorThread) -> None:
     chassis.set_emergency_stop(True)
     terminal.wait("the emergency stop is pressed")
     chassis.stop_listening()
-    terminal.wait("lost since")
-    terminal.wait("OLD: what was known last")
+    terminal.wait("connection lost since")
+    terminal.wait("OUTDATED")
     chassis.listen()
     terminal.wait("connected since")
-    for key in "xyz0 \r\x1b[A":  # none of them does anything
+    for key in "xyz0 \r\x1b[A":  # keys without a function
         terminal.press(key)
-    terminal.wait("would be refused")
+    terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
     terminal.press("q")
     assert terminal.end() == 0
@@ -324,12 +325,11 @@ def piped(port: int) -> Iterator[subprocess.Popen[str]]:
 
 
 def test_without_a_terminal(chassis: SimulatorThread) -> None:
-    """Pictures one after the other, for logs."""
     with piped(chassis.port) as process:
         assert process.stdout is not None
         pictures = 0
         for line in process.stdout:
-            pictures += "would be taken" in line
+            pictures += "would be accepted" in line
             if pictures == 3:
                 break
         process.send_signal(signal.SIGTERM)
@@ -348,12 +348,12 @@ def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -
     assert "monitor: error:" in capsys.readouterr().err
 
 
-def test_without_ros_it_says_so() -> None:
+def test_without_ros() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
         "from woosh_robot_agent.tools.monitor import main; main(['--once'])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "there is no ROS here" in done.stderr
+    assert "ROS is not available" in done.stderr
     assert "--ip" in done.stderr

@@ -1,4 +1,4 @@
-"""What passes through the recorder, and what the replayed chassis makes of it. Real sockets."""
+"""Recording and replaying over real sockets."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, Robot
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
-from woosh_robot_agent.tools.playback import prepare
-from woosh_robot_agent.tools.record import Listener
-from woosh_robot_agent.tools.recorder import Recorder
-from woosh_robot_agent.tools.recording import Event, Frame, Recording, Writer, read
-from woosh_robot_agent.tools.replayer import ReplayedChassis
+from woosh_robot_agent.tools.record.passive_client import PassiveClient
+from woosh_robot_agent.tools.record.proxy import RecordingProxy
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
+from woosh_robot_agent.tools.replay.playback import prepare
 
 KINDS = ["json", "protobuf", "tcp"]
 Client = tuple[ChassisClient, list[Any]]
@@ -41,7 +43,7 @@ def link(port: int, kind: str = "json", **more: Any) -> LinkConfig:
 
 @asynccontextmanager
 async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator[Client]:
-    """A client, and all that it hears."""
+    """A client, and the pushes that it receives."""
     client, heard = ChassisClient(config=link(port, kind, **more)), []
     for cls in (TaskProc, Mode, Battery):
         client.subscribe(cls, heard.append)
@@ -53,14 +55,14 @@ async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator
 async def recording(
     path: Path, simulator: SimulatedChassis, kind: str = "json"
 ) -> AsyncIterator[int]:
-    """A recorder in front of the simulator; gives its port."""
+    """A recording proxy before the simulator; yields its port."""
     port = simulator.tcp_port if kind == "tcp" else simulator.port
-    file = Writer(path, "ws://simulator", 2**26, lambda reason: pytest.fail(reason))
-    recorder = Recorder(link(port, kind), file)
+    file = RecordingWriter(path, "ws://simulator", 2**26, lambda reason: pytest.fail(reason))
+    proxy = RecordingProxy(link(port, kind), file)
     try:
-        yield await recorder.start("127.0.0.1", 0)
+        yield await proxy.start("127.0.0.1", 0)
     finally:
-        await recorder.stop()
+        await proxy.stop()
         file.close()
 
 
@@ -97,13 +99,13 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
     ):
         await do_task(client, heard)
         info = (await client.request(RobotInfo())).body
-    found = read(path)
+    found = read_recording(path)
     assert events(found) == [("open", "client"), ("close", "client")]
     assert all(
         isinstance(data, str if kind == "json" else bytes) for data in frames(found, "chassis")
     )
     playback = prepare(found)
-    assert playback.strays == 0
+    assert playback.answers.unmatched == 0
     async with ReplayedChassis(playback, speed=50) as replayed:
         port = replayed.tcp_port if kind == "tcp" else replayed.port
         async with connected(port, kind) as (client, again):
@@ -118,8 +120,8 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
 
 
 @aio
-async def test_bytes_pass_untouched(tmp_path: Path) -> None:
-    """Whatever they are: here nothing that a WebSocket knows."""
+async def test_all_bytes_are_forwarded_unchanged(tmp_path: Path) -> None:
+    """Also those that are not of a WebSocket."""
     got = asyncio.Event()
     there = bytearray()
 
@@ -132,11 +134,9 @@ async def test_bytes_pass_untouched(tmp_path: Path) -> None:
         writer.close()
 
     server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    file = Writer(tmp_path / "a.jsonl", "", 2**26, lambda reason: None)
-    recorder = Recorder(link(server.sockets[0].getsockname()[1]), file)
-    reader, writer = await asyncio.open_connection(
-        "127.0.0.1", await recorder.start("127.0.0.1", 0)
-    )
+    file = RecordingWriter(tmp_path / "a.jsonl", "", 2**26, lambda reason: None)
+    proxy = RecordingProxy(link(server.sockets[0].getsockname()[1]), file)
+    reader, writer = await asyncio.open_connection("127.0.0.1", await proxy.start("127.0.0.1", 0))
     writer.write(b"anything\xff" * 20_000)
     assert await reader.readexactly(256_000) == bytes(range(256)) * 1000
     writer.write_eof()
@@ -144,10 +144,10 @@ async def test_bytes_pass_untouched(tmp_path: Path) -> None:
     assert there == b"anything\xff" * 20_000
     assert await reader.read() == b"bye"
     writer.close()
-    await recorder.stop()
+    await proxy.stop()
     file.close()
     server.close()
-    kinds = [kind for kind, _ in events(read(file.path))]
+    kinds = [kind for kind, _ in events(read_recording(file.path))]
     assert kinds == ["open", "unreadable", "unreadable", "close"]
 
 
@@ -161,9 +161,9 @@ async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
     ):
         chassis.send_raw("{no json")
         await eventually(lambda: client.stats.bad_frames["json"], "the bad frame")
-    assert "{no json" in frames(read(path), "chassis")
+    assert "{no json" in frames(read_recording(path), "chassis")
     async with (
-        ReplayedChassis(prepare(read(path))) as replayed,
+        ReplayedChassis(prepare(read_recording(path))) as replayed,
         connected(replayed.port) as (client, _),
     ):
         await eventually(lambda: client.stats.bad_frames["json"], "the bad frame again")
@@ -177,9 +177,8 @@ async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
         recording(path, chassis) as port,
         connected(port) as (client, heard),
     ):
-        chassis.push(Mode(work=robot.kDeployMode))
+        assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).ok
         await eventually(lambda: len(heard) == 1)
-        await asyncio.sleep(0.5)  # so that a busy machine is ready when this is replayed
         await chassis.stop_listening()
         await eventually(lambda: client.state is LinkState.WAITING)
         file = path.read_text
@@ -189,21 +188,23 @@ async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
         await eventually(lambda: chassis.counts["woosh.Subscription"] == 2)
         chassis.push(Mode(work=robot.kTaskMode))
         await eventually(lambda: len(heard) == 2)
-    found = read(path)
+    found = read_recording(path)
     kinds = events(found)
     assert kinds[:2] == [("open", "client"), ("close", "chassis")]
     assert kinds[-2:] == [("open", "client"), ("close", "client")]
     assert set(kinds[2:-2]) == {("refused", "chassis")}
-    async with ReplayedChassis(prepare(found)) as replayed:
+    async with ReplayedChassis(prepare(found), wait_for_commands=True) as replayed:
         seen: list[LinkState] = []
         client, again = ChassisClient(config=link(replayed.port)), []
         client.on_state(seen.append)
         client.subscribe(Mode, again.append)
         async with client:
+            # The playback waits for it, so the client is connected when the loss is replayed.
+            assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).ok
             await eventually(lambda: replayed.rounds, "the end")
             await eventually(lambda: len(again) == 2)
             assert client.stats.connects == 2
-            # as the end was the client's own doing, it is not replayed
+            # The last recorded connection was closed by its client, which is not replayed.
             assert client.state is LinkState.READY
         assert [m.work for m in again] == [robot.kDeployMode, robot.kTaskMode]
         lost = seen.index(LinkState.WAITING)
@@ -211,7 +212,7 @@ async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
 
 
 @aio
-async def test_a_chassis_that_is_not_there(tmp_path: Path) -> None:
+async def test_a_chassis_that_is_unreachable(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
         await chassis.stop_listening()
@@ -219,12 +220,12 @@ async def test_a_chassis_that_is_not_there(tmp_path: Path) -> None:
         with contextlib.suppress(ConnectionError):
             assert await reader.read() == b""
         writer.close()
-    found = read(path)
+    found = read_recording(path)
     assert events(found) == [("refused", "chassis")]
 
 
 @aio
-async def test_the_end_of_the_recording_is_no_loss(tmp_path: Path) -> None:
+async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis:
         async with recording(path, chassis) as port:
@@ -233,9 +234,9 @@ async def test_the_end_of_the_recording_is_no_loss(tmp_path: Path) -> None:
             client.start()
             await client.wait_ready(10)
         await client.close()
-    assert events(read(path))[-1] == ("close", "recorder")
+    assert events(read_recording(path))[-1] == ("close", "recorder")
     async with (
-        ReplayedChassis(prepare(read(path))) as replayed,
+        ReplayedChassis(prepare(read_recording(path))) as replayed,
         connected(replayed.port) as (client, _),
     ):
         await eventually(lambda: replayed.rounds)
@@ -244,17 +245,17 @@ async def test_the_end_of_the_recording_is_no_loss(tmp_path: Path) -> None:
 
 
 @aio
-async def test_the_listener_asks_and_never_commands(tmp_path: Path) -> None:
+async def test_the_passive_client_sends_each_query_and_no_command(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
-        own = Listener(link(port))
+        own = PassiveClient(link(port))
         own.start()
-        await eventually(lambda: chassis.counts["woosh.task.CallTasks"], "the last question")
+        await eventually(lambda: chassis.counts["woosh.task.CallTasks"], "the last query")
         chassis.push(Mode(work=robot.kDeployMode))
         await eventually(lambda: '"work":1' in path.read_text().replace("\\", ""))
         await own.close()
         asked = set(chassis.counts)
-    playback = prepare(read(path))
+    playback = prepare(read_recording(path))
     assert set(playback.answers.types) == asked - {"woosh.Subscription"}
     from woosh_robot_agent.endpoints import COMMANDS, QUERIES
 
@@ -262,11 +263,14 @@ async def test_the_listener_asks_and_never_commands(tmp_path: Path) -> None:
     assert not asked & {command.request for command in COMMANDS}
 
 
-# Replay alone, of recordings that are made up
+# Replay of artificial recordings
 
 
 def made_up(*records: Any) -> Recording:
-    """One of (t, connection, sender, data) for frames or (t, connection, kind, by) for events."""
+    """A recording of tuples.
+
+    A frame is (t, connection, sender, data), an event (t, connection, kind, by).
+    """
     found: list[Any] = []
     for t, connection, what, which in records:
         if what in ("client", "chassis"):
@@ -299,6 +303,12 @@ def pushed(t: float, name: str, body: Any, connection: int = 1) -> Any:
 INFO = exchange(0.0, "woosh.robot.RobotInfo", 900, {}, "")
 
 
+async def several_round_trips(client: ChassisClient) -> None:
+    """Give a playback at a high speed the time to send what it must not send yet."""
+    for _ in range(10):
+        await client.request(RobotInfo())
+
+
 @asynccontextmanager
 async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChassis]:
     opened = (0.0, 1, "open", "client")
@@ -307,7 +317,7 @@ async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChas
 
 
 @aio
-async def test_answers_come_in_their_order_and_by_their_body() -> None:
+async def test_answers_by_body_and_in_recorded_order() -> None:
     records = [
         *exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "first a"),
         *exchange(2, "woosh.robot.Speak", 2, {"text": "b"}, "b"),
@@ -323,7 +333,7 @@ async def test_answers_come_in_their_order_and_by_their_body() -> None:
 
 
 @aio
-async def test_what_was_not_answered_is_not_answered() -> None:
+async def test_a_request_that_was_not_answered_gets_no_answer() -> None:
     records = exchange(1, "woosh.robot.Speak", 1, {})
     async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
         with pytest.raises(RequestTimeoutError):
@@ -332,7 +342,7 @@ async def test_what_was_not_answered_is_not_answered() -> None:
 
 
 @aio
-async def test_late_answers_are_late_again() -> None:
+async def test_answers_are_as_late_as_recorded() -> None:
     records = [*exchange(1, "woosh.robot.Speak", 1, {}, "late")]
     records[1] = (1.5, *records[1][1:])
     async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
@@ -342,18 +352,18 @@ async def test_late_answers_are_late_again() -> None:
 
 
 @aio
-async def test_answers_to_nothing_are_left_out() -> None:
+async def test_answers_without_a_request_are_left_out() -> None:
     stray = (1, 1, "chassis", {"type": "woosh.robot.Mode", "body": {}, "ok": True, "sn": 1234})
-    assert prepare(made_up(stray)).strays == 1
+    assert prepare(made_up(stray)).answers.unmatched == 1
 
 
 @aio
-async def test_pushes_only_to_those_who_want_them() -> None:
+async def test_pushes_go_to_subscribers() -> None:
     records = [
         subscribed(0.1, "woosh.robot.PoseSpeed", "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.PoseSpeed", {"mapId": 1}),
         pushed(0.3, "woosh.robot.Mode", {"work": 1}),
-        pushed(0.4, "woosh.robot.Battery", {"power": 3}),  # which nobody had asked for
+        pushed(0.4, "woosh.robot.Battery", {"power": 3}),  # not subscribed to: goes to everybody
     ]
     async with replaying(*records) as replayed:
         poses: list[Any] = []
@@ -366,13 +376,24 @@ async def test_pushes_only_to_those_who_want_them() -> None:
 
 
 @aio
-async def test_time_stands_still_until_somebody_listens() -> None:
+async def test_an_invalid_recorded_subscription_is_ignored() -> None:
+    records = [
+        (0.1, 1, "client", {"type": "woosh.Subscription", "body": {"topics": 5}}),
+        subscribed(0.2, "woosh.robot.Mode"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with replaying(*records) as replayed, connected(replayed.port) as (_, heard):
+        await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+
+
+@aio
+async def test_the_playback_pauses_until_a_client_subscribes() -> None:
     records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
     async with (
-        replaying(*records) as replayed,
+        replaying(*records, speed=1e5) as replayed,
         ChassisClient(config=link(replayed.port)) as client,  # no subscription
     ):
-        await asyncio.sleep(0.4)
+        await several_round_trips(client)
         assert replayed.rounds == 0
         heard: list[Any] = []
         client.subscribe(Mode, heard.append)
@@ -400,17 +421,17 @@ async def test_a_robot_that_never_came_back() -> None:
 
 
 @aio
-async def test_commands_are_waited_for() -> None:
+async def test_the_playback_pauses_until_a_command_is_sent() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
         pushed(0.3, "woosh.robot.Mode", {"work": 1}),
     ]
     async with (
-        replaying(*records, wait_for_commands=True) as replayed,
+        replaying(*records, wait_for_commands=True, speed=1e5) as replayed,
         connected(replayed.port) as (client, heard),
     ):
-        await asyncio.sleep(0.4)
+        await several_round_trips(client)
         assert heard == []
         assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
         await eventually(lambda: len(heard) == 1)
@@ -418,7 +439,7 @@ async def test_commands_are_waited_for() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_each_client_hears_its_own_encoding(kind: str) -> None:
+async def test_each_client_receives_its_own_encoding(kind: str) -> None:
     """The recording is one of JSON."""
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
@@ -433,7 +454,7 @@ async def test_each_client_hears_its_own_encoding(kind: str) -> None:
 
 
 @aio
-async def test_again_and_again() -> None:
+async def test_loop() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.Mode", {"work": 1}),
@@ -447,7 +468,7 @@ async def test_again_and_again() -> None:
 
 
 @aio
-async def test_of_clients_at_a_time_the_one_that_heard_most_counts() -> None:
+async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         (0.1, 2, "open", "client"),
@@ -470,8 +491,7 @@ async def test_of_clients_at_a_time_the_one_that_heard_most_counts() -> None:
 
 
 @aio
-async def test_frames_of_half_a_message(tmp_path: Path) -> None:
-    """A client that nobody tells what a frame is."""
+async def test_frames_in_pieces(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -489,7 +509,7 @@ async def test_frames_of_half_a_message(tmp_path: Path) -> None:
         assert await reader.read(2)
         writer.transport.abort()
         await eventually(lambda: '"close"' in path.read_text())
-    found = read(path)
+    found = read_recording(path)
     assert frames(found, "client") == ['{"type":"woosh.robot.Mode","sn":5}']
     (answer,) = frames(found, "chassis")
     assert json.loads(answer)["sn"] == 5

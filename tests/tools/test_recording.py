@@ -1,4 +1,4 @@
-"""The file of a recording, and the ear that finds the frames in a stream."""
+"""The file of a recording, and the parsers that find frames in a stream."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import pytest
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
-from woosh_robot_agent.tools.recording import (
-    Event,
-    Frame,
-    RecordingError,
-    Writer,
-    read,
+from woosh_robot_agent.tools.record.frame_parsers import (
+    DelimitedParser,
+    UnreadableError,
+    WebSocketParser,
 )
-from woosh_robot_agent.tools.wiretap import DelimitedEar, UnreadableError, WebSocketEar
+from woosh_robot_agent.tools.recording.reader import RecordingError, read_recording
+from woosh_robot_agent.tools.recording.records import Event, Frame
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 HEAD = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 MIB = 2**20
 
 
-def writer(path: Path, max_size: int = MIB) -> tuple[Writer, list[str]]:
+def writer(path: Path, max_size: int = MIB) -> tuple[RecordingWriter, list[str]]:
     told: list[str] = []
-    return Writer(path, "ws://x:5480", max_size, told.append), told
+    return RecordingWriter(path, "ws://x:5480", max_size, told.append), told
 
 
 @pytest.mark.parametrize("name", ["a.jsonl", "a.jsonl.gz"])
-def test_what_is_written_is_read(tmp_path, name):
+def test_write_and_read(tmp_path, name):
     path = tmp_path / name
     file, told = writer(path)
     file.event(1, "open", "client", "peer")
@@ -38,7 +38,7 @@ def test_what_is_written_is_read(tmp_path, name):
     file.frame(1, "chassis", b"\xff{}", text=True)
     file.event(1, "close", "chassis")
     file.close()
-    found = read(path)
+    found = read_recording(path)
     assert (found.address, found.damage, told) == ("ws://x:5480", "", [])
     assert (file.frames, file.connections) == (3, 1)
     times = [record.t for record in found.records]
@@ -58,11 +58,11 @@ def test_a_crash_loses_only_the_end(tmp_path, name):
     for number in range(100):
         file.frame(1, "client", str(number).encode(), text=True)
     file.flush()
-    whole = path.read_bytes()  # as a crash would leave it: never closed
-    assert [record.data for record in read(path).records] == [str(n) for n in range(100)]
+    whole = path.read_bytes()  # as after a crash: never closed
+    assert [record.data for record in read_recording(path).records] == [str(n) for n in range(100)]
     file.close()
     path.write_bytes(whole[:-7])
-    found = read(path)
+    found = read_recording(path)
     assert found.damage
     assert 0 < len(found.records) <= 100
     assert [record.data for record in found.records] == [
@@ -84,7 +84,7 @@ def test_the_size_limit_ends_it(tmp_path):
         file.frame(1, "client", b"0123456789", text=True)
     assert len(told) == 1
     assert "size limit" in told[0]
-    found = read(file.path)
+    found = read_recording(file.path)
     assert 0 < len(found.records) == file.frames < 50
     assert file.path.stat().st_size <= 400
     file.close()
@@ -108,8 +108,8 @@ def test_a_full_disk_ends_it(tmp_path):
     [
         (b"", "no header"),
         (b"hello\n", "line 1 is not JSON"),
-        (b'{"a":1}\n', "not the header"),
-        (b"[]\n", "no JSON object"),
+        (b'{"a":1}\n', "not a header"),
+        (b"[]\n", "not a JSON object"),
         (b'{"format":"woosh_robot_agent recording","version":9}\n', "version 9"),
         (b'{"format":"woosh_robot_agent recording","version":1}\n{"t":1}\n', "line 2"),
         (
@@ -119,25 +119,25 @@ def test_a_full_disk_ends_it(tmp_path):
         ),
     ],
 )
-def test_what_is_no_recording(tmp_path, content, text):
+def test_not_a_recording(tmp_path, content, text):
     path = tmp_path / "a.jsonl"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=text):
-        read(path)
+        read_recording(path)
 
 
-def test_what_is_no_gzip(tmp_path):
+def test_not_gzip(tmp_path):
     path = tmp_path / "a.jsonl.gz"
     path.write_bytes(json.dumps({}).encode())
-    with pytest.raises(RecordingError, match="no gzip"):
-        read(path)
+    with pytest.raises(RecordingError, match="not a gzip"):
+        read_recording(path)
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 10_000])
 @pytest.mark.parametrize("masked", [False, True])
 def test_web_socket_frames(masked, chunk):
     frames = [
-        WireFrame(Opcode.TEXT, b"\xff\xfe"),  # no UTF-8, and a frame all the same
+        WireFrame(Opcode.TEXT, b"\xff\xfe"),  # invalid UTF-8, but a frame
         WireFrame(Opcode.TEXT, b"he", fin=False),
         WireFrame(Opcode.PING, b"x"),
         WireFrame(Opcode.CONT, b"llo"),
@@ -145,13 +145,13 @@ def test_web_socket_frames(masked, chunk):
         WireFrame(Opcode.CLOSE, b"\x03\xe8bye"),
     ]
     stream = HEAD + b"".join(frame.serialize(mask=masked) for frame in frames)
-    ear = WebSocketEar(masked=masked, max_size=1000)
-    heard = [
+    parser = WebSocketParser(masked=masked, max_size=1000)
+    parsed = [
         each
         for begin in range(0, len(stream), chunk)
-        for each in ear.feed(stream[begin : begin + chunk])
+        for each in parser.feed(stream[begin : begin + chunk])
     ]
-    assert [(each.data, each.text, each.close) for each in heard] == [
+    assert [(each.data, each.text, each.close) for each in parsed] == [
         (b"\xff\xfe", True, False),
         (b"hello", True, False),
         (b"\0" * 300, False, False),
@@ -162,30 +162,30 @@ def test_web_socket_frames(masked, chunk):
 @pytest.mark.parametrize(
     "stream",
     [
-        HEAD + b"\x7f\x00",  # an opcode that there is not
+        HEAD + b"\x7f\x00",  # unknown opcode
         HEAD + WireFrame(Opcode.BINARY, b"\0" * 2000).serialize(mask=False),
         HEAD + b"\xc1\x00",  # compressed
         b"x" * 100_000,
     ],
 )
-def test_what_is_no_web_socket(stream):
+def test_not_a_web_socket(stream):
     with pytest.raises(UnreadableError):
-        list(WebSocketEar(masked=False, max_size=1000).feed(stream))
+        list(WebSocketParser(masked=False, max_size=1000).feed(stream))
 
 
 @pytest.mark.parametrize("chunk", [1, 3, 10_000])
 def test_delimited_frames(chunk):
     stream = b"\x03abc" + b"\x00" + b"\xac\x02" + b"x" * 300
-    ear = DelimitedEar(1000)
-    heard = [
+    parser = DelimitedParser(1000)
+    parsed = [
         each.data
         for begin in range(0, len(stream), chunk)
-        for each in ear.feed(stream[begin : begin + chunk])
+        for each in parser.feed(stream[begin : begin + chunk])
     ]
-    assert heard == [b"abc", b"", b"x" * 300]
+    assert parsed == [b"abc", b"", b"x" * 300]
 
 
 @pytest.mark.parametrize("stream", [b"\xff" * 10, b"\xe9\x07" + b"x"])
-def test_what_is_not_delimited(stream):
+def test_not_delimited(stream):
     with pytest.raises(UnreadableError):
-        list(DelimitedEar(1000).feed(stream))
+        list(DelimitedParser(1000).feed(stream))

@@ -1,4 +1,4 @@
-"""The tools as programs: options, exit status, and what they print."""
+"""The programs from outside: options, exit status and output."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ import pytest
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools import record, replay
-from woosh_robot_agent.tools.playback import prepare
-from woosh_robot_agent.tools.recording import Event, Writer, read
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.records import Event
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+from woosh_robot_agent.tools.replay.playback import prepare
 
 TIMEOUT = 30.0
 ROOT = Path(__file__).parents[2]
@@ -69,10 +71,9 @@ def test_help(tool: str) -> None:
     ],
 )
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_nobody_reads(
+def test_broken_pipe(
     chassis: SimulatorThread, tool: str, arguments: list[str], unbuffered: str
 ) -> None:
-    """As `head` does, which takes some lines and leaves."""
     reader, writer = os.pipe()
     os.close(reader)
     done = subprocess.run(
@@ -85,10 +86,10 @@ def test_nobody_reads(
     )
     os.close(writer)
     assert done.stderr == ""
-    assert done.returncode == 1 or "--help" in arguments  # argparse does not care
+    assert done.returncode == 1 or "--help" in arguments  # argparse ignores the error
 
 
-def test_they_need_no_ros() -> None:
+def test_the_programs_do_not_import_ros() -> None:
     code = "import sys\n" + "".join(f"import woosh_robot_agent.tools.{tool}\n" for tool in TOOLS)
     code += "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -105,9 +106,9 @@ def test_record_by_itself(chassis: SimulatorThread, tmp_path: Path) -> None:
         finally:
             process.kill()
     assert process.returncode == 0
-    assert out.startswith(f"recording ws://127.0.0.1:{chassis.port} into {path}\n")
-    assert re.search(r"\d+ frames of 1 connections in", out)
-    recording = read(path)
+    assert out.startswith(f"recording ws://127.0.0.1:{chassis.port} to {path}\n")
+    assert re.search(r"recorded \d+ frames of 1 connections to", out)
+    recording = read_recording(path)
     assert recording.damage == ""
     assert {query.request for query in QUERIES} <= set(prepare(recording).answers.types)
 
@@ -116,16 +117,22 @@ def test_record_for_a_while(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "0.5")
     assert status == 0
-    assert read(path).damage == ""
+    assert read_recording(path).damage == ""
 
 
 def test_record_without_a_chassis(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
-    arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path), "--duration", "3"]
-    status, _, err = run("record", *arguments)
-    assert status == 0
-    assert "does not answer: " in err
-    records = read(path).records
+    arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path)]
+    with start("record", *arguments) as process:
+        try:
+            assert process.stderr is not None
+            assert any("cannot be reached: " in line for line in process.stderr)
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    records = read_recording(path).records
     assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
 
 
@@ -150,10 +157,7 @@ def test_record_at_a_port_that_is_taken(tmp_path: Path) -> None:
     assert not path.exists()
 
 
-def test_record_says_when_it_is_over_and_serves_on(
-    chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    """With an agent behind it, the link counts for more than the recording."""
+def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.0003"]
     with start("record", *address(chassis), *there) as process:
@@ -171,20 +175,20 @@ def test_record_says_when_it_is_over_and_serves_on(
             process.kill()
     assert process.returncode == 1
     assert "size limit" in err
-    assert "clients are served on" in err
+    assert "the proxy keeps running" in err
     assert path.stat().st_size <= 315
 
 
-def test_listening_beyond_this_machine_is_said(chassis: SimulatorThread, tmp_path: Path) -> None:
+def test_warning_if_other_machines_can_connect(chassis: SimulatorThread, tmp_path: Path) -> None:
     arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
     status, _, err = run("record", *address(chassis), *arguments)
     assert status == 0
-    assert "anybody who reaches 0.0.0.0 can command the robot" in err
+    assert "everybody who can reach 0.0.0.0 can command the robot" in err
 
 
 def test_replay_of_a_damaged_file(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
-    file = Writer(path, "ws://x", 10_000, lambda reason: None)
+    file = RecordingWriter(path, "ws://x", 10_000, lambda reason: None)
     file.event(1, "open", "client")
     file.close()
     with path.open("ab") as more:
@@ -198,10 +202,10 @@ def test_replay_of_a_damaged_file(tmp_path: Path) -> None:
         finally:
             process.kill()
     assert process.returncode == 0
-    assert "warning: its last line is not complete" in err
+    assert "end of the recording is missing: the last line is not complete" in err
 
 
-def test_replay_of_what_is_none(tmp_path: Path, capsys: Any) -> None:
+def test_replay_of_another_file(tmp_path: Path, capsys: Any) -> None:
     assert replay.main([str(tmp_path / "nothing.jsonl")]) == 1
     assert "No such file" in capsys.readouterr().err
     path = tmp_path / "a.jsonl"

@@ -1,4 +1,4 @@
-"""Asynchronous tests, and waiting in them, with patience for a machine that is busy."""
+"""Asynchronous tests, and waiting in them."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ TIMEOUT = 30.0
 
 
 def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """Run an asynchronous test; no exception may go unnoticed in it."""
+    """Run an asynchronous test; fail on an exception that no code handles."""
 
     @functools.wraps(test)
     def run(*args: Any, **kwargs: Any) -> None:
-        troubles: list[Any] = []
+        unhandled: list[Any] = []
 
         async def main() -> None:
             loop = asyncio.get_running_loop()
-            loop.set_exception_handler(lambda _, context: troubles.append(context))
+            loop.set_exception_handler(lambda _, context: unhandled.append(context))
             await asyncio.wait_for(test(*args, **kwargs), 3 * TIMEOUT)
 
         asyncio.run(main())
-        assert not troubles, troubles
+        assert not unhandled, unhandled
 
     return run
 
 
 async def eventually(condition: Callable[[], Any], what: str = "") -> Any:
-    """Wait for what no event announces; returns what it gave."""
+    """Poll a condition until it is true; return its value."""
     deadline = asyncio.get_running_loop().time() + TIMEOUT
     while not (value := condition()):
         if asyncio.get_running_loop().time() > deadline:

@@ -1,15 +1,15 @@
-"""For the tests of a team's own nodes: a simulated chassis and the real agent before it.
+"""Fixtures to test your own nodes with a simulated chassis and the real agent.
 
-In a `conftest.py`, one line makes the fixtures known:
+To use them with pytest, import them in `conftest.py`:
 
     from woosh_robot_agent.testing import simulated_chassis, woosh_agent
 
-Other test frameworks use what is underneath:
+With other test frameworks, use the context managers:
 
     with running_chassis() as chassis, running_agent(chassis) as agent:
-        ...  # nodes of this process and its children find the agent under /woosh_robot
+        ...  # nodes of this process and its children find the agent in /woosh_robot
 
-Importing this needs pytest and rclpy; docs/testing.md shows the whole of it.
+This package needs pytest and rclpy. docs/testing.md has an example and describes everything.
 """
 
 from woosh_robot_agent.testing.agents import (

@@ -1,4 +1,4 @@
-"""A simulated chassis, and the real agent before it: in this process or in one of its own."""
+"""A simulated chassis and the real agent, which runs in this process or in its own one."""
 
 from __future__ import annotations
 
@@ -24,14 +24,16 @@ from woosh_robot_agent.testing.domains import domain_variables, own_domain
 from woosh_robot_agent.testing.spinning import Spinner
 from woosh_robot_agent.testing.waiting import TIMEOUT, wait_until
 
+_SPIN_TIMEOUT = 0.02
+"""Duration of one step of the executor while the agent closes, in seconds."""
+
 
 @contextlib.contextmanager
 def running_chassis(**options: Any) -> Iterator[SimulatorThread]:
-    """A simulated chassis on free ports of this machine.
+    """Run a simulated chassis on free ports of this machine.
 
     Args:
-        options: those of `SimulatorConfig`; time runs 10 times as fast as real time and the seed
-            is 1, if they don't say otherwise.
+        options: Options of `SimulatorConfig`. The defaults here are `speed=10.0` and `seed=1`.
     """
     config = SimulatorConfig(**{"port": 0, "tcp_port": 0, "speed": 10.0, "seed": 1, **options})
     with SimulatorThread(config) as chassis:
@@ -39,40 +41,47 @@ def running_chassis(**options: Any) -> Iterator[SimulatorThread]:
 
 
 class RunningAgent(Protocol):
-    """An agent that runs.
+    """A running agent.
 
     Attributes:
-        domain: the ROS_DOMAIN_ID it is in.
-        namespace: what its names begin with.
+        domain: Its ROS_DOMAIN_ID.
+        namespace: Its namespace.
     """
 
     domain: int
     namespace: str
 
     def wait_connected(self, times: int = 1) -> None:
-        """Return when the agent has connected to its chassis so many times since the start.
+        """Wait until the agent has connected to its chassis.
+
+        Args:
+            times: Number of connections since the start of the agent.
 
         Raises:
-            AssertionError: it has not, in 15 s.
+            AssertionError: It has not within 15 s.
         """
 
     def close(self) -> None:
-        """End it in good order, once."""
+        """End the agent as Ctrl-C does; further calls do nothing."""
 
 
 class AgentInProcess:
-    """The agent in this process, with a context, an executor and a thread of its own.
+    """The agent in this process, with its own context, executor and thread.
 
     Args:
-        domain: the ROS_DOMAIN_ID.
-        namespace: what its names begin with.
-        parameters: the agent's parameters.
+        domain: ROS_DOMAIN_ID of the agent.
+        namespace: Namespace of the agent.
+        parameters: Parameters of the agent.
 
     Attributes:
-        agent: the `woosh_robot_agent.node.Agent`.
+        agent: The `woosh_robot_agent.node.Agent`.
+        domain: ROS_DOMAIN_ID of the agent.
+        namespace: Namespace of the agent.
+        context: rclpy's context of the agent.
+        executor: rclpy's executor of the agent.
 
     Raises:
-        ValueError: a parameter makes no sense.
+        ValueError: A parameter is invalid.
     """
 
     def __init__(self, domain: int, namespace: str = NAMESPACE, **parameters: Any) -> None:
@@ -93,37 +102,37 @@ class AgentInProcess:
         self._closed = False
 
     def wait_connected(self, times: int = 1) -> None:
-        """See `RunningAgent.wait_connected`."""
         chassis = self.agent._chassis
         wait_until(
             lambda: chassis.stats.connects >= times and chassis.state.value == "ready", "the link"
         )
 
     def close(self) -> None:
-        """See `RunningAgent.close`."""
         if self._closed:
             return
         self._closed = True
         try:
             self._spinner.stop()
         finally:
-            self.agent.close(lambda: self.executor.spin_once(timeout_sec=0.02))
-            self.executor.shutdown()  # as in `woosh_robot_agent.agent.main`
+            self.agent.close(lambda: self.executor.spin_once(timeout_sec=_SPIN_TIMEOUT))
+            self.executor.shutdown()
             rclpy.try_shutdown(context=self.context)
 
 
 class AgentProcess:
-    """The agent in a process of its own, as `ros2 run woosh_robot_agent agent` starts it.
+    """The agent in its own process, as `ros2 run woosh_robot_agent agent` starts it.
 
     Args:
-        domain: the ROS_DOMAIN_ID.
-        namespace: what its names begin with.
-        arguments: further ROS arguments, e.g. `-p`, `poll_timeout:=3000`.
-        parameters: the agent's parameters.
+        domain: ROS_DOMAIN_ID of the agent.
+        namespace: Namespace of the agent.
+        arguments: Further ROS arguments, e.g. `-p`, `poll_timeout:=3000`.
+        parameters: Parameters of the agent.
 
     Attributes:
-        process: the process.
-        lines: what it has logged.
+        domain: ROS_DOMAIN_ID of the agent.
+        namespace: Namespace of the agent.
+        process: The process.
+        lines: Lines that the agent has logged.
     """
 
     module = "woosh_robot_agent.agent"
@@ -147,39 +156,42 @@ class AgentProcess:
             **self.popen_options,
         )
         self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, name="agent's log", daemon=True)
+        self._reader = threading.Thread(target=self._read, name="agent log", daemon=True)
         self._reader.start()
 
     @property
     def output(self) -> str:
-        """Everything that it has logged."""
+        """Everything that the agent has logged."""
         return "".join(self.lines)
 
     def wait_says(self, text: str, times: int = 1) -> None:
-        """Return when it has logged `text` so many times.
+        """Wait until the agent has logged `text`.
+
+        Args:
+            text: Part of a log message.
+            times: Number of occurrences since the start of the agent.
 
         Raises:
-            AssertionError: it has not, in 15 s, or it has ended.
+            AssertionError: It has not within 15 s, or it has ended.
         """
 
-        def said() -> bool:
-            running = self.process.poll() is None
+        def is_logged() -> bool:
+            is_running = self.process.poll() is None
             if self.output.count(text) >= times:
                 return True
-            assert running, f"the agent ended ({self.process.returncode}): {self.output}"
+            status = self.process.returncode
+            assert is_running, f"the agent ended with status {status}: {self.output}"
             return False
 
         try:
-            wait_until(said, repr(text))
+            wait_until(is_logged, repr(text))
         except AssertionError as error:
-            raise AssertionError(f"{error}; the agent said: {self.output}") from None
+            raise AssertionError(f"{error}; log of the agent: {self.output}") from None
 
     def wait_connected(self, times: int = 1) -> None:
-        """See `RunningAgent.wait_connected`."""
         self.wait_says("connected to ", times)
 
     def close(self) -> None:
-        """See `RunningAgent.close`."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:
@@ -190,7 +202,7 @@ class AgentProcess:
         self.wait_read()
 
     def wait_read(self) -> None:
-        """Return when all that it logged is there; only once it has ended."""
+        """Wait until all log messages of the ended agent have been read."""
         self._reader.join(TIMEOUT)
         assert self.process.stderr is not None
         self.process.stderr.close()
@@ -210,23 +222,23 @@ def running_agent(
     namespace: str = NAMESPACE,
     **parameters: Any,
 ) -> Iterator[RunningAgent]:
-    """The real agent, connected to `chassis`.
+    """Run the real agent, connected to `chassis`.
 
     Args:
-        chassis: where it connects to.
-        process: run it in a process of its own, as it runs on a robot; else in this one, where a
-            debugger sees it and nothing has to start.
-        domain: the ROS_DOMAIN_ID; by default one of its own, as `own_domain` gives it.
-        namespace: what its names begin with.
-        parameters: the agent's parameters; those of the link lead to `chassis`.
+        chassis: The chassis to connect to.
+        process: Run the agent in its own process, as on a robot. By default it runs in this
+            process, which starts faster and can be debugged.
+        domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
+        namespace: Namespace of the agent.
+        parameters: Parameters of the agent; `ip` and `port` are set to those of `chassis`.
 
     Raises:
-        AssertionError: it did not connect in 15 s.
-        ValueError: a parameter makes no sense.
+        AssertionError: The agent did not connect within 15 s.
+        ValueError: A parameter is invalid.
     """
     tcp = parameters.get("transport") == "tcp"
     link = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}
-    # a dropped link is there again at once: tests wait for it
+    # Tests wait for the link after a drop: reconnect soon.
     parameters = {**link, "backoff_min": 0.1, **parameters}
     with contextlib.ExitStack() as stack:
         if domain is None:

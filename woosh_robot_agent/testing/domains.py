@@ -1,28 +1,33 @@
-"""A ROS domain of a test's own, on this machine only."""
+"""ROS domains for tests, each used by one test at a time."""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import socket
 from collections.abc import Iterator, Mapping
 
 _LOCK_PORT = 21000
-"""Bound on the loopback while a domain is in use: what other processes on this machine see."""
+"""Base of the TCP ports that lock a domain for all processes of this machine.
+
+A domain is in use while the port with this number plus the domain's is bound.
+"""
 _DOMAINS = 100
-_started = iter(range(10_000_000))
+"""Number of domains for tests, from 1."""
+_counter = itertools.count()
 
 
 @contextlib.contextmanager
 def own_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test on this machine uses now, on the loopback only.
+    """Yield a ROS_DOMAIN_ID that no other test on this machine uses, limited to this machine.
 
-    It is in the environment meanwhile: what calls `rclpy.init()` or starts a process is in it.
+    The environment variables are set meanwhile, so `rclpy.init()` and child processes use it.
 
     Raises:
-        RuntimeError: a hundred tests run at this moment.
+        RuntimeError: All domains for tests are in use.
     """
-    start = (os.getpid() * 17 + next(_started)) % _DOMAINS
+    start = (os.getpid() * 17 + next(_counter)) % _DOMAINS
     for offset in range(_DOMAINS):
         domain = 1 + (start + offset) % _DOMAINS
         with socket.socket() as lock:
@@ -33,11 +38,11 @@ def own_domain() -> Iterator[int]:
             with _environment(domain_variables(domain)):
                 yield domain
             return
-    raise RuntimeError(f"all {_DOMAINS} domains for tests are in use on this machine")
+    raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
 
 
 def domain_variables(domain: int) -> dict[str, str]:
-    """The environment that puts a process into a domain, on the loopback only."""
+    """Return the environment variables of a process in a domain, limited to this machine."""
     return {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 

@@ -1,4 +1,4 @@
-"""Nodes that run beside a test."""
+"""Spinning nodes in the background of a test."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from woosh_robot_agent.testing.waiting import TIMEOUT
 
+_SPIN_TIMEOUT = 0.05
+"""Maximum delay before `stop` takes effect, in seconds."""
+
 
 class Spinner:
     """Spins an executor in a thread until it is stopped.
 
-    What a callback raises ends the spinning, and is raised again by `stop`.
+    An exception of a callback ends the spinning; `stop` raises it again.
+
+    Args:
+        executor: The executor; its nodes are added by the caller.
     """
 
     def __init__(self, executor: Any) -> None:
@@ -26,7 +32,7 @@ class Spinner:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop, and return when the thread has ended."""
+        """Stop spinning and wait for the thread; raise the exception of a callback, if any."""
         self._stop.set()
         self._thread.join(TIMEOUT)
         if self._error is not None:
@@ -35,7 +41,7 @@ class Spinner:
     def _spin(self) -> None:
         try:
             while not self._stop.is_set():
-                self.executor.spin_once(timeout_sec=0.05)
+                self.executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
         except ExternalShutdownException:
             pass
         except BaseException as error:
@@ -44,7 +50,11 @@ class Spinner:
 
 @contextlib.contextmanager
 def spinning(*nodes: Any) -> Iterator[None]:
-    """Have nodes of one context run in a thread meanwhile; raises what their callbacks raised."""
+    """Spin nodes in a thread; at the end, raise the exception of a callback, if any.
+
+    Args:
+        nodes: Nodes of one context.
+    """
     executor = SingleThreadedExecutor(context=nodes[0].context)
     for node in nodes:
         executor.add_node(node)

@@ -1,4 +1,4 @@
-"""Waiting in tests: for conditions, never for a time."""
+"""Waiting for conditions in tests."""
 
 from __future__ import annotations
 
@@ -9,26 +9,28 @@ from typing import TypeVar
 T = TypeVar("T")
 
 TIMEOUT = 15.0
-"""s after which a test gives up waiting; far above what anything here takes."""
+"""Default timeout of all waiting, in seconds; far longer than anything here takes."""
+_POLL_PERIOD = 0.005
+"""Time between two calls of a condition, in seconds."""
 
 
 def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIMEOUT) -> T:
-    """Wait for a condition that no event announces.
+    """Wait until a condition is true, by calling it every few milliseconds.
 
     Args:
-        condition: asked every few ms until it gives something true.
-        what: what is waited for, for the error.
-        timeout: s after which to give up.
+        condition: Function to call until it returns a true value.
+        what: What the condition stands for, for the error message.
+        timeout: Maximum time to wait, in seconds.
 
     Returns:
-        What the condition gave.
+        The value that the condition returned.
 
     Raises:
-        AssertionError: it did not come true in time.
+        AssertionError: The condition did not become true within `timeout`.
     """
     deadline = time.monotonic() + timeout
     while not (value := condition()):
         if time.monotonic() > deadline:
             raise AssertionError(f"timed out waiting for {what or condition}")
-        time.sleep(0.005)
+        time.sleep(_POLL_PERIOD)
     return value

@@ -1,4 +1,4 @@
-"""Programs to look at one robot: `monitor`, `doctor`, `record` and `replay`.
+"""Programs to observe one robot: `monitor`, `doctor`, `record` and `replay`.
 
-None of them commands the robot. All but the monitor's ROS side work where there is no ROS.
+None of them commands the robot. Only `monitor.ros_source` needs ROS.
 """

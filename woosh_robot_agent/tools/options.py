@@ -1,4 +1,4 @@
-"""Options that the tools share: which chassis, and how it is spoken to."""
+"""Command-line options that several of the programs have."""
 
 from __future__ import annotations
 
@@ -10,37 +10,49 @@ from dataclasses import fields
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
 
+_LOCALHOST = "127.0.0.1"
+
 
 def add_link_options(parser: argparse.ArgumentParser, *, ip_required: bool = True) -> None:
-    """Add `--ip` and the rest of the link's options to a parser."""
+    """Add `--ip` and the other options of the link to a parser."""
     default = LinkConfig()
     parser.add_argument("--ip", required=ip_required, help="address or host name of the robot")
     parser.add_argument(
         "--port",
         type=int,
         default=default.port,
-        help="its port; the transport's default, "
-        + " or ".join(f"{port} for {name}" for name, port in DEFAULT_PORTS.items()),
+        help="port of the robot (default: "
+        + ", ".join(f"{port} for {name}" for name, port in DEFAULT_PORTS.items())
+        + ")",
     )
     parser.add_argument(
-        "--transport", choices=DEFAULT_PORTS, default=default.transport, help="how to connect"
+        "--transport",
+        choices=DEFAULT_PORTS,
+        default=default.transport,
+        help="transport of the link (default: %(default)s)",
     )
     parser.add_argument(
-        "--encoding", choices=ENCODINGS, default=default.encoding, help="encoding of the frames"
+        "--encoding",
+        choices=ENCODINGS,
+        default=default.encoding,
+        help="encoding of WebSocket frames (default: %(default)s)",
     )
     parser.add_argument(
-        "--robot-id", type=int, default=default.robot_id, help="which robot, behind a gateway"
+        "--robot-id",
+        type=int,
+        default=default.robot_id,
+        help="id of the robot behind a gateway (default: %(default)s, no gateway)",
     )
     parser.add_argument(
         "--timeout",
         type=float,
         default=default.connect_timeout,
-        help="s to wait for the connection, and for each answer",
+        help="timeout of the connection and of each answer, in seconds (default: %(default)g)",
     )
 
 
 def link_config(parser: argparse.ArgumentParser, options: argparse.Namespace) -> LinkConfig:
-    """The link's configuration of parsed options; ends the program where one makes no sense."""
+    """Return the configuration of the link; an invalid option ends the program."""
     names = {field.name for field in fields(LinkConfig)}
     given = {name: value for name, value in vars(options).items() if name in names}
     timeouts = dict.fromkeys(
@@ -52,16 +64,28 @@ def link_config(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
         parser.error(str(error))
 
 
-def warn_if_not_local(host: str, danger: str) -> None:
-    """Say on stderr what listening beyond this machine means.
+def host_and_port(text: str) -> tuple[str, int]:
+    """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which means this machine only.
+
+    Raises:
+        argparse.ArgumentTypeError: The text has another form.
+    """
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or not int(port) < 2**16:
+        raise argparse.ArgumentTypeError(f"not HOST:PORT, e.g. 127.0.0.1:5480: {text!r}")
+    return host.strip("[]") or _LOCALHOST, int(port)
+
+
+def warn_if_not_local(host: str, consequence: str) -> None:
+    """Print a warning to stderr if other machines can reach `host`.
 
     Args:
-        host: address to listen at.
-        danger: what anybody who reaches it can do.
+        host: Address to listen on.
+        consequence: What everybody who can connect is able to do.
     """
     try:
         local = ipaddress.ip_address(host).is_loopback
     except ValueError:
         local = host == "localhost"
     if not local:
-        print(f"warning: anybody who reaches {host} {danger}", file=sys.stderr)
+        print(f"warning: everybody who can reach {host} {consequence}", file=sys.stderr)

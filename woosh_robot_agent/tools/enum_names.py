@@ -1,4 +1,4 @@
-"""The chassis's enums in words."""
+"""Readable names for the values of the chassis's enums."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ _PREFIXES = ("k", "Ros")
 _SUFFIXES = ("Mode",)
 
 
-def word(enum: Any, number: int) -> str:
-    """What a value of a generated enum is called, e.g. `task`; its number if it is unknown."""
-    return _word(enum.DESCRIPTOR, number)
+def enum_name(enum: Any, number: int) -> str:
+    """Return the readable name of a value of a generated enum, e.g. `task` for `kTaskMode`.
+
+    An undefined value is called `unknown`. For a value that the enum does not have, the result is
+    its number.
+    """
+    return _enum_name(enum.DESCRIPTOR, number)
 
 
 @cache
-def _word(descriptor: EnumDescriptor, number: int) -> str:
+def _enum_name(descriptor: EnumDescriptor, number: int) -> str:
     value = descriptor.values_by_number.get(number)
     if value is None:
         return str(number)

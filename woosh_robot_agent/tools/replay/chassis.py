@@ -1,9 +1,8 @@
-"""A chassis that does again what a recording says."""
+"""A chassis that replays a recording."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 from collections import Counter
 from functools import partial
@@ -16,45 +15,43 @@ from woosh_robot_agent.link.server.listener import Listener
 from woosh_robot_agent.link.server.tcp import serve_tcp
 from woosh_robot_agent.link.server.websocket import serve_websocket
 from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.protos import message_types
 from woosh_robot_agent.simulator.client import Client
-from woosh_robot_agent.tools.playback import (
-    Kind,
-    Playback,
-    Step,
-    is_subscription,
-    subscribe,
-)
+from woosh_robot_agent.tools.replay.playback import Playback
+from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_subscription
+from woosh_robot_agent.tools.replay.timeline import Step, StepKind
+from woosh_robot_agent.tools.replay.transcode import transcode
 
 _LOG = logging.getLogger(__name__)
-_MAX_FRAME = 64 * MIB
+_MAX_FRAME_SIZE = 64 * MIB
 _MAX_OUTBOX = 10_000
+"""Number of frames waiting for a client above which the client is dropped."""
 _CLOSE_TIMEOUT = 0.3
+"""Timeout of the closing handshake with a client, in seconds."""
 _FLUSH_TIMEOUT = 1.0
-_FLUSH_LOOK = 0.01
+"""Time that clients get to receive all frames before a recorded loss, in seconds."""
+_FLUSH_CHECK_PERIOD = 0.01
+"""Time between two checks of whether clients have received all frames, in seconds."""
 
 
 class ReplayedChassis:
-    """Answers as recorded and pushes at the recorded times, once a client has subscribed.
+    """A chassis that gives the recorded answers and sends pushes at their recorded times.
 
-    Time stands still until there is a client that listens, at the start and after each recorded
-    loss of the connection; so nothing is missed by one that comes later than the recorded one did.
+    The playback pauses at the start and after each recorded loss of the connection until a client
+    has subscribed. So a client misses nothing if it connects later than the recorded one did.
 
     Args:
-        playback: what to replay.
-        host: address to listen at.
-        port: WebSocket port, 0 for a free one.
-        tcp_port: port of delimited protobuf, 0 for a free one.
-        speed: how much faster than recorded.
-        loop: begin again at the end, with a loss of the connection.
-        wait_for_commands: also stand still at each recorded command until a client sends one of
-            its type.
+        playback: The recording.
+        host: Address to listen on.
+        port: Port of the WebSocket transport; 0 for any free one.
+        tcp_port: Port of the TCP transport; 0 for any free one.
+        speed: Speed of the playback as a factor.
+        loop: Drop all clients and start again when the recording ends.
+        wait_for_commands: Also pause at each recorded command until a client sends one of its type.
 
     Attributes:
-        port: the WebSocket port, once started.
-        tcp_port: the TCP port, once started.
-        rounds: how often the recording was played to its end.
+        port: Port of the WebSocket transport, after the start.
+        tcp_port: Port of the TCP transport, after the start.
+        rounds: Number of times that the recording was played to its end.
     """
 
     def __init__(
@@ -78,13 +75,17 @@ class ReplayedChassis:
         self._wait_for_commands = wait_for_commands
         self._listeners: list[Listener] = []
         self._clients: dict[Client, Codec] = {}
+        """The clients, each with the encoding of its last frame."""
         self._commands: Counter[str] = Counter()
+        """Number of requests received in this round, by type."""
         self._unknown: set[str] = set()
+        """Types that were requested but not recorded."""
         self._changed = asyncio.Event()
-        self._always = asyncio.Event()
-        self._always.set()
+        """Set when a client connects or sends a frame."""
+        self._unpaused = asyncio.Event()
+        self._unpaused.set()
         self._base: tuple[float, float] | None = None
-        """Loop time, and time in the recording, of the same moment."""
+        """Loop time and time in the recording of the same moment; None before the first one."""
         self._player: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> ReplayedChassis:
@@ -95,81 +96,93 @@ class ReplayedChassis:
         await self.stop()
 
     async def start(self) -> None:
-        """Take clients.
+        """Listen for clients and start the playback.
 
         Raises:
-            OSError: a port is taken.
+            OSError: A port is in use.
         """
         await self._listen()
         self._player = asyncio.get_running_loop().create_task(self._play())
 
     async def stop(self) -> None:
-        """Hang up and listen no more."""
+        """Drop all clients and stop listening."""
         if self._player is not None:
             self._player.cancel()
-        await self._hang_up()
+        await self._disappear()
 
-    # The timeline
+    # Playback
 
     async def _play(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            needed: Counter[str] = Counter()
+            recorded: Counter[str] = Counter()  # commands so far, by type
             self._commands.clear()
             self._playback.answers.rewind()
-            await self._until_client(subscribed=False)
+            await self._wait_for_client(subscribed=False)
             for step in self._playback.steps:
                 if self._base is not None:
                     due = self._base[0] + (step.t - self._base[1]) / self._speed
                     await asyncio.sleep(max(0.0, due - loop.time()))
-                needed[step.type] += step.kind is Kind.COMMAND
-                await self._do(step, needed[step.type])
+                recorded[step.type] += step.kind is StepKind.COMMAND
+                await self._do(step, recorded[step.type])
             self.rounds += 1
-            _LOG.info("the recording is over%s", ": again" if self._repeat else "")
+            _LOG.info("end of the recording%s", ", starting again" if self._repeat else "")
             if not self._repeat:
                 return
             self._base = None
             await self._flush()
-            self._drop()
+            self._drop_clients()
 
     async def _do(self, step: Step, commands: int) -> None:
-        if step.kind is Kind.PUSH:
-            self._push(step)
-        elif step.kind is Kind.OPEN:
-            await self._listen()
-        elif step.kind is Kind.LOST:
-            _LOG.info("%.3f s: the connection is lost, as recorded", step.t)
-            await self._flush()
-            await self._hang_up()
-        elif step.kind is Kind.SUBSCRIBED:
-            await self._until_client(subscribed=True)
-            self._stand_still_until_now(step)
-        elif step.kind is Kind.COMMAND and self._wait_for_commands:
-            if self._commands[step.type] < commands:
-                _LOG.info("%.3f s: waiting for %s; recorded: %.500s", step.t, step.type, step.frame)
-            while self._commands[step.type] < commands:
-                await self._change()
-            self._stand_still_until_now(step)
+        """Do one step.
 
-    def _stand_still_until_now(self, step: Step) -> None:
+        Args:
+            step: The step.
+            commands: For a command, how many of its type were recorded up to here.
+        """
+        if step.kind is StepKind.PUSH:
+            self._push(step)
+        elif step.kind is StepKind.OPEN:
+            await self._listen()
+        elif step.kind is StepKind.LOST:
+            _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
+            await self._flush()
+            await self._disappear()
+        elif step.kind is StepKind.SUBSCRIBED:
+            await self._wait_for_client(subscribed=True)
+            self._resume_at(step)
+        elif step.kind is StepKind.COMMAND and self._wait_for_commands:
+            if self._commands[step.type] < commands:
+                _LOG.info(
+                    "%.3f s: paused until a client sends %s; recorded: %.500s",
+                    step.t,
+                    step.type,
+                    step.frame,
+                )
+            while self._commands[step.type] < commands:
+                await self._wait_for_change()
+            self._resume_at(step)
+
+    def _resume_at(self, step: Step) -> None:
+        """Continue the playback with the time of `step` after a pause."""
         self._base = (asyncio.get_running_loop().time(), step.t)
 
-    async def _until_client(self, *, subscribed: bool) -> None:
+    async def _wait_for_client(self, *, subscribed: bool) -> None:
         while not any(client.topics or not subscribed for client in self._clients):
-            await self._change()
+            await self._wait_for_change()
 
-    async def _change(self) -> None:
+    async def _wait_for_change(self) -> None:
         self._changed.clear()
         await self._changed.wait()
 
     def _push(self, step: Step) -> None:
         for client, codec in list(self._clients.items()):
-            if step.wanted:
-                wanted = client.topics.get(step.type)
-                if wanted is None:
+            if step.subscribed:
+                subscribed = client.topics.get(step.type)
+                if subscribed is None:
                     continue
-                codec = wanted
-            client.send(_in(codec, step.frame, None))
+                codec = subscribed
+            client.send(transcode(step.frame, codec))
 
     # Clients
 
@@ -178,48 +191,48 @@ class ReplayedChassis:
             return
         for serve, port in ((serve_websocket, self.port), (serve_tcp, self.tcp_port)):
             try:
-                listener = await serve(self._serve, self._host, port, max_size=_MAX_FRAME)
+                listener = await serve(self._serve, self._host, port, max_size=_MAX_FRAME_SIZE)
             except OSError:
-                await self._hang_up()
+                await self._disappear()
                 raise
             self._listeners.append(listener)
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
 
     async def _flush(self) -> None:
-        """Wait, not for long, until everybody has got what was recorded before the loss."""
+        """Wait until the clients have received all frames, with a timeout."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _FLUSH_TIMEOUT
         while any(client.unsent for client in self._clients) and loop.time() < deadline:
-            await asyncio.sleep(_FLUSH_LOOK)
+            await asyncio.sleep(_FLUSH_CHECK_PERIOD)
 
-    async def _hang_up(self) -> None:
-        """Drop every client and take no new ones, as if out of reach."""
-        self._drop()
+    async def _disappear(self) -> None:
+        """Drop all clients and stop listening, as a chassis that is out of reach."""
+        self._drop_clients()
         listeners, self._listeners = self._listeners, []
         await asyncio.gather(*(listener.close() for listener in listeners))
 
-    def _drop(self) -> None:
+    def _drop_clients(self) -> None:
         for client in self._clients:
             client.drop()
         self._clients.clear()
 
     async def _serve(self, transport: ServerTransport) -> None:
-        if not self._listeners:  # it was on its way when the connection was lost
+        if not self._listeners:  # it connected while the ports were being closed
             transport.abort()
             return
         client = Client(transport, _MAX_OUTBOX)
         self._clients[client] = JSON
         self._changed.set()
-        writer = asyncio.ensure_future(client.write(self._always))
+        writer = asyncio.ensure_future(client.write(self._unpaused))
         _LOG.info("%s connected", transport.peer)
         try:
             while True:
                 try:
                     self._receive(client, await transport.recv())
                 except FrameError as error:
-                    _LOG.warning("%s sent a frame that cannot be read: %s", transport.peer, error)
+                    _LOG.warning("invalid frame from %s: %s", transport.peer, error)
         except TransportClosedError as error:
-            _LOG.info("%s left: %s", transport.peer, error)
+            _LOG.info("%s disconnected: %s", transport.peer, error)
         finally:
             self._clients.pop(client, None)
             writer.cancel()
@@ -232,7 +245,7 @@ class ReplayedChassis:
             self._clients[client] = codec
         if is_subscription(envelope):
             topics = set(client.topics)
-            subscribe(topics, envelope, data)
+            apply_subscription(topics, envelope, data)
             client.topics = {name: client.topics.get(name, codec) for name in topics}
         elif envelope.sn:
             self._commands[envelope.type] += 1
@@ -245,49 +258,12 @@ class ReplayedChassis:
             text = f"the recording has no request of type {envelope.type}"
             if envelope.type not in self._unknown:
                 self._unknown.add(envelope.type)
-                types = ", ".join(self._playback.answers.types) or "none at all"
-                _LOG.warning("refused: %s; it has %s", text, types)
+                types = ", ".join(self._playback.answers.types) or "none"
+                _LOG.warning("request refused: %s; recorded types: %s", text, types)
             client.send(codec.encode("error", None, sn=envelope.sn, ok=False, msg=text))
         elif exchange.answer is None:
-            _LOG.info("%s gets no answer, as recorded at %.3f s", envelope.type, exchange.t)
+            _LOG.info("no answer to %s, as recorded at %.3f s", envelope.type, exchange.t)
         else:
-            frame = _in(codec, exchange.answer.data, envelope.sn)
+            frame = transcode(exchange.answer.data, codec, envelope.sn)
             send = partial(client.send, frame)
             asyncio.get_running_loop().call_later(exchange.delay / self._speed, send)
-
-
-def _in(codec: Codec, frame: str | bytes, sn: int | None) -> str | bytes:
-    """A recorded frame as a client that uses `codec` can read it.
-
-    Args:
-        codec: the client's encoding.
-        frame: as recorded; it stays as it is where nothing has to be changed.
-        sn: serial number to put in, None for a push.
-    """
-    recorded = server_codec(frame)
-    if recorded is not codec:
-        return _transcoded(recorded, codec, frame, sn)
-    if sn is None:
-        return frame
-    if isinstance(frame, str):
-        return json.dumps({**json.loads(frame), "sn": sn}, ensure_ascii=False)
-    pack = MessagePackJson.FromString(frame)
-    pack.sn = sn
-    return pack.SerializeToString()
-
-
-def _transcoded(recorded: Codec, codec: Codec, frame: str | bytes, sn: int | None) -> str | bytes:
-    try:
-        envelope = recorded.decode(frame)
-        cls = message_types().get(envelope.type)
-        body = None if cls is None else recorded.body(envelope, cls)
-    except FrameError:
-        return frame  # what could not be read then cannot be read now
-    return codec.encode(
-        envelope.type,
-        body,
-        sn=sn or 0,
-        ok=envelope.ok,
-        msg=envelope.msg,
-        timestamp=envelope.timestamp,
-    )

@@ -1,4 +1,4 @@
-"""How the monitor looks: a view, drawn with rich."""
+"""The picture of a robot, drawn with rich."""
 
 from __future__ import annotations
 
@@ -17,64 +17,67 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.readiness import is_taskable, objections
-from woosh_robot_agent.tools.view import LinkReport, View
-from woosh_robot_agent.tools.words import word
+from woosh_robot_agent.tools.enum_names import enum_name
+from woosh_robot_agent.tools.monitor.robot_view import RobotView
+from woosh_robot_agent.tools.monitor.source import LinkReport
 
-GOOD, BAD, ODD, FAINT = "green", "bold red", "yellow", "dim"
-_CODES_SHOWN = 8
-_LEVEL_STYLES = {StatusCode.kWarn: ODD, StatusCode.kFault: BAD}
+_GOOD, _BAD, _WARNING, _FAINT = "green", "bold red", "yellow", "dim"
+_MAX_CODES = 8
+"""Number of status codes shown, the newest first."""
+_LEVEL_STYLES = {StatusCode.kWarn: _WARNING, StatusCode.kFault: _BAD}
 _LOW_BATTERY = 20
-_UNKNOWN = Text("not known yet", FAINT)
+"""Highest charge that is shown as low, in percent."""
+_UNKNOWN = Text("unknown", _FAINT)
 
 
-def draw(name: str, link: LinkReport, view: View, hint: str = "") -> RenderableType:
-    """One picture of a robot.
+def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> RenderableType:
+    """Return a picture of a robot.
 
     Args:
-        name: where the view comes from.
-        link: where the link stands.
-        view: what is known.
-        hint: what can be done with the picture.
+        name: Name of the source, for the title.
+        link: State of the link.
+        view: State of the robot.
+        hint: Text below the picture, e.g. which key quits.
     """
     rows = Table.grid(padding=(0, 2))
     rows.add_column(style="bold", no_wrap=True)
     rows.add_column()
     rows.add_row("link", _link(link))
-    if view.known:
+    if not view.is_empty:
         for title, content in _robot(view.info):
             rows.add_row(title, content)
         for action_name in sorted(view.actions):
-            rows.add_row(clean(action_name), _action(view, action_name))
+            rows.add_row(_printable(action_name), _action(view, action_name))
         rows.add_row("codes", _codes(view))
-    # what is old must not pass for new
-    style = "" if link.good else FAINT
-    old = [] if link.good or not view.known else [Text("OLD: what was known last", BAD)]
+    style = "" if link.good else _FAINT
+    outdated = not link.good and not view.is_empty
+    warning = [Text("OUTDATED: this is the last known state", _BAD)] if outdated else []
     return Panel(
-        Group(*old, rows),
+        Group(*warning, rows),
         title=Text(f"robot at {name}"),
-        subtitle=Text(hint, FAINT) if hint else None,
+        subtitle=Text(hint, _FAINT) if hint else None,
         title_align="left",
         subtitle_align="left",
         style=style,
-        border_style=GOOD if link.good else BAD,
+        border_style=_GOOD if link.good else _BAD,
     )
 
 
-def clean(text: str) -> str:
-    """A text of the robot's, without what could steer a terminal."""
+def _printable(text: str) -> str:
+    """Replace characters of a robot's text that could control the terminal."""
     return "".join(char if char.isprintable() else "�" for char in text)
 
 
 def _link(link: LinkReport) -> Text:
-    text = Text(clean(link.text), GOOD if link.good else BAD)
-    return text.append(f"  {clean(link.detail)}" if link.detail else "", "not bold default")
+    text = Text(_printable(link.text), _GOOD if link.good else _BAD)
+    return text.append(f"  {_printable(link.detail)}" if link.detail else "", "not bold default")
 
 
 def _robot(info: RobotInfo) -> list[tuple[str, Text]]:
     return [
         ("robot", _name(info)),
         ("mode", _mode(info)),
-        ("a task", _taskable(info)),
+        ("new task", _taskable(info)),
         ("pose", _pose(info)),
         ("speed", _speed(info)),
         ("battery", _battery(info)),
@@ -93,30 +96,30 @@ def _name(info: RobotInfo) -> Text:
         f"scene {info.scene.scene_name}" if info.scene.scene_name else "",
         f"map {info.scene.map_name}" if info.scene.map_name else "",
     ]
-    text = "  ".join(clean(part) for part in parts if part)
+    text = "  ".join(_printable(part) for part in parts if part)
     return Text(text) if text else _UNKNOWN
 
 
 def _mode(info: RobotInfo) -> Text:
-    state = word(robot.State, info.state)
+    state = enum_name(robot.State, info.state)
     if not info.HasField("mode"):
         return Text(f"state {state}")
-    ctrl = word(robot.ControlMode, info.mode.ctrl)
-    work = word(robot.WorkMode, info.mode.work)
+    ctrl = enum_name(robot.ControlMode, info.mode.ctrl)
+    work = enum_name(robot.WorkMode, info.mode.work)
     return Text(f"control {ctrl}   work {work}   state {state}")
 
 
 def _taskable(info: RobotInfo) -> Text:
     found = objections(info)
     if found:
-        text = Text("would be refused", BAD)
+        text = Text("would be rejected", _BAD)
         for objection in found:
-            text.append(f"\n- {clean(objection.reason)}", BAD)
-            text.append(f": {clean(objection.remedy)}", "not bold default")
+            text.append(f"\n- {_printable(objection.reason)}", _BAD)
+            text.append(f": {_printable(objection.remedy)}", "not bold default")
         return text
     if is_taskable(info) is None:
         return _UNKNOWN
-    return Text("would be taken", GOOD)
+    return Text("would be accepted", _GOOD)
 
 
 def _pose(info: RobotInfo) -> Text:
@@ -133,8 +136,8 @@ def _speed(info: RobotInfo) -> Text:
     if not info.HasField("pose_speed"):
         return _UNKNOWN
     twist = info.pose_speed.twist
-    driven = f"   {info.pose_speed.mileage} m driven in all"
-    return Text(f"{twist.linear:.2f} m/s   {twist.angular:.2f} rad/s{driven}")
+    mileage = f"   {info.pose_speed.mileage} m driven in total"
+    return Text(f"{twist.linear:.2f} m/s   {twist.angular:.2f} rad/s{mileage}")
 
 
 def _battery(info: RobotInfo) -> Text:
@@ -142,51 +145,53 @@ def _battery(info: RobotInfo) -> Text:
         return _UNKNOWN
     battery = info.battery
     charging = battery.charge_state in (Battery.kManual, Battery.kAuto)
-    how = f"charging ({word(Battery.ChargeState, battery.charge_state)})" if charging else ""
+    how = f"charging ({enum_name(Battery.ChargeState, battery.charge_state)})" if charging else ""
     low = battery.power <= _LOW_BATTERY and not charging
-    return Text(f"{battery.power} %   {how}".rstrip(), ODD if low else "")
+    return Text(f"{battery.power} %   {how}".rstrip(), _WARNING if low else "")
 
 
 def _task(info: RobotInfo) -> Text:
     proc = info.task_proc
     if not info.HasField("task_proc") or proc.state == task.kStateUndefined:
-        return Text("none", FAINT)
+        return Text("none", _FAINT)
     parts = [
         str(proc.robot_task_id),
-        word(task.Type, proc.type),
-        f"to {clean(proc.dest)}" if proc.dest else "",
+        enum_name(task.Type, proc.type),
+        f"to {_printable(proc.dest)}" if proc.dest else "",
     ]
     text = Text(" ".join(part for part in parts if part) + "   ")
-    style = BAD if proc.state == task.kFailed else GOOD if proc.state == task.kCompleted else "bold"
-    text.append(word(task.State, proc.state), style)
-    return text.append(f"   {clean(proc.msg)}" if proc.msg else "")
+    style = (
+        _BAD if proc.state == task.kFailed else _GOOD if proc.state == task.kCompleted else "bold"
+    )
+    text.append(enum_name(task.State, proc.state), style)
+    return text.append(f"   {_printable(proc.msg)}" if proc.msg else "")
 
 
 def _task_action(info: RobotInfo) -> Text:
     doing = info.task_proc.action
     if doing.type == action.kTypeUndefined:
-        return Text("none", FAINT)
-    state = word(action.State, doing.state)
+        return Text("none", _FAINT)
+    state = enum_name(action.State, doing.state)
     wait = f"   wait {doing.wait_id}" if doing.wait_id else ""
-    return Text(f"{word(action.Type, doing.type)}   {state}{wait}")
+    return Text(f"{enum_name(action.Type, doing.type)}   {state}{wait}")
 
 
-def _action(view: View, name: str) -> Text:
+def _action(view: RobotView, name: str) -> Text:
     feedback = view.actions[name]
-    text = Text(word(ActionState, feedback.state))
+    text = Text(enum_name(ActionState, feedback.state))
     if feedback.code:
         text.append(f"   {feedback.code}")
-    return text.append(f"   {clean(feedback.msg)}" if feedback.msg else "")
+    return text.append(f"   {_printable(feedback.msg)}" if feedback.msg else "")
 
 
-def _codes(view: View) -> Text:
+def _codes(view: RobotView) -> Text:
     text = Text()
-    for code in list(view.codes)[: -_CODES_SHOWN - 1 : -1]:
+    for code in list(view.codes)[: -_MAX_CODES - 1 : -1]:
         when = time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000))
-        level = word(StatusCode.Level, code.level)
+        level = enum_name(StatusCode.Level, code.level)
         text.append(
-            f"{when}  {level:<6}  {code.code}  {clean(code.msg)}\n".replace("\n\n", "\n"),
+            f"{when}  {level:<6}  {code.code}  {_printable(code.msg)}\n".replace("\n\n", "\n"),
             _LEVEL_STYLES.get(code.level, ""),
         )
     text.rstrip()
-    return text if view.codes else Text("none", FAINT)
+    return text if view.codes else Text("none", _FAINT)

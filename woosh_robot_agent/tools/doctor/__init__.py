@@ -1,0 +1,5 @@
+"""The program `doctor`: checks the connection to a robot and whether it accepts tasks."""
+
+from woosh_robot_agent.tools.doctor.program import main
+
+__all__ = ["main"]

@@ -1,0 +1,96 @@
+"""Checks of the robot's state: is there anything for which it would reject a task?"""
+
+from __future__ import annotations
+
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.readiness import (
+    DEPLOYMENT,
+    EMERGENCY_STOP,
+    LOST,
+    MAINTENANCE,
+    MANUAL,
+    NO_CONTROL_MODE,
+    NO_WORK_MODE,
+    NOT_INITIALISED,
+    SCHEDULE,
+    Objection,
+    is_located,
+    is_taskable,
+    objections,
+)
+from woosh_robot_agent.tools.doctor.result import Result, Status
+from woosh_robot_agent.tools.enum_names import enum_name
+
+_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
+_NOT_REPORTED = Result(
+    Status.WARN,
+    "the robot does not report it",
+    "look at the robot's own screen; its firmware may be too old to report it",
+)
+
+
+def check_mode(info: RobotInfo) -> Result:
+    """Check the control mode and the work mode."""
+    if not info.HasField("mode"):
+        return _NOT_REPORTED
+    if found := [objection for objection in objections(info) if objection in _MODES]:
+        return _failed(found)
+    control = enum_name(robot.ControlMode, info.mode.ctrl)
+    work = enum_name(robot.WorkMode, info.mode.work)
+    return Result(Status.OK, f"control {control}, work {work}")
+
+
+def check_initialisation(info: RobotInfo) -> Result:
+    """Check that the robot is initialised."""
+    if NOT_INITIALISED in objections(info):
+        return _failed([NOT_INITIALISED])
+    if info.state == robot.kStateUndefined:
+        return _NOT_REPORTED
+    if info.state == robot.kFault:
+        return Result(Status.SKIPPED, "hidden by a fault: run doctor again when that is cleared")
+    return Result(Status.OK, f"state {enum_name(robot.State, info.state)}")
+
+
+def check_localisation(info: RobotInfo) -> Result:
+    """Check that the robot knows its position."""
+    if info.state == robot.kUninit:
+        return Result(Status.SKIPPED, "not checked until the robot is initialised")
+    return _check(is_located(info), LOST, "the robot knows its position")
+
+
+def check_emergency_stop(info: RobotInfo) -> Result:
+    """Check that the emergency stop is released."""
+    is_pressed = EMERGENCY_STOP in objections(info)
+    is_known = info.HasField("device_state")
+    return _check(not is_pressed if is_known else None, EMERGENCY_STOP, "not pressed")
+
+
+def check_taskable(info: RobotInfo) -> Result:
+    """Check whether the robot reports that it accepts tasks."""
+    taskable = is_taskable(info)
+    if taskable is None:
+        return _NOT_REPORTED
+    if taskable:
+        return Result(Status.OK, "the robot reports that it accepts tasks")
+    reported = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
+    if others := [objection for objection in objections(info) if objection not in reported]:
+        return _failed(others)
+    return Result(
+        Status.FAIL,
+        "the robot rejects tasks, for the reasons above",
+        "resolve the failed checks above",
+    )
+
+
+def _check(good: bool | None, objection: Objection, text: str) -> Result:
+    """Return the result for a condition that is true, false or unknown."""
+    if good is None:
+        return _NOT_REPORTED
+    return Result(Status.OK, text) if good else _failed([objection])
+
+
+def _failed(found: list[Objection]) -> Result:
+    reasons = "; ".join(objection.reason for objection in found)
+    remedies = "; ".join(dict.fromkeys(objection.remedy for objection in found))
+    return Result(Status.FAIL, reasons, remedies)

@@ -1,0 +1,66 @@
+"""The monitor's data straight from the chassis, without ROS."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.tools.monitor.robot_view import RobotView
+from woosh_robot_agent.tools.monitor.source import LinkReport
+
+_MAX_BACKOFF = 3.0
+"""Longest pause between attempts to connect, in seconds; short, because somebody is watching."""
+
+
+class LinkSource:
+    """Receives from one chassis; implements `Source`.
+
+    It requests RobotInfo with each connection and never commands the robot.
+
+    Args:
+        config: Address and timeouts of the chassis.
+
+    Attributes:
+        name: Address of the chassis.
+        view: State of the robot as received so far.
+    """
+
+    def __init__(self, config: LinkConfig) -> None:
+        self.name = config.address
+        self.view = RobotView()
+        self._chassis = ChassisClient(config=replace(config, backoff_max=_MAX_BACKOFF))
+        self._chassis.on_snapshot(self.view.update)
+        for topic in TOPICS:
+            self._chassis.subscribe(message_type(topic.push), self.view.update)
+        self._chassis.subscribe(Feedbacks, self.view.update)
+
+    async def start(self) -> None:
+        self._chassis.start()
+
+    async def close(self) -> None:
+        await self._chassis.close()
+
+    def is_complete(self) -> bool:
+        return self.view.has_robot_info
+
+    def link(self) -> LinkReport:
+        chassis, stats = self._chassis, self._chassis.stats
+        since = time.strftime("%H:%M:%S", time.localtime(chassis.since))
+        if chassis.state is LinkState.READY:
+            bad, dropped = stats.bad_frames.total(), stats.dropped_pushes.total()
+            counts = (
+                f"frames: {stats.rx} received, {stats.tx} sent, {bad} invalid; "
+                f"{dropped} pushes dropped"
+            )
+            ping = (
+                "" if stats.round_trip is None else f"round trip {stats.round_trip * 1000:.0f} ms; "
+            )
+            return LinkReport(True, f"connected since {since}", ping + counts)
+        state = "connection lost" if stats.connects else "not connected"
+        reason = f": {chassis.last_error}" if chassis.last_error else ""
+        remedy = f"run `doctor --ip {chassis.config.ip}` to find the cause"
+        return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)

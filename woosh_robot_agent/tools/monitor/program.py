@@ -1,0 +1,163 @@
+"""Command line and main loop of `monitor`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.live import Live
+
+from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.tools.broken_pipe import exit_quietly_on_broken_pipe
+from woosh_robot_agent.tools.monitor.keyboard import key_presses
+from woosh_robot_agent.tools.monitor.link_source import LinkSource
+from woosh_robot_agent.tools.monitor.screen import draw
+from woosh_robot_agent.tools.monitor.source import Source
+from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.stop_signals import stop_event
+
+_NAMESPACE = "/woosh_robot"
+_REDRAW_PERIOD = 0.2
+"""Time between two pictures on a terminal, in seconds."""
+_CHECK_PERIOD = 0.02
+"""Time between two looks at whether `--once` can print, in seconds."""
+_QUIT_KEYS = ("q", "Q", "\x03", "\x04")
+_EPILOG = """\
+Without --ip, the data comes from the agent, over ROS. With --ip, it comes
+straight from the robot, and ROS is not needed.
+
+The key q quits. No key commands the robot.
+
+Exit status with --once: 0 if the printed state is up to date, 1 if it is not."""
+
+
+@exit_quietly_on_broken_pipe
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Show the state of one robot until `q`, SIGINT or SIGTERM.
+
+    Args:
+        arguments: Arguments of the program; by default those of the command line.
+
+    Returns:
+        The exit status: 0; 1 if the output was not read, or with `--once` if the printed state is
+        not up to date.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)
+    parser = argparse.ArgumentParser(
+        prog="monitor",
+        description="Show the state of one robot.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_link_options(parser, ip_required=False)
+    parser.add_argument(
+        "--namespace",
+        default=_NAMESPACE,
+        help="namespace of the agent, without --ip (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--once",
+        action="store_true",
+        help="print the state once, after --timeout seconds at the latest, and exit",
+    )
+    parser.add_argument(
+        "--interval",
+        type=float,
+        default=1.0,
+        help="time between two prints if stdout is not a terminal, in seconds "
+        "(default: %(default)g)",
+    )
+    options = parser.parse_args(given[:ros_at])
+    if not 0 < options.interval < 1e6:
+        parser.error(f"--interval must be above 0: {options.interval}")
+    if not 0 < options.timeout < 1e6:
+        parser.error(f"--timeout must be above 0: {options.timeout}")
+    # The screen shows what the link would log.
+    logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
+    return asyncio.run(_run(_make_source(parser, options, given[ros_at:]), options))
+
+
+def _make_source(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, ros_args: list[str]
+) -> Source:
+    if options.ip is not None:
+        return LinkSource(link_config(parser, options))
+    try:
+        from woosh_robot_agent.tools.monitor.ros_source import RosSource
+    except ImportError as error:
+        parser.error(
+            f"ROS is not available ({error}): source the setup files of ROS and of the workspace, "
+            "or use --ip"
+        )
+    try:
+        return RosSource(options.namespace, ros_args)
+    except Exception as error:  # rclpy raises a different type for each kind of invalid argument
+        parser.error(" ".join(str(error).split()))
+
+
+async def _run(source: Source, options: argparse.Namespace) -> int:
+    stop = stop_event()
+    console = Console()
+    await source.start()
+    try:
+        if options.once:
+            return await print_once(source, console, stop, options.timeout)
+        if console.is_terminal:
+            await _show_live(source, console, stop)
+        else:
+            await _print_repeatedly(source, console, stop, options.interval)
+    finally:
+        await source.close()
+    return 0
+
+
+async def print_once(source: Source, console: Console, stop: asyncio.Event, timeout: float) -> int:
+    """Print one picture as soon as it is complete, at the latest after `timeout` seconds.
+
+    Returns:
+        The exit status: 0 if the picture is complete and up to date, else 1.
+    """
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + timeout
+
+    def is_ready() -> bool:
+        return source.link().good and source.is_complete()
+
+    while not is_ready() and not stop.is_set() and loop.time() < deadline:
+        await _pause(stop, _CHECK_PERIOD)
+    console.print(draw(source.name, source.link(), source.view))
+    return int(not is_ready())
+
+
+async def _show_live(source: Source, console: Console, stop: asyncio.Event) -> None:
+    def on_key(key: str) -> None:
+        if key in _QUIT_KEYS:
+            stop.set()
+
+    with key_presses(on_key) as has_keyboard:
+        hint = "q quits" if has_keyboard else ""
+        with Live(console=console, screen=True, auto_refresh=False) as live:
+            while not stop.is_set():
+                live.update(draw(source.name, source.link(), source.view, hint), refresh=True)
+                await _pause(stop, _REDRAW_PERIOD)
+
+
+async def _print_repeatedly(
+    source: Source, console: Console, stop: asyncio.Event, interval: float
+) -> None:
+    while not stop.is_set():
+        console.print(draw(source.name, source.link(), source.view))
+        await _pause(stop, interval)
+
+
+async def _pause(stop: asyncio.Event, duration: float) -> None:
+    """Wait `duration` seconds, or until `stop` is set."""
+    try:
+        await run_with_timeout(duration, stop.wait())
+    except TimeoutError:
+        pass

@@ -1,0 +1,351 @@
+"""The monitor's data from the agent, over ROS. The only module of the tools that needs ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Bool
+
+from woosh_robot_agent.convert import BadFieldError, Converter, converter
+from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
+from woosh_robot_agent.last_known import parts_of
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.qos import latched
+from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.tools.monitor.robot_view import RobotView
+from woosh_robot_agent.tools.monitor.source import LinkReport
+
+_DISCOVERY_PERIOD = 0.5
+"""Time between two looks for the agent, in seconds."""
+_SPIN_TIMEOUT = 0.1
+"""Maximum delay before the executor's thread notices that it must stop, in seconds."""
+_AGENT_TIMEOUT = 5.0
+"""Time without an answer of the agent after which the view may be outdated, in seconds."""
+_PARAMETERS_TIMEOUT = 2.0
+"""Time without an answer after which the parameters are requested again, in seconds."""
+_ROBOT_INFO_TIMEOUT = 12.0
+"""Time without an answer after which RobotInfo is requested again, in seconds.
+
+Longer than the agent's own timeout of 10 s for the robot.
+"""
+_LATCHED_TIMEOUT = 3.0
+"""Time that latched topics get to deliver their first message, in seconds.
+
+It counts from the answer to RobotInfo.
+"""
+_ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
+_CONNECTED = "connected"
+_AGENT_TOPIC = TOPICS[0]
+"""Topic whose publisher is taken for the agent."""
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""Name that rmw reports for a node which it has not discovered yet, although its publisher is."""
+_PARAMETERS = ("transport", "ip", "port", "enable_connected")
+"""Parameters requested from the agent, to show the address and to see that it is alive."""
+
+
+class _RetriedCall:
+    """A service call that is repeated after a timeout, because DDS can lose the first request.
+
+    Args:
+        client: rclpy's client of the service.
+        request: The request.
+        timeout: Time after which a call without a response is repeated, in seconds.
+        on_response: Called with the response.
+    """
+
+    def __init__(
+        self, client: Any, request: Any, timeout: float, on_response: Callable[[Any], None]
+    ) -> None:
+        self.client = client
+        self._request = request
+        self._timeout = timeout
+        self._on_response = on_response
+        self._future: Any = None
+        self._called_at = 0.0
+
+    def call(self) -> None:
+        """Call the service unless it is unavailable or another call is in flight."""
+        if self._future is not None:
+            if time.monotonic() - self._called_at < self._timeout:
+                return
+            self.cancel()
+        if self.client.service_is_ready():
+            self._called_at = time.monotonic()
+            self._future = self.client.call_async(self._request)
+            self._future.add_done_callback(self._on_done)
+
+    def cancel(self) -> None:
+        """Ignore the response of the call in flight."""
+        if self._future is not None:
+            future, self._future = self._future, None
+            self.client.remove_pending_request(future)
+
+    def _on_done(self, future: Any) -> None:
+        if future is self._future:  # otherwise it was cancelled
+            self._future = None
+            self._on_response(future.result())
+
+
+class RosSource:
+    """Receives what one agent publishes; implements `Source`.
+
+    An executor runs in a thread of its own and hands messages over to the asyncio loop in which
+    `start` was called.
+
+    Args:
+        namespace: Namespace of the agent; overridden by `--ros-args -r __ns:=`.
+        ros_args: Command-line arguments for rclpy.
+        domain: ROS_DOMAIN_ID; by default that of the environment.
+
+    Attributes:
+        name: Namespace of the agent.
+        view: State of the robot as received so far.
+
+    Raises:
+        Exception: The namespace or the arguments are invalid; the type is rclpy's.
+    """
+
+    def __init__(
+        self, namespace: str, ros_args: Sequence[str] = (), domain: int | None = None
+    ) -> None:
+        self.view = RobotView()
+        self._context = Context()
+        rclpy.init(args=list(ros_args), context=self._context, domain_id=domain)
+        try:
+            self._node = Node(f"monitor_{os.getpid()}", namespace=namespace, context=self._context)
+        except BaseException:
+            rclpy.try_shutdown(context=self._context)
+            raise
+        self.name = self._node.get_namespace()
+        self._agent: _RetriedCall | None = None
+        """Requests the agent's parameters, as proof that it is alive; None without an agent."""
+        self._agent_name = ""
+        self._agent_answered_at = 0.0
+        """Time of the agent's last answer; 0 before the first one."""
+        self._address = ""
+        self._connected: bool | None = None
+        """Last value of the topic `connected`; None before the first one."""
+        self._received: set[str] = set()
+        """Latched topics that have delivered a message."""
+        self._expected: set[str] = set()
+        """Latched topics that the agent must have published on."""
+        self._latched_deadline: float | None = None
+        """Time until which first messages are awaited; None before the answer to RobotInfo."""
+        self._invalid = (0, "")
+        """Number of messages that could not be converted, and the error of the last one."""
+        self._robot_info: _RetriedCall
+        self._needs_robot_info = True
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="monitor", daemon=True)
+        self._loop: asyncio.AbstractEventLoop
+
+    async def start(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        srv = class_of(_ROBOT_INFO.srv, "srv")
+        client = self._node.create_client(srv, _ROBOT_INFO.name)
+        self._robot_info = _RetriedCall(
+            client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
+        )
+        for topic in TOPICS:
+            self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
+        for action in ACTIONS:
+            if action.member:  # progress of robot/ExecTask is also published on robot/TaskProc
+                self._subscribe_feedback(
+                    action.name, class_of(action.action, "action"), action.feedback
+                )
+        self._node.create_subscription(Bool, _CONNECTED, self._on_connected, latched(1))
+        self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
+        self._thread.start()
+
+    async def close(self) -> None:
+        self._stop.set()
+        if self._thread.is_alive():
+            await asyncio.get_running_loop().run_in_executor(None, self._thread.join)
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def is_complete(self) -> bool:
+        has_robot_info = self.view.has_robot_info and not self._needs_robot_info
+        return has_robot_info and not self._is_awaiting()
+
+    def link(self) -> LinkReport:
+        if self._agent is None:
+            return LinkReport(
+                False,
+                f"no agent found in namespace {self.name}",
+                "start it, or check --namespace and ROS_DOMAIN_ID",
+            )
+        silent = time.monotonic() - self._agent_answered_at
+        if silent > _AGENT_TIMEOUT:
+            return LinkReport(
+                False,
+                f"the agent has not answered for {silent:.0f} s"
+                if self._agent_answered_at
+                else "the agent has not answered yet",
+                "it hangs, was killed, or the network is down",
+            )
+        address = self._address or "the robot"
+        if self._connected is False:
+            return LinkReport(
+                False,
+                f"the agent is not connected to {address}",
+                "see its log, or run `doctor` to find the cause",
+            )
+        if self._connected:
+            return LinkReport(True, f"the agent is connected to {address}", self._problems())
+        publishes_it = _CONNECTED in self._expected
+        if publishes_it and self._is_awaiting():
+            return LinkReport(True, f"the agent answers; waiting for its topic {_CONNECTED}")
+        if publishes_it:
+            text = f"the agent answers, but no message has come on its topic {_CONNECTED}"
+            detail = f"it is unknown whether the agent is connected to {address}"
+        else:
+            text = f"the agent answers; it is unknown whether it is connected to {address}"
+            detail = "to see it, set the agent's parameter enable_connected to true"
+        return LinkReport(True, text, "; ".join(filter(None, (detail, self._problems()))))
+
+    def _is_awaiting(self) -> bool:
+        """Return True while first messages of latched topics can still be expected."""
+        deadline = self._latched_deadline
+        if deadline is None:
+            return True
+        return bool(self._missing()) and time.monotonic() < deadline
+
+    def _missing(self) -> set[str]:
+        """Return the latched topics whose first message has not arrived."""
+        return self._expected - self._received
+
+    def _problems(self) -> str:
+        problems = []
+        count, error = self._invalid
+        if count:
+            problems.append(f"{count} unreadable messages, the last one because of {error}")
+        missing = self._missing() - {_CONNECTED}
+        if missing and not self._is_awaiting():
+            problems.append(f"no message on {', '.join(sorted(missing))}")
+        return "; ".join(problems)
+
+    # The methods below run in the executor's thread.
+
+    def _spin(self) -> None:
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        try:
+            while not self._stop.is_set():
+                executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()
+
+    def _subscribe(self, name: str, ros_class: Any, push: str, depth: int) -> None:
+        convert = converter(ros_class, message_type(push))
+
+        def on_message(message: Any) -> None:
+            self._update(convert, message)
+            # In this order, so that a received value is also in the view.
+            self._in_loop(self._received.add, name)
+
+        self._node.create_subscription(ros_class, name, on_message, latched(depth))
+
+    def _subscribe_feedback(self, name: str, action_class: Any, feedback: str) -> None:
+        """Receive the feedback of all goals of an action, whoever sent them."""
+        message_class = action_class.Impl.FeedbackMessage
+        feedback_class = type(message_class().feedback.fb)
+        convert = converter(feedback_class, message_type(feedback))
+        self._node.create_subscription(
+            message_class,
+            f"{name}/_action/feedback",
+            lambda message: self._update(convert, message.feedback.fb),
+            QoSProfile(depth=10),
+        )
+
+    def _update(self, convert: Converter, message: Any) -> Any:
+        """Update the view; return the converted message, or None if it is invalid."""
+        try:
+            converted = convert.to_proto(message)
+        except BadFieldError as error:  # robots do report values such as NaN
+            self._invalid = self._invalid[0] + 1, str(error)
+            return None
+        self._in_loop(self.view.update, converted)
+        return converted
+
+    def _in_loop(self, function: Callable[[Any], None], argument: Any) -> None:
+        """Call a function in the asyncio loop."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function, argument)
+
+    def _on_connected(self, message: Any) -> None:
+        if message.data and not self._connected:
+            # What the agent answered without a connection can be outdated or empty.
+            self._robot_info.cancel()
+            self._needs_robot_info = True
+        self._connected = message.data
+        self._received.add(_CONNECTED)
+
+    def _discover(self) -> None:
+        """Find the agent, check that it is alive, and request RobotInfo if that is needed."""
+        topic = self._node.resolve_topic_name(_AGENT_TOPIC.name)
+        found = {
+            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in self._node.get_publishers_info_by_topic(topic)
+            if info.node_name != _UNKNOWN_NODE
+        }
+        if self._agent_name not in found:
+            # If no agent was known, what has been received comes from the one found now.
+            if self._agent is not None:
+                self._forget_agent()
+            if not found:
+                return
+            self._set_agent(min(found))
+        assert self._agent is not None
+        self._agent.call()
+        if self._needs_robot_info:
+            self._robot_info.call()
+
+    def _set_agent(self, name: str) -> None:
+        self._agent_answered_at = 0.0
+        self._needs_robot_info = True
+        client = self._node.create_client(GetParameters, f"{name}/get_parameters")
+        request = GetParameters.Request(names=list(_PARAMETERS))
+        self._agent = _RetriedCall(client, request, _PARAMETERS_TIMEOUT, self._on_parameters)
+        self._agent_name = name
+
+    def _forget_agent(self) -> None:
+        assert self._agent is not None
+        self._agent.cancel()
+        self._node.destroy_client(self._agent.client)
+        self._robot_info.cancel()
+        self._agent = self._connected = self._latched_deadline = None
+        self._agent_name = ""
+        self._received.clear()
+        self._expected.clear()
+
+    def _on_parameters(self, response: Any) -> None:
+        transport, ip, port, enable_connected = response.values
+        self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
+        self._address += f" over {transport.string_value}"
+        if enable_connected.bool_value:
+            self._expected.add(_CONNECTED)
+        self._agent_answered_at = time.monotonic()
+
+    def _on_robot_info(self, response: Any) -> None:
+        info = self._update(converter(type(response.info), RobotInfo), response.info)
+        self._needs_robot_info = False
+        if info is not None:
+            # The agent publishes each part of RobotInfo when it connects.
+            parts = {full_name(part) for part in parts_of(info)}
+            self._expected.update(topic.name for topic in TOPICS if topic.push in parts)
+        self._latched_deadline = time.monotonic() + _LATCHED_TIMEOUT

@@ -1,0 +1,200 @@
+"""Proxy between clients and a chassis that forwards every byte and records the frames."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from dataclasses import dataclass, field
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.server.listener import Listener
+from woosh_robot_agent.link.timeouts import cancel_and_wait, run_with_timeout
+from woosh_robot_agent.tools.record.frame_parsers import (
+    DelimitedParser,
+    FrameParser,
+    UnreadableError,
+    WebSocketParser,
+)
+from woosh_robot_agent.tools.recording.records import Side
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+
+_LOG = logging.getLogger(__name__)
+_CHUNK_SIZE = 256 * 1024
+_LINGER_TIMEOUT = 5.0
+"""Time that one side gets to close the connection after the other one did, in seconds."""
+_FLUSH_PERIOD = 1.0
+"""Time between two flushes of the file, in seconds."""
+
+
+@dataclass
+class _Connection:
+    """Connection of one client, and the proxy's connection to the chassis for it.
+
+    Attributes:
+        number: Number of the connection, from 1.
+        writers: Stream of the client, and that of the chassis once it is connected.
+        ended_by: Side that ended the connection first, and how; None while it is open.
+    """
+
+    number: int
+    writers: list[asyncio.StreamWriter] = field(default_factory=list)
+    ended_by: tuple[Side, str] | None = None
+
+    def end(self, by: Side, how: str) -> None:
+        """Note how the connection ended, unless it has already ended or never was complete."""
+        if self.ended_by is None and len(self.writers) == 2:
+            self.ended_by = by, how
+
+
+class RecordingProxy:
+    """A proxy that records; bytes that it cannot parse are forwarded all the same.
+
+    Args:
+        chassis: Address of the chassis; each client gets a connection of its own to it.
+        writer: Writer of the recording.
+    """
+
+    def __init__(self, chassis: LinkConfig, writer: RecordingWriter) -> None:
+        self._chassis = chassis
+        self._writer = writer
+        self._count = 0
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._listener: Listener | None = None
+
+    async def start(self, host: str, port: int) -> int:
+        """Listen for clients.
+
+        Args:
+            host: Address to listen on.
+            port: Port to listen on; 0 for any free one.
+
+        Returns:
+            The port in use.
+
+        Raises:
+            OSError: The port is in use.
+        """
+        self._listener = Listener(await asyncio.start_server(self._serve, host, port))
+        self._tasks.add(asyncio.get_running_loop().create_task(self._flush()))
+        return self._listener.port
+
+    async def stop(self) -> None:
+        """Drop all clients and stop listening; the writer stays open."""
+        tasks = tuple(self._tasks)
+        await cancel_and_wait(*tasks)
+        if self._listener is not None:
+            await self._listener.close()
+
+    async def _flush(self) -> None:
+        while True:
+            await asyncio.sleep(_FLUSH_PERIOD)
+            self._writer.flush()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+        self._count += 1
+        connection = _Connection(self._count, [writer])
+        try:
+            await self._forward(connection, reader, writer)
+        except asyncio.CancelledError:  # by `stop`; asyncio's server must not see it
+            connection.end("recorder", "the recording was stopped")
+        except Exception as error:  # a bug here must not look like an error of the robot
+            _LOG.exception("connection %d failed", connection.number)
+            connection.end("recorder", f"internal error: {error!r}")
+        finally:
+            for each in connection.writers:
+                each.transport.abort()
+            if connection.ended_by is not None:
+                self._writer.event(connection.number, "close", *connection.ended_by)
+            self._tasks.discard(task)
+
+    async def _forward(
+        self,
+        connection: _Connection,
+        client_reader: asyncio.StreamReader,
+        client_writer: asyncio.StreamWriter,
+    ) -> None:
+        config = self._chassis
+        peer = client_writer.get_extra_info("peername")
+        try:
+            opening = asyncio.open_connection(config.ip, config.effective_port)
+            chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
+        except OSError as error:
+            reason = error.strerror or str(error) or type(error).__name__
+            self._writer.event(connection.number, "refused", "chassis", reason)
+            _LOG.warning("a client connected, but %s cannot be reached: %s", config.address, reason)
+            return
+        connection.writers.append(chassis_writer)
+        self._writer.event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
+        _LOG.info("client %d connected", connection.number)
+        loop = asyncio.get_running_loop()
+        directions = {
+            loop.create_task(self._copy(connection, "client", client_reader, chassis_writer)),
+            loop.create_task(self._copy(connection, "chassis", chassis_reader, client_writer)),
+        }
+        try:
+            await asyncio.wait(directions, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(directions, timeout=_LINGER_TIMEOUT)
+        finally:
+            await cancel_and_wait(*directions)
+        for direction in directions:
+            if not direction.cancelled() and (bug := direction.exception()):
+                raise bug
+
+    async def _copy(
+        self,
+        connection: _Connection,
+        sender: Side,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        """Copy one direction until its end; each piece is forwarded first and parsed then."""
+        parser: FrameParser | None = self._make_parser(sender)
+        receiver: Side = "chassis" if sender == "client" else "client"
+        is_reading = True
+        try:
+            while data := await reader.read(_CHUNK_SIZE):
+                writer.write(data)
+                parser = self._record(connection, sender, parser, data)
+                is_reading = False
+                await writer.drain()
+                is_reading = True
+            connection.end(sender, "without a close frame")
+            with contextlib.suppress(OSError):  # the receiver is gone, too
+                writer.write_eof()
+        except ConnectionError as error:
+            by = sender if is_reading else receiver
+            connection.end(by, error.strerror or type(error).__name__)
+            writer.transport.abort()
+
+    def _record(
+        self, connection: _Connection, sender: Side, parser: FrameParser | None, data: bytes
+    ) -> FrameParser | None:
+        """Record the frames in `data`; return the parser for what follows, None without one."""
+        if parser is None:
+            return None
+        try:
+            for frame in parser.feed(data):
+                if frame.close:
+                    connection.end(sender, frame.data.decode(errors="replace").strip())
+                else:
+                    self._writer.frame(connection.number, sender, frame.data, text=frame.text)
+        except UnreadableError as error:
+            self._writer.event(connection.number, "unreadable", sender, str(error))
+            _LOG.warning(
+                "recording of what the %s sends on connection %d ends, forwarding goes on: %s",
+                sender,
+                connection.number,
+                error,
+            )
+            return None
+        return parser
+
+    def _make_parser(self, sender: Side) -> FrameParser:
+        max_size = self._chassis.max_frame_size
+        if self._chassis.transport == "tcp":
+            return DelimitedParser(max_size)
+        return WebSocketParser(masked=sender == "client", max_size=max_size)

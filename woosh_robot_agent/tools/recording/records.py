@@ -1,0 +1,75 @@
+"""Contents of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+FORMAT = "woosh_robot_agent recording"
+"""Value of `format` in the header."""
+VERSION = 1
+"""Version of the format."""
+
+Side = Literal["client", "chassis", "recorder"]
+EventKind = Literal["open", "close", "refused", "unreadable"]
+SIDES: tuple[Side, ...] = ("client", "chassis", "recorder")
+EVENTS: tuple[EventKind, ...] = ("open", "close", "refused", "unreadable")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame, byte for byte.
+
+    Attributes:
+        t: Time since the start of the recording, in seconds.
+        connection: Number of the connection, from 1.
+        sender: Side that sent the frame.
+        data: Text of a text frame, bytes of a binary frame.
+        invalid: True for a text frame that is not valid UTF-8; `data` holds its bytes.
+    """
+
+    t: float
+    connection: int
+    sender: Side
+    data: str | bytes
+    invalid: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Anything but a frame that happened to a connection.
+
+    Attributes:
+        t: Time since the start of the recording, in seconds.
+        connection: Number of the connection, from 1.
+        kind: `open`, `close`, `refused` (a client connected, but the chassis could not be reached)
+            or `unreadable` (the rest of one direction cannot be parsed into frames).
+        by: Side that caused the event.
+        text: Explanation for people.
+    """
+
+    t: float
+    connection: int
+    kind: EventKind
+    by: Side
+    text: str = ""
+
+
+Record = Frame | Event
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Contents of a file.
+
+    Attributes:
+        address: Address of the recorded chassis.
+        started: Unix time of the start, in seconds.
+        records: Frames and events, in order.
+        damage: Why the end of the file is missing; empty if the file is complete.
+    """
+
+    address: str
+    started: float
+    records: tuple[Record, ...]
+    damage: str = ""
