@@ -30,6 +30,20 @@ _FORMATTER = logging.Formatter()
 _SPEAKER = contextvars.ContextVar[Any]("speaker", default=None)
 
 
+_CLOSING: set[str] = set()
+"""Names of the loggers of the nodes that are closing."""
+
+
+def expect_losses(logger: Any, *, expected: bool) -> None:
+    """Log the warnings of a node at INFO while it closes: it may lose its chassis on the way.
+
+    Args:
+        logger: logger of the node.
+        expected: True when the node begins to close, False when it is closed.
+    """
+    (_CLOSING.add if expected else _CLOSING.discard)(logger.name)
+
+
 def speak_as(logger: Any) -> None:
     """Have what this context logs from now on go to a node's logger; None: to the program's."""
     _SPEAKER.set(logger)
@@ -63,6 +77,8 @@ def _say(name: str, record: logging.LogRecord, text: str) -> None:
     rclpy would look for that place, find the handler here, and take 60 ms for its first line.
     """
     severity = _severity(record.levelno)
+    if severity is LoggingSeverity.WARN and name in _CLOSING:
+        severity = LoggingSeverity.INFO
     if _rclpy.rclpy_logging_logger_is_enabled_for(name, severity):
         place = record.funcName or "", record.pathname, record.lineno
         _rclpy.rclpy_logging_rcutils_log(severity, name, text, *place)

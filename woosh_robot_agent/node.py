@@ -14,7 +14,7 @@ from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
 from woosh_robot_agent.link.timeouts import run_with_timeout
-from woosh_robot_agent.logs import context_of, log_to_ros
+from woosh_robot_agent.logs import context_of, expect_losses, log_to_ros
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
@@ -29,7 +29,7 @@ _ZERO_TIMEOUT = 0.4
 """Time in which the chassis must answer the last zero velocity, in seconds."""
 _GOALS_TIMEOUT = 0.5
 """Time in which the open goals must be aborted, in seconds."""
-_LINK_TIMEOUT = 1.0
+_LINK_TIMEOUT = 1.5
 """Time in which the link must be closed, in seconds."""
 _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
 """Time in which all of that must have ended, in seconds."""
@@ -114,6 +114,7 @@ class Agent:
         """
         with self._lock:
             if self._end is None:
+                expect_losses(self.node.get_logger(), expected=True)
                 self._end = self._thread.begin(self._close())
 
     def close(self, spin_once: Callable[[], None]) -> None:
@@ -177,6 +178,7 @@ def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
             agent._own_thread.stop(_REST_TIMEOUT)
         if agent.node.executor is not None:  # it would keep what the node consists of
             agent.node.executor.remove_node(agent.node)
+        expect_losses(agent.node.get_logger(), expected=False)
         agent._actions.destroy()
         agent.node.destroy_node()
 

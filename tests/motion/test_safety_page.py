@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text()
 
 
-def tests_in(file: Path) -> set[str]:
+def names_in(file: Path) -> set[str]:
     """Names of the tests in a file, as pytest has them: `name`, or `Class::name`."""
     found = set()
     for node in ast.parse(file.read_text()).body:
@@ -27,7 +27,7 @@ def test_each_named_test_exists() -> None:
     assert len(named) > 20
     for path, name in named:
         assert name.startswith("test_") or "::test_" in name
-        assert name in tests_in(ROOT / path), f"{path}::{name}"
+        assert name in names_in(ROOT / path), f"{path}::{name}"
 
 
 def test_each_rule_names_a_test() -> None:

@@ -71,6 +71,7 @@ def test_ends_by_a_signal(program: Program, simulator: SimulatorThread, number: 
 def test_ends_with_a_frozen_chassis(program: Program, simulator: SimulatorThread) -> None:
     simulator.inject("half_open")
     assert program.end() < LIMIT
+    assert "ERROR" not in program.output, program.output
 
 
 def test_ends_while_driving_a_frozen_chassis_with_an_open_goal(
@@ -175,6 +176,33 @@ def test_robot_that_stands_is_left_alone(
     drive(client, 0.0)
     assert program.end() < LIMIT
     assert simulator.counts[TWIST] == 2
+
+
+def test_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
+    start_program: Callable[..., Program],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    simulator = subprocess.Popen(
+        [sys.executable, "-m", "woosh_robot_agent.simulator"]
+        + ["--port", str(port), "--tcp-port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert simulator.stdout is not None
+        assert b"ready" in simulator.stdout.readline()
+        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}")
+        program.wait_says("connected to")
+        program.process.send_signal(signal.SIGINT)
+        simulator.send_signal(signal.SIGINT)
+        simulator.wait(TIMEOUT)
+        assert program.process.wait(TIMEOUT) == 0
+        program.wait_read()
+    finally:
+        simulator.kill()
+        simulator.communicate()
+    assert not re.search(r"WARN|ERROR", program.output), program.output
 
 
 @pytest.mark.parametrize(

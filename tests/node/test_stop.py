@@ -6,11 +6,22 @@ import threading
 import time
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import Twist as TwistMsg
+from google.protobuf.message import Message
 from std_srvs.srv import Trigger
 
-from tests.harness import RunningAgent, wait_future, wait_until
-from tests.node.goals import ABORTED, short_task, step, step_goal, task
+from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
+from tests.motion.moving import MOVING
+from tests.motion.test_requests import COMMAND_MOTION
+from tests.node.goals import ABORTED, EXECUTE, short_task, step, step_goal, task
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
+from woosh_robot_agent.motion import gate
+from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist
 from woosh_ros_msgs.action import StepControl
@@ -137,6 +148,51 @@ def test_a_goal_that_was_asked_for_before_does_not_move_it(simulator, agent, cli
 def test_what_comes_a_moment_later_is_obeyed(simulator, agent, client):
     assert client.call(Trigger, "stop").success
     wait_until(lambda: short_task(client, 0.3).result()[0] != ABORTED, "the end of the hold")
+
+
+def test_after_a_stop_nothing_moves_it_whichever_way_it_comes(
+    simulator: SimulatorThread, agent: RunningAgent, client: Client, logs: Collector, monkeypatch
+):
+    monkeypatch.setattr(gate, "HOLD", 3600.0)
+    velocities = client.node.create_publisher(TwistMsg, client.path("cmd_vel"), 10)
+    poses = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 10)
+    for publisher in (velocities, poses):
+        wait_until(publisher.get_subscription_count, "the agent's subscription")
+    commands = [each for each in COMMANDS if each.request in COMMAND_MOTION]
+    for endpoint in commands:
+        client.service(class_of(endpoint.srv, "srv"), endpoint.name)
+    assert client.call(Trigger, "stop").success
+
+    for endpoint in commands:
+        moving = next(each for each in MOVING if each.DESCRIPTOR.full_name == endpoint.request)
+        srv = class_of(endpoint.srv, "srv")
+        response = client.call(srv, endpoint.name, arg=to_ros(srv.Request, moving))
+        assert not response.ok, endpoint.name
+        assert "not sent: cancelled by the `stop` service" in response.msg
+    for action in ACTIONS:
+        command = message_type(action.arg)()
+        if action.member:
+            command.action = EXECUTE
+        action_class = class_of(action.action, "action")
+        goal = action_class.Goal(arg=to_ros(action_class.Goal, command))
+        status, ret = client.send_goal(action_class, action.name, goal).result()
+        assert status == ABORTED, action.name
+        assert "not sent: cancelled by the `stop` service" in ret.msg
+    velocities.publish(TwistMsg(linear=Vector3(x=0.3)))
+    logs.wait(lambda record: "cmd_vel: not sent: cancelled" in record.getMessage())
+    pose = PoseStamped()
+    pose.header.frame_id = "map"
+    poses.publish(pose)
+    logs.wait(lambda record: "goal_pose was not reached: not sent" in record.getMessage())
+
+    assert not [each.type for each in simulator.received if may_move(each.message)]
+    assert still(simulator)
+
+
+def to_ros(parent: Any, message: Message) -> Any:
+    """The ROS message of the field `arg` of a request or a goal."""
+    arg = class_of(parent.get_fields_and_field_types()["arg"], "msg")
+    return converter(arg, type(message)).to_ros(message)
 
 
 def speak(text: str) -> Any:

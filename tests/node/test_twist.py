@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, RunningAgent, wait_future, wait_until
+from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
 from tests.node.goals import EXECUTING, task
 from woosh_robot_agent.motion import gate, latest_wins
 from woosh_robot_agent.simulator import SimulatorThread
@@ -168,3 +168,20 @@ def test_the_end_of_the_agent_long_after_a_velocity_sends_nothing(
     wait_until(lambda: not agent.agent._gate.driving, "the end of the drive")
     agent.close()
     assert speeds(simulator) == [0.1]
+
+
+def test_the_end_of_the_agent_while_the_robot_drives_without_a_link_is_an_error(
+    client: Client,
+    simulator: SimulatorThread,
+    agent: RunningAgent,
+    logs: Collector,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(gate, "DRIVING", 3600.0)
+    assert wait_future(drive(client, 0.1)).ok
+    simulator.stop_listening()
+    wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
+    agent.close()
+    record = logs.wait(lambda record: "the robot was not stopped" in record.getMessage())
+    assert record.levelname == "ERROR"
+    assert "emergency stop" in record.getMessage()
