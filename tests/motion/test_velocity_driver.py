@@ -195,3 +195,17 @@ async def test_after_a_lost_link_the_robot_gets_a_zero(owned: bool) -> None:
             await rig.sent((0.3, 0.0, 0.0))
         else:
             await rig.sent((0.0, 0.0, 0.0))
+
+
+@aio
+async def test_a_velocity_without_a_link_is_not_kept() -> None:
+    async with driving() as rig:
+        await lose_link(rig)
+        rig.limits = replace(LIMITS, rate=0.001)
+        rig.driver._sent = asyncio.get_running_loop().time()  # so that it would wait for its turn
+        rig.driver.drive(0.2, 0.0, 0.0)
+        rig.wire = await rig.peer.wire(2)
+        await rig.client.wait_ready(TIMEOUT)
+        rig.driver.drive(0.0, 0.0, 0.0)  # has nothing to stop
+        await rig.settle()
+        assert velocities(rig.wire) == []
