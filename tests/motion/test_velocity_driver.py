@@ -206,6 +206,7 @@ async def test_a_velocity_without_a_link_is_not_kept() -> None:
         rig.driver.drive(0.2, 0.0, 0.0)
         rig.wire = await rig.peer.wire(2)
         await rig.client.wait_ready(TIMEOUT)
+        rig.limits = replace(LIMITS, rate=1e9)
         rig.driver.drive(0.0, 0.0, 0.0)  # has nothing to stop
         await rig.settle()
         assert velocities(rig.wire) == []
