@@ -1,4 +1,4 @@
-"""Velocity commands: the newest counts, a stale one never drives, a stop always goes."""
+"""Velocities: the newest one wins, a stale one is not sent, and a zero always is."""
 
 from __future__ import annotations
 

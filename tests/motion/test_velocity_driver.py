@@ -10,18 +10,20 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.timeouts import cancel_and_wait
 from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 TWIST = "woosh.robot.Twist"
+SPEAK = "woosh.robot.Speak"
 LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=3600.0)
 RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
 
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
-    if frame["type"] not in (TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallAction"):
+    if frame["type"] not in (TWIST, SPEAK, "woosh.robot.ActionOrder", "woosh.ros.CallAction"):
         return False
     await wire.answer(frame)
     return True
@@ -51,6 +53,11 @@ class Rig:
         """Wait until exactly these velocities have reached the chassis."""
         await eventually(lambda: len(velocities(self.wire)) >= len(expected))
         assert velocities(self.wire) == [pytest.approx(each) for each in expected]
+
+    async def settle(self) -> None:
+        """Return when all that is due now has reached the chassis."""
+        await turns()
+        assert (await soon(asyncio.ensure_future(self.gate.request(Speak())))).ok
 
 
 @asynccontextmanager
@@ -102,7 +109,8 @@ async def test_only_the_newest_is_sent_at_the_rate() -> None:
         await rig.sent((0.1, 0.0, 0.0))
         for speed in (0.2, 0.3, 0.4):
             rig.driver.drive(speed, 0.0, 0.0)
-        rig.limits = LIMITS
+            await rig.settle()
+        rig.limits = LIMITS  # whose pause has passed
         rig.driver.drive(0.5, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0), (0.5, 0.0, 0.0))
 
@@ -142,20 +150,22 @@ async def test_the_robot_belongs_to_what_drives_it(override: bool) -> None:
 @aio
 async def test_zeros_of_an_idle_sender_are_not_sent() -> None:
     async with driving() as rig:
-        rig.driver.drive(0.0, 0.0, 0.0)
-        rig.driver.drive(0.0, 0.0, 0.0)
+        for _ in range(2):
+            rig.driver.drive(0.0, 0.0, 0.0)
+            await rig.settle()
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
 
 
 @aio
 async def test_a_stop_silences_the_stream_until_a_zero() -> None:
-    async with driving() as rig:
+    async with driving(rate=1e9) as rig:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
         assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
         rig.gate._forbidden_until = -math.inf  # the gate's own hold is over
         rig.driver.drive(0.2, 0.0, 0.0)
+        await rig.settle()
         rig.driver.drive(0.0, 0.0, 0.0)
         rig.driver.drive(0.3, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
@@ -185,3 +195,18 @@ async def test_after_a_lost_link_the_robot_gets_a_zero(owned: bool) -> None:
             await rig.sent((0.3, 0.0, 0.0))
         else:
             await rig.sent((0.0, 0.0, 0.0))
+
+
+@aio
+async def test_a_velocity_without_a_link_is_not_kept() -> None:
+    async with driving() as rig:
+        await lose_link(rig)
+        rig.limits = replace(LIMITS, rate=0.001)
+        rig.driver._sent = asyncio.get_running_loop().time()  # so that it would wait for its turn
+        rig.driver.drive(0.2, 0.0, 0.0)
+        rig.wire = await rig.peer.wire(2)
+        await rig.client.wait_ready(TIMEOUT)
+        rig.limits = replace(LIMITS, rate=1e9)
+        rig.driver.drive(0.0, 0.0, 0.0)  # has nothing to stop
+        await rig.settle()
+        assert velocities(rig.wire) == []
