@@ -112,31 +112,6 @@ def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
     return future.result()
 
 
-class PatientActionClient(ActionClient):
-    """rclpy's notes a request only after it was sent: it would ignore an answer that is quicker."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        self._sending = threading.RLock()
-        super().__init__(*args, **options)
-
-    def send_goal_async(self, *args: Any, **options: Any) -> Any:
-        with self._sending:
-            return super().send_goal_async(*args, **options)
-
-    def _get_result_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._get_result_async(goal_handle)
-
-    def _cancel_goal_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._cancel_goal_async(goal_handle)
-
-    async def execute(self, taken_data: Any) -> None:
-        with self._sending:  # whatever is being sent is noted after this
-            pass
-        await super().execute(taken_data)
-
-
 class Client:
     """A ROS node that uses the agent, in a context of its own."""
 
@@ -157,10 +132,10 @@ class Client:
         rclpy.try_shutdown(context=self.context)
 
     def in_executor(self, function: Callable[[], Any]) -> Any:
-        """What `function` gives in the executor's thread.
+        """Run `function` in the executor's thread and return its result.
 
-        rclpy's action clients are for that thread alone: elsewhere an answer may be there before
-        the request is noted down, and is then lost.
+        Action clients must send from that thread. rclpy registers a request only after sending it,
+        so in any other thread the answer may be read first, and is then dropped.
         """
         return wait_future(self.executor.create_task(function))
 
@@ -227,7 +202,7 @@ class Client:
 
     def action(self, action: Any, name: str) -> ActionClient:
         if (action, name) not in self._clients:
-            client = PatientActionClient(
+            client = ActionClient(
                 self.node,
                 action,
                 self.path(name),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -124,10 +125,10 @@ def test_a_goal_that_was_asked_for_before_does_not_move_it(simulator, agent, cli
     for _ in range(10):
         action = client.action(StepControl, "ros/StepControl")
         client.service(Trigger, "stop")
-        sent = action.send_goal_async(step_goal(20.0))
+        sent = client.in_executor(partial(action.send_goal_async, step_goal(20.0)))
         assert client.call(Trigger, "stop").success
         handle = wait_future(sent)
-        assert wait_future(handle.get_result_async()).status == ABORTED
+        assert wait_future(client.in_executor(handle.get_result_async)).status == ABORTED
         wait_until(lambda: still(simulator))
     assert still(simulator)
 
