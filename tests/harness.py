@@ -89,7 +89,7 @@ class GoalClient:
         )
         self.handle = wait_future(sent)
         assert self.handle.accepted
-        self._result = client.in_executor(self.handle.get_result_async)
+        self._result = self.ask_result()
 
     def result(self, timeout: float = TIMEOUT) -> tuple[int, Any]:
         """Status (action_msgs/GoalStatus) and `ret`, once the goal has ended."""
@@ -99,6 +99,10 @@ class GoalClient:
     @property
     def done(self) -> bool:
         return bool(self._result.done())
+
+    def ask_result(self) -> Any:
+        """Request the result, again if need be; return the future of the response."""
+        return self._client.in_executor(self.handle.get_result_async)
 
     def cancel(self) -> Any:
         """Ask to cancel; returns the action_msgs/CancelGoal response."""

@@ -115,12 +115,14 @@ def test_refusal_and_replacement(client: Client, simulator: SimulatorThread) -> 
 
 
 def test_lost_link(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     goal = task(client, mark="A23")
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.stop_listening()
     status, ret = goal.result()
     assert (status, "link was lost" in ret.msg) == (ABORTED, True)
     simulator.listen()
+    hurry(simulator)
     wait_until(lambda: "not connected" not in step(client, 0.1).result()[1].msg)
 
 
@@ -129,7 +131,7 @@ def test_result_is_kept_for_a_late_client_and_not_for_ever(client: Client) -> No
     assert goal.result()[0] == SUCCEEDED
 
     def ask_again() -> int:
-        return int(wait_future(goal.handle.get_result_async()).status)
+        return int(wait_future(goal.ask_result()).status)
 
     assert ask_again() == SUCCEEDED
     wait_until(lambda: ask_again() == 0, "the result to expire")
@@ -184,7 +186,7 @@ def test_end_with_open_goals_and_a_new_start(
 
     def status_of_the_old_goal() -> int | None:
         """What the new agent says of it, or None if it has not been discovered yet."""
-        asked = goals[0].handle.get_result_async()
+        asked = goals[0].ask_result()
         with contextlib.suppress(AssertionError):
             return int(wait_future(asked, 0.5).status)
         return None
