@@ -8,6 +8,17 @@ from typing import Any
 
 import pytest
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the tests with the longest timeouts first, so that nobody waits for them at the end."""
+    items.sort(key=_own_timeout, reverse=True)
+
+
+def _own_timeout(item: pytest.Item) -> float:
+    mark = item.get_closest_marker("timeout")
+    return float(mark.args[0]) if mark else 0.0
+
+
 try:
     from tests import harness
 except ModuleNotFoundError as error:  # the link's tests also run where there is no ROS

@@ -109,12 +109,17 @@ def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
 
 
 def slow_down(simulator: SimulatorThread) -> None:
-    """As slow as a real chassis: what runs still runs at the next step of even a slow test."""
+    """Run as slowly as a real chassis, so that a goal outlasts the next steps of the test."""
     simulator.call(lambda sim: setattr(sim, "speed", 1.0))
 
 
+def stop_time(simulator: SimulatorThread) -> None:
+    """Keep what runs from ending by itself: a simulated second takes a quarter of an hour."""
+    simulator.call(lambda sim: setattr(sim, "speed", 0.001))
+
+
 def hurry(simulator: SimulatorThread) -> None:
-    """Let what runs come to its end."""
+    """Run fast, so that a goal ends soon."""
     simulator.call(lambda sim: setattr(sim, "speed", 50.0))
 
 

@@ -16,7 +16,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 
 from tests.harness import Client, Program, Spinner, wait_until
-from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, task
+from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, slow_down, stop_time, task
 from tests.node.test_process import LIMIT, TWIST, drive
 from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.fleet import Fleet, namespaces
@@ -251,8 +251,10 @@ def test_a_signal_ends_all(
     number: int,
 ) -> None:
     at_work, driven = ROBOTS
+    slow_down(chassis[at_work])
     goal = task(clients[at_work], mark="A23")
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    stop_time(chassis[at_work])
     drive(clients[driven])
     assert fleet.end(number) < LIMIT
     assert not chassis[driven].last(TWIST).ListFields(), "it is stopped"

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.harness import TIMEOUT, Client, Program, wait_until
-from tests.node.goals import ABORTED, EXECUTING, lift3, step, task
+from tests.node.goals import ABORTED, EXECUTING, lift3, slow_down, step, stop_time, task
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -127,9 +127,11 @@ def test_signals_while_ending(program: Program, simulator: SimulatorThread, clie
 
 
 def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:
+    slow_down(simulator)
     goals = [task(client, mark="A23"), step(client, 100.0)]
     goals[1].result()  # refused, as a task runs: an ended goal is no open one
     goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    stop_time(simulator)
     assert program.end() < LIMIT
     status, ret = goals[0].result()
     assert status == ABORTED
