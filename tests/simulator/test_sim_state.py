@@ -7,7 +7,7 @@ from collections import deque
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
 
 PROC, MODE = "woosh.robot.TaskProc", "woosh.robot.Mode"
 OPERATION, STATE = "woosh.robot.OperationState", "woosh.robot.RobotState"
@@ -167,15 +167,19 @@ def test_following_ends_with_any_other_command(
 def test_battery_drains_with_motion_and_charges_at_the_dock(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
-    def level() -> float:
-        return simulator.call(lambda s: s.chassis.battery.level)
+    levels: list[float] = []
 
+    def note(out: Outgoing) -> list[Outgoing]:
+        if out.type == PROC and out.body.action.type == 7:  # it charges
+            levels.append(simulator._simulator.chassis.battery.level)
+        return [out]
+
+    simulator.intercept(note)
     client.subscribe(PROC, "woosh.robot.Battery")
     simulator.call(lambda s: setattr(s.chassis.battery, "level", 60.4))
     client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
     client.push(PROC, lambda body: body.get("action", {}).get("type") == 7)
-    arrived = level()
-    assert arrived < 60.4 - 15 * 0.005  # the way is longer than 15 m
+    assert levels[0] < 60.4 - 15 * 0.005  # the way is longer than 15 m
     charging = client.push("woosh.robot.Battery", lambda body: body["chargeState"] == 3)
     assert client.push("woosh.robot.Battery", lambda body: body["power"] > charging["power"])
     assert client.ask(STATE)["state"] == 8
