@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -224,24 +223,21 @@ class Client:
 
 
 class Program(AgentProcess):
-    """The agent in a process of its own, and how it ends."""
+    """The agent's program."""
 
     def __init__(self, domain: int, *arguments: str) -> None:
         super().__init__(domain, NAMESPACE, *arguments)
 
-    def end(self, number: int = signal.SIGINT) -> float:
-        """Send a signal and wait; returns the s that it took to end, in good order."""
-        begun = time.monotonic()
+    def end(self, number: int = signal.SIGINT) -> None:
+        """Send a signal and wait for a clean end."""
         self.process.send_signal(number)
         status = self.process.wait(TIMEOUT)
-        taken = time.monotonic() - begun
         self.wait_read()
         assert status == 0, self.output
         assert "Traceback" not in self.output, self.output
-        return taken
 
     def wait_refused(self) -> str:
-        """Wait for it to end with a complaint; returns that."""
+        """Wait for it to end with an error; return its output."""
         assert self.process.wait(TIMEOUT) not in (0, None)
         self.wait_read()
         return self.output

@@ -21,6 +21,7 @@ MEASURED = (
 )
 
 
+@pytest.mark.timeout(600)
 def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert speed.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -28,6 +29,7 @@ def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(value > 0 for value in found.values()), found
 
 
+@pytest.mark.timeout(600)
 def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert links.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -37,6 +39,7 @@ def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
         assert all(value > 0 for value in figures.values()), found
 
 
+@pytest.mark.timeout(600)
 def test_the_growth_of_cost_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert scale.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

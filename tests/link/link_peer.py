@@ -21,7 +21,7 @@ try:
 except ImportError:
     from websockets.legacy.server import serve
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 """s after which a test gives up waiting; far above what anything here takes."""
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]

@@ -17,8 +17,6 @@ from woosh_robot_msgs.srv import Speak
 SPEAK = "woosh.robot.Speak"
 NOTICED = 10.0
 """Longest silence before the link counts as lost, as documented, in seconds."""
-PATIENCE = 60.0
-"""Keeps the test from hanging; a busy machine may take longer than documented, in seconds."""
 
 
 @pytest.fixture(params=["websocket", "tcp"])
@@ -36,7 +34,7 @@ def speak(client: Client, text: str) -> Any:
     return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goals = [lift3(client, 0.4, speed=0.001), task(client, mark="A23")]
@@ -46,7 +44,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
     injection = simulator.inject("half_open")
     call = speak(client, "during")
     chassis = agent.agent._chassis
-    wait_until(lambda: chassis.state.value != "ready", "the notice", PATIENCE)
+    wait_until(lambda: chassis.state.value != "ready", "the notice")
     silence = re.search(r"nothing was heard for ([0-9.]+) s", str(chassis.last_error))
     assert silence
     assert float(silence[1]) <= NOTICED
@@ -55,7 +53,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
     assert not answer.ok
     assert "whether it took effect is not known" in answer.msg
     for goal in goals:
-        status, ret = goal.result(PATIENCE)
+        status, ret = goal.result()
         assert status == ABORTED
         assert "link was lost" in ret.msg
     late = wait_future(speak(client, "late"))
@@ -63,7 +61,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
     assert "not connected" in late.msg
 
     injection.clear()
-    wait_until(lambda: wait_future(speak(client, "after")).ok, "the service", PATIENCE)
+    wait_until(lambda: wait_future(speak(client, "after")).ok, "the service")
     texts = [each.message.text for each in simulator.received if each.type == SPEAK]
     assert set(texts) <= {"before", "during", "after"}
     assert texts.count("during") <= 1

@@ -65,7 +65,7 @@ def got(simulator: SimulatorThread) -> dict[str, int]:
     return {name: counts[name] for name in COMMANDS}
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_killed_in_the_middle_of_a_goal(
     start: Callable[[], Program],
     simulator: SimulatorThread,
@@ -101,7 +101,7 @@ def test_killed_in_the_middle_of_a_goal(
     assert simulator.counts[EXEC_TASK] == 2
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_killed_while_driving(
     start: Callable[[], Program], simulator: SimulatorThread, client: Client
 ) -> None:

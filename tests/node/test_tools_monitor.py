@@ -24,7 +24,7 @@ from woosh_robot_agent.tools.ros_source import RosSource
 from woosh_robot_agent.tools.screen import draw
 from woosh_robot_agent.tools.view import LinkReport, View
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 
 

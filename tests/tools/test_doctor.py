@@ -190,7 +190,7 @@ def test_an_answer_that_cannot_be_read(chassis, examine):
     chassis.intercept(spoil)
 
     def send_garbage() -> None:
-        chassis.wait_received(INFO, timeout=20)
+        chassis.wait_received(INFO)
         sn = chassis_side[-1].sn
         chassis.send_raw("rubbish")
         chassis.send_raw(json.dumps({"type": INFO, "sn": sn, "ok": True, "body": {"mode": 3}}))

@@ -40,7 +40,7 @@ from woosh_robot_agent.tools.view import LinkReport, View
 from woosh_robot_agent.tools.words import word
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 GOOD = LinkReport(True, "connected")
 
 

@@ -20,7 +20,7 @@ from woosh_robot_agent.tools import record, replay
 from woosh_robot_agent.tools.playback import prepare
 from woosh_robot_agent.tools.recording import Event, Writer, read
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
 TOOLS = ("monitor", "doctor", "record", "replay")
 

@@ -54,7 +54,7 @@ class RunningAgent(Protocol):
         """Return when the agent has connected to its chassis so many times since the start.
 
         Raises:
-            AssertionError: it has not, in 15 s.
+            AssertionError: it has not, in 60 s.
         """
 
     def close(self) -> None:
@@ -155,7 +155,7 @@ class AgentProcess:
         """Return when it has logged `text` so many times.
 
         Raises:
-            AssertionError: it has not, in 15 s, or it has ended.
+            AssertionError: it has not, in 60 s, or it has ended.
         """
 
         def said() -> bool:
@@ -217,7 +217,7 @@ def running_agent(
         parameters: the agent's parameters; those of the link lead to `chassis`.
 
     Raises:
-        AssertionError: it did not connect in 15 s.
+        AssertionError: it did not connect in 60 s.
         ValueError: a parameter makes no sense.
     """
     tcp = parameters.get("transport") == "tcp"

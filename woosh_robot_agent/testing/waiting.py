@@ -8,8 +8,8 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-TIMEOUT = 15.0
-"""s after which a test gives up waiting; far above what anything here takes."""
+TIMEOUT = 60.0
+"""Keeps a test from hanging, in seconds; far more than anything takes on an overloaded machine."""
 
 
 def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIMEOUT) -> T:
