@@ -1,4 +1,4 @@
-"""Fixtures of the tests that need ROS; see `harness`."""
+"""Fixtures of the tests that need ROS, and the order of all tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the tests with the longest timeouts first, so that nobody waits for them at the end."""
+    """Run the tests with the longest timeouts first, so that the last ones are short."""
     items.sort(key=_own_timeout, reverse=True)
 
 
@@ -21,7 +21,7 @@ def _own_timeout(item: pytest.Item) -> float:
 
 try:
     from tests import harness
-except ModuleNotFoundError as error:  # the link's tests also run where there is no ROS
+except ModuleNotFoundError as error:  # the tests of the link also run without ROS
     if error.name not in ("rclpy",):
         raise
     collect_ignore = ["node", "robustness", "test_benchmarks.py", "test_interfaces.py"]
@@ -30,19 +30,19 @@ else:
 
     @pytest.fixture
     def domain() -> Iterator[int]:
-        """A ROS_DOMAIN_ID of the test's own."""
+        """A ROS_DOMAIN_ID that no other test uses."""
         with harness.own_domain() as number:
             yield number
 
     @pytest.fixture
     def simulator() -> Iterator[SimulatorThread]:
-        """A simulated chassis, 20 times as fast as a real one."""
+        """A simulated chassis that runs 20 times faster than real time."""
         with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as running:
             yield running
 
     @pytest.fixture
     def start_agent(domain: int) -> Iterator[Callable[..., harness.RunningAgent]]:
-        """Starts agents with parameters as keyword arguments."""
+        """Start agents; keyword arguments are ROS parameters."""
         running: list[harness.RunningAgent] = []
 
         def start(**parameters: Any) -> harness.RunningAgent:
@@ -57,20 +57,21 @@ else:
     def agent(
         simulator: SimulatorThread, start_agent: Callable[..., harness.RunningAgent]
     ) -> harness.RunningAgent:
-        """The agent, connected to the simulator."""
+        """An agent that is connected to the simulator."""
         started = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
         started.wait_connected()
         return started
 
     @pytest.fixture
     def client(domain: int) -> Iterator[harness.Client]:
-        """A client of the agent."""
+        """A ROS node that uses the agent."""
         running = harness.Client(domain)
         yield running
         running.close()
 
     @pytest.fixture
     def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:
+        """Start the agent's program; arguments are ROS arguments."""
         programs: list[harness.Program] = []
 
         def start(*arguments: str) -> harness.Program:
@@ -84,7 +85,7 @@ else:
 
     @pytest.fixture
     def logs() -> Iterator[harness.Collector]:
-        """What agents in this process log, as logging.LogRecord."""
+        """Log records of the agents in this process."""
         collector = harness.Collector()
         handler = logging.Handler()
         handler.emit = collector.add  # type: ignore[method-assign]
