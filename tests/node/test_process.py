@@ -1,4 +1,4 @@
-"""The agent as a program: how it starts, and how it ends."""
+"""Start and end of the agent's program."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def program(
     return started
 
 
-def test_garbage_is_looked_for_among_what_comes_after_the_start() -> None:
+def test_the_garbage_collector_ignores_objects_of_the_start() -> None:
     run = subprocess.run(
         [sys.executable, "-c", LOOK], check=True, capture_output=True, text=True, timeout=60
     )
-    assert run.stdout == "on, what was there left alone\n"
+    assert run.stdout == "enabled, objects frozen\n"
 
 
 LOOK = """
@@ -63,7 +63,7 @@ from woosh_robot_agent import agent
 
 def turn(executor, timeout):
     if gc.isenabled() and gc.get_freeze_count() > 10_000:
-        print("on, what was there left alone")
+        print("enabled, objects frozen")
     os.kill(os.getpid(), signal.SIGTERM)
 
 agent._spin_once = turn
@@ -102,7 +102,7 @@ def test_ends_without_a_chassis(start_program: Callable[..., Program]) -> None:
 
 
 def test_ends_while_connecting(start_program: Callable[..., Program]) -> None:
-    """Something listens, and never says a word."""
+    """A server accepts the connection, and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         program = start_program(*parameters(ip="127.0.0.1", port=silent.getsockname()[1]))
         silent.settimeout(TIMEOUT)
@@ -139,7 +139,7 @@ def test_signals_while_ending(program: Program, simulator: SimulatorThread, clie
 def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:
     slow_down(simulator)
     goals = [task(client, mark="A23"), step(client, 100.0)]
-    goals[1].result()  # refused, as a task runs: an ended goal is no open one
+    goals[1].result()  # refused because a task runs, so it is no open goal
     goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     stop_time(simulator)
     program.end()
@@ -209,7 +209,7 @@ def test_bad_parameter_ends_it_with_one_line(
 def test_malformed_arguments_end_it_with_one_line(start_program: Callable[..., Program]) -> None:
     said = start_program("-p", "port").wait_refused().splitlines()
     assert [line for line in said if line.startswith("agent: ")] == said[-1:]
-    assert len(said) <= 2, "rcl complains too"
+    assert len(said) <= 2, "rcl logs an error, too"
 
 
 def drive(client: Client, linear: float = 0.2) -> Any:
