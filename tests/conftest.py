@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the tests with the longest timeouts first, so that the last ones are short."""
-    items.sort(key=_own_timeout, reverse=True)
+    """Let each process begin with some of the longest tests, so that the last ones are short.
+
+    Tests with a timeout of their own count as long. pytest-xdist gives each process a section of
+    the list, and moves tests to idle processes later.
+    """
+    processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if processes == 1:
+        return
+    long = sorted(filter(_own_timeout, items), key=_own_timeout, reverse=True)
+    short = [item for item in items if not _own_timeout(item)]
+    sections = [len(short) * number // processes for number in range(processes + 1)]
+    items[:] = []
+    for number, (start, end) in enumerate(pairwise(sections)):
+        items += long[number::processes] + short[start:end]
 
 
 def _own_timeout(item: pytest.Item) -> float:
