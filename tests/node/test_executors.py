@@ -47,7 +47,6 @@ def agent(
         backoff_min=0.1,
         executor=request.param,
         result_timeout=3,
-        goal_link_timeout=0.5,
     )
     started.wait_connected()
     return started
