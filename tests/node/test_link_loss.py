@@ -187,9 +187,9 @@ def test_chassis_that_refuses_to_be_asked_and_reports_again(
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
 @pytest.mark.parametrize("kind", ["task", "action"])
 def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) -> None:
-    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
-    goal.feedback.wait_count(3)
     slow_down(simulator)
+    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
+    goal.feedback.wait_count(1)
     simulator.stop_listening()
     status, ret = goal.result()
     assert status == ABORTED
@@ -334,9 +334,9 @@ def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
 @pytest.mark.parametrize("kind", ["task", "action"])
 def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: str) -> None:
     """It answers pings, so the link stays; it answers nothing else, perhaps forever."""
-    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
-    goal.feedback.wait_count(2)
     slow_down(simulator)
+    goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
+    goal.feedback.wait_count(1)
     simulator.inject("freeze")
     status, ret = goal.result()
     assert status == ABORTED
