@@ -1,16 +1,41 @@
-"""Fixtures of the tests that need ROS; see `harness`."""
+"""Fixtures of the tests that need ROS, and the order of all tests."""
 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let each process begin with some of the longest tests, so that the last ones are short.
+
+    Tests with a timeout of their own count as long. pytest-xdist gives each process a section of
+    the list, and moves tests to idle processes later.
+    """
+    processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if processes == 1:
+        return
+    long = sorted(filter(_own_timeout, items), key=_own_timeout, reverse=True)
+    short = [item for item in items if not _own_timeout(item)]
+    sections = [len(short) * number // processes for number in range(processes + 1)]
+    items[:] = []
+    for number, (start, end) in enumerate(pairwise(sections)):
+        items += long[number::processes] + short[start:end]
+
+
+def _own_timeout(item: pytest.Item) -> float:
+    mark = item.get_closest_marker("timeout")
+    return float(mark.args[0]) if mark else 0.0
+
+
 try:
     from tests import harness
-except ModuleNotFoundError as error:  # the link's tests also run where there is no ROS
+except ModuleNotFoundError as error:  # the tests of the link also run without ROS
     if error.name not in ("rclpy",):
         raise
     collect_ignore = ["node", "robustness", "test_benchmarks.py", "test_interfaces.py"]
@@ -19,19 +44,19 @@ else:
 
     @pytest.fixture
     def domain() -> Iterator[int]:
-        """A ROS_DOMAIN_ID of the test's own."""
+        """A ROS_DOMAIN_ID that no other test uses."""
         with harness.own_domain() as number:
             yield number
 
     @pytest.fixture
     def simulator() -> Iterator[SimulatorThread]:
-        """A simulated chassis, 20 times as fast as a real one."""
+        """A simulated chassis that runs 20 times faster than real time."""
         with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as running:
             yield running
 
     @pytest.fixture
     def start_agent(domain: int) -> Iterator[Callable[..., harness.RunningAgent]]:
-        """Starts agents with parameters as keyword arguments."""
+        """Start agents; keyword arguments are ROS parameters."""
         running: list[harness.RunningAgent] = []
 
         def start(**parameters: Any) -> harness.RunningAgent:
@@ -46,20 +71,21 @@ else:
     def agent(
         simulator: SimulatorThread, start_agent: Callable[..., harness.RunningAgent]
     ) -> harness.RunningAgent:
-        """The agent, connected to the simulator."""
+        """An agent that is connected to the simulator."""
         started = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
         started.wait_connected()
         return started
 
     @pytest.fixture
     def client(domain: int) -> Iterator[harness.Client]:
-        """A client of the agent."""
+        """A ROS node that uses the agent."""
         running = harness.Client(domain)
         yield running
         running.close()
 
     @pytest.fixture
     def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:
+        """Start the agent's program; arguments are ROS arguments."""
         programs: list[harness.Program] = []
 
         def start(*arguments: str) -> harness.Program:
@@ -73,7 +99,7 @@ else:
 
     @pytest.fixture
     def logs() -> Iterator[harness.Collector]:
-        """What agents in this process log, as logging.LogRecord."""
+        """Log records of the agents in this process."""
         collector = harness.Collector()
         handler = logging.Handler()
         handler.emit = collector.add  # type: ignore[method-assign]

@@ -1,6 +1,7 @@
-"""What the node's tests are made of: a simulated chassis, the real agent, a client beside it.
+"""Building blocks of the tests with ROS: the real agent, and a ROS client of it.
 
-Both are real: the link goes over a socket, the rest over DDS, in a domain of the test's own.
+The agent talks to a simulated chassis over a socket, and to the client over DDS, in a ROS domain
+that no other test uses.
 """
 
 from __future__ import annotations
@@ -8,7 +9,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -42,7 +42,7 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 class Collector:
-    """What came on a topic, oldest first."""
+    """Messages received on a topic, oldest first."""
 
     def __init__(self) -> None:
         self.messages: list[Any] = []
@@ -54,30 +54,34 @@ class Collector:
             self._changed.notify_all()
 
     def wait(self, wanted: Callable[[Any], Any], timeout: float = TIMEOUT) -> Any:
-        """The first message for which `wanted` is true, once it has come."""
+        """Wait for a message for which `wanted` is true; return the first one."""
         with self._changed:
             found = self._changed.wait_for(lambda: [m for m in self.messages if wanted(m)], timeout)
-        assert found, f"nothing fitting among {self.messages}"
+        assert found, f"no such message among {self.messages}"
         return found[0]
 
     def wait_count(self, count: int, timeout: float = TIMEOUT) -> list[Any]:
+        """Wait for this many messages; return all that have been received."""
         with self._changed:
             assert self._changed.wait_for(lambda: len(self.messages) >= count, timeout), (
-                f"{len(self.messages)} of {count} came: {self.messages}"
+                f"{len(self.messages)} of {count} messages received: {self.messages}"
             )
             return list(self.messages)
 
 
 class _Callbacks(dict[bytes, Any]):
-    """Those for feedback. rclpy takes them away with the result, and so loses what it has not read
-    by then: where several reports and the result have come, it reads the result first."""
+    """Feedback callbacks by goal id that stay registered after the result.
+
+    rclpy removes a goal's callback with its result. When both feedback and the result are ready, it
+    reads the result first, and would drop the feedback.
+    """
 
     def __delitem__(self, goal: bytes) -> None:
         pass
 
 
 class GoalClient:
-    """One goal as its client sees it."""
+    """An accepted goal, from the client's side."""
 
     def __init__(self, client: Client, action: ActionClient, goal: Any) -> None:
         self.feedback = Collector()
@@ -89,56 +93,37 @@ class GoalClient:
         )
         self.handle = wait_future(sent)
         assert self.handle.accepted
-        self._result = client.in_executor(self.handle.get_result_async)
+        self._result = self.ask_result()
 
     def result(self, timeout: float = TIMEOUT) -> tuple[int, Any]:
-        """Status (action_msgs/GoalStatus) and `ret`, once the goal has ended."""
+        """Wait for the result; return its status (action_msgs/GoalStatus) and `ret`."""
         response = wait_future(self._result, timeout)
         return response.status, response.result.ret
 
     @property
     def done(self) -> bool:
+        """True if the result has been received."""
         return bool(self._result.done())
 
+    def ask_result(self) -> Any:
+        """Request the result; return the future of the response."""
+        return self._client.in_executor(self.handle.get_result_async)
+
     def cancel(self) -> Any:
-        """Ask to cancel; returns the action_msgs/CancelGoal response."""
+        """Request a cancel; return the action_msgs/CancelGoal response."""
         return wait_future(self._client.in_executor(self.handle.cancel_goal_async))
 
 
 def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
+    """Wait for an rclpy future, which another thread's executor completes; return its result."""
     done = threading.Event()
     future.add_done_callback(lambda _future: done.set())
-    assert done.wait(timeout), "no answer came"
+    assert done.wait(timeout), "no answer received"
     return future.result()
 
 
-class PatientActionClient(ActionClient):
-    """rclpy's notes a request only after it was sent: it would ignore an answer that is quicker."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        self._sending = threading.RLock()
-        super().__init__(*args, **options)
-
-    def send_goal_async(self, *args: Any, **options: Any) -> Any:
-        with self._sending:
-            return super().send_goal_async(*args, **options)
-
-    def _get_result_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._get_result_async(goal_handle)
-
-    def _cancel_goal_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._cancel_goal_async(goal_handle)
-
-    async def execute(self, taken_data: Any) -> None:
-        with self._sending:  # whatever is being sent is noted after this
-            pass
-        await super().execute(taken_data)
-
-
 class Client:
-    """A ROS node that uses the agent, in a context of its own."""
+    """A ROS node that uses the agent, with its own context and executor thread."""
 
     def __init__(self, domain: int, namespace: str = NAMESPACE) -> None:
         self.namespace = namespace
@@ -149,7 +134,7 @@ class Client:
         self.executor.add_node(self.node)
         self._spinner = Spinner(self.executor)
         self._clients: dict[Any, Any] = {}
-        """By type and name: a service and an action may share a name."""
+        """Clients by type and name; a service and an action may share a name."""
 
     def close(self) -> None:
         self._spinner.stop()
@@ -157,23 +142,25 @@ class Client:
         rclpy.try_shutdown(context=self.context)
 
     def in_executor(self, function: Callable[[], Any]) -> Any:
-        """What `function` gives in the executor's thread.
+        """Run `function` in the executor's thread and return its result.
 
-        rclpy's action clients are for that thread alone: elsewhere an answer may be there before
-        the request is noted down, and is then lost.
+        Action clients must send from that thread. rclpy registers a request only after sending it,
+        so in any other thread the answer may be read first, and is then dropped.
         """
         return wait_future(self.executor.create_task(function))
 
     def path(self, name: str) -> str:
+        """Return a name in the agent's namespace, unless it is absolute."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
 
     def service(self, srv: Any, name: str) -> Any:
+        """Return the client of a service, once both ends have discovered each other."""
         if (srv, name) not in self._clients:
-            # as deep as the agent's: the usual depth of 10 loses answers that come in a burst
+            # as deep as the agent's: with the default depth of 10, a burst of answers is cut off
             client = self.node.create_client(
                 srv, self.path(name), qos_profile=QoSProfile(depth=1000)
             )
-            # rclpy's own wait looks every 0.25 s only
+            # wait_for_service polls only every 0.25 s
             wait_until(client.service_is_ready, f"the service {name}")
             parameters = self.path("agent/get_parameters")
             if parameters in dict(self.node.get_service_names_and_types()):
@@ -182,32 +169,38 @@ class Client:
         return self._clients[srv, name]
 
     def _wait_known(self, srv: Any, path: str) -> None:
-        """Wait until the agent knows this node's end of all that was created so far.
+        """Wait until the agent has discovered all endpoints that this node has created so far.
 
-        A service is ready when this node knows the agent's end. What the agent answers before it
-        knows the other one is lost after 0.1 s. DDS makes ends known in the order of their making,
-        so an answer to a question that changes nothing tells it of all before.
+        A service is ready when this node has discovered the agent's end. If the agent has not yet
+        discovered this node's end, it drops its answer after 0.1 s. DDS announces endpoints in the
+        order of their creation, so an answer to a newly created client proves that the agent has
+        discovered all earlier ones. The request must have no effect.
+
+        Args:
+            srv: the type of a service of the agent.
+            path: its name.
         """
-        asking = self.node.create_client(srv, path)
-        wait_until(asking.service_is_ready, path)
+        probe = self.node.create_client(srv, path)
+        wait_until(probe.service_is_ready, path)
 
         def answered() -> bool:
             done = threading.Event()
-            asking.call_async(srv.Request()).add_done_callback(lambda _: done.set())
+            probe.call_async(srv.Request()).add_done_callback(lambda _: done.set())
             return done.wait(1.0)
 
-        wait_until(answered, f"an answer of {path}")
-        self.node.destroy_client(asking)
+        wait_until(answered, f"an answer from {path}")
+        self.node.destroy_client(probe)
 
     def call(self, srv: Any, name: str, timeout: float = TIMEOUT, **fields: Any) -> Any:
-        """Call a service and wait for its answer."""
+        """Call a service; return its response."""
         return wait_future(self.call_async(srv, name, **fields), timeout)
 
     def call_async(self, srv: Any, name: str, **fields: Any) -> Any:
+        """Call a service; return the future of its response."""
         return self.service(srv, name).call_async(srv.Request(**fields))
 
     def echo(self, msg: Any, name: str, depth: int = 100) -> Collector:
-        """Subscribe as latched as the agent publishes."""
+        """Subscribe to a latched topic."""
         qos = QoSProfile(
             depth=depth,
             reliability=ReliabilityPolicy.RELIABLE,
@@ -216,22 +209,23 @@ class Client:
         return self.echo_with(msg, name, qos)
 
     def echo_with(self, msg: Any, name: str, qos: QoSProfile) -> Collector:
-        """Subscribe with a quality of service of one's own."""
+        """Subscribe with the given quality of service."""
         collector = Collector()
         self.node.create_subscription(msg, self.path(name), collector.add, qos)
         return collector
 
     def publishers(self, name: str) -> int:
-        """How many publish on a topic."""
+        """Return the number of publishers of a topic."""
         return int(self.node.count_publishers(self.path(name)))
 
     def action(self, action: Any, name: str) -> ActionClient:
+        """Return the client of an action, once both ends have discovered each other."""
         if (action, name) not in self._clients:
-            client = PatientActionClient(
+            client = ActionClient(
                 self.node,
                 action,
                 self.path(name),
-                # the usual depth of 10 loses reports when this process is slow
+                # with the default depth of 10, feedback is lost when this process is slow
                 feedback_sub_qos_profile=QoSProfile(depth=1000),
             )
             client._feedback_callbacks = _Callbacks()
@@ -241,28 +235,26 @@ class Client:
         return self._clients[action, name]
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
+        """Send a goal; return it once it has been accepted."""
         return GoalClient(self, self.action(action, name), goal)
 
 
 class Program(AgentProcess):
-    """The agent in a process of its own, and how it ends."""
+    """The agent's program."""
 
     def __init__(self, domain: int, *arguments: str) -> None:
         super().__init__(domain, NAMESPACE, *arguments)
 
-    def end(self, number: int = signal.SIGINT) -> float:
-        """Send a signal and wait; returns the s that it took to end, in good order."""
-        begun = time.monotonic()
+    def end(self, number: int = signal.SIGINT) -> None:
+        """Send a signal and wait for a clean end."""
         self.process.send_signal(number)
         status = self.process.wait(TIMEOUT)
-        taken = time.monotonic() - begun
         self.wait_read()
         assert status == 0, self.output
         assert "Traceback" not in self.output, self.output
-        return taken
 
     def wait_refused(self) -> str:
-        """Wait for it to end with a complaint; returns that."""
+        """Wait for it to end with an error; return its output."""
         assert self.process.wait(TIMEOUT) not in (0, None)
         self.wait_read()
         return self.output

@@ -1,7 +1,4 @@
-"""A stand-in for ROS's launch, which is not on PyPI: just enough to read our launch files with.
-
-Where the real one is installed, `test_launch` uses that one for reading too.
-"""
+"""A minimal replacement of ROS's `launch`, which is not on PyPI, to load our launch files with."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import Any
 
 
 class Part:
-    """Whatever a launch file makes: it only remembers what it was made with."""
+    """Any object that a launch file creates; it only stores its arguments."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         self.arguments = arguments
@@ -32,7 +29,7 @@ class LaunchConfiguration(Part):
 
 
 def resolve(value: Any, context: dict[str, Any]) -> Any:
-    """What a substitution stands for."""
+    """Return the value of a substitution; other values are returned as they are."""
     kind = type(value).__name__
     if kind == "LaunchConfiguration":
         return context[value.arguments[0]]
@@ -56,7 +53,7 @@ _MODULES = {
 
 @contextmanager
 def installed() -> Iterator[None]:
-    """Have launch files import the stand-in."""
+    """Let launch files import this replacement."""
     before = {name: sys.modules.get(name) for name in _MODULES}
     for name, classes in _MODULES.items():
         module: Any = ModuleType(name)

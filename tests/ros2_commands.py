@@ -1,4 +1,4 @@
-"""The documented commands, read and filled in as the shell and the `ros2` tool do."""
+"""The documented commands, parsed as the shell and the `ros2` tool parse them."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ NAMESPACE = "/woosh_robot/"
 
 @dataclass(frozen=True)
 class Command:
-    """One command.
+    """A documented command.
 
     Attributes:
-        line: as it is typed.
+        line: the command line.
         verb: `service call`, `topic echo` or `action send_goal`.
         name: name of the endpoint, relative to the namespace.
         type: its ROS type, e.g. `woosh_robot_msgs/srv/Mode`; empty for a topic.
-        values: what stands for the request or goal, as text in YAML.
+        values: the request or goal as YAML.
     """
 
     line: str
@@ -34,10 +34,10 @@ class Command:
     values: str = "{}"
 
     def filled(self) -> Any:
-        """The request or the goal.
+        """Return the request or the goal.
 
         Raises:
-            yaml.YAMLError, AttributeError, TypeError, ValueError: as the tool would refuse it.
+            yaml.YAMLError, AttributeError, TypeError, ValueError: the tool would reject it, too.
         """
         cls = self.cls
         message = (cls.Request if self.verb == "service call" else cls.Goal)()
@@ -51,10 +51,10 @@ class Command:
 
 
 def parse(line: str) -> Command:
-    """One line of shell.
+    """Parse a command line.
 
     Raises:
-        ValueError: it has more words than the tool takes.
+        ValueError: the tool would reject the number of arguments, or the name is not the agent's.
     """
     ros2, group, verb, path, *rest = shlex.split(line)
     rest = [word for word in rest if word != "--feedback"]
@@ -64,17 +64,17 @@ def parse(line: str) -> Command:
 
 
 def documented() -> list[Command]:
-    """All of them, in the document's order."""
+    """Return all documented commands, in the order of the document."""
     text = (Path(__file__).parent / "documented_commands.txt").read_text()
     return [parse(line) for line in text.splitlines()]
 
 
 try:
     from rosidl_runtime_py import set_message_fields
-except ImportError:  # not on PyPI; the same rules for what these messages hold
+except ImportError:  # not on PyPI; the same rules for the field types of these messages
 
     def set_message_fields(msg: Any, values: Any) -> None:
-        """Set the fields that `values` names; the others keep their defaults."""
+        """Set the fields named in `values`; the others keep their defaults."""
         types = msg.get_fields_and_field_types()
         for name, value in values.items():
             old = getattr(msg, name)

@@ -1,4 +1,4 @@
-"""Launch files and configuration: what they start exists, and takes what they give it."""
+"""Launch files and configuration: all that they name exists and accepts the given parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXECUTABLES = {"agent", "simulator"}
 
 @pytest.fixture
 def share(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Where launch files find the package: here, whatever is installed."""
+    """Make launch files find the package in this checkout; return its folder."""
     import ament_index_python.packages as packages
 
     def share(name: str) -> str:
@@ -41,20 +41,20 @@ def share(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 class Launch:
-    """A launch file that was carried out, with what it starts for some arguments.
+    """A launch file, evaluated with some arguments.
 
     Args:
-        name: of the file.
-        context: the launch configurations. As in ROS 2 there is one set of them: what an included
-            file is given, or declares, stays for all that comes after it.
-        given: its arguments.
+        name: name of the file, without its suffix.
+        context: the launch configurations. As in ROS 2, all files share them: arguments that an
+            included file gets or declares are also seen by what follows.
+        given: the file's launch arguments.
 
     Attributes:
-        given: its arguments.
-        declared: the names of those that it declares.
-        nodes: every node, with its parameters resolved.
+        given: the file's launch arguments.
+        declared: names of the launch arguments that it declares.
+        nodes: the nodes that it starts, with resolved parameters.
         included: the launch files that it includes.
-        others: what else it starts.
+        others: everything else that it starts.
     """
 
     def __init__(self, name: str, context: dict[str, Any] | None = None, **given: str) -> None:
@@ -114,7 +114,7 @@ class Launch:
 
 
 def check_agent(node: dict[str, Any]) -> dict[str, Any]:
-    """The parameters are the agent's, and make sense together; returns all of them."""
+    """Check that the agent accepts the parameters; return all of them, defaults included."""
     assert node["executable"] == (PACKAGE, "agent")
     values = {p.name: p.initial for p in parameters.PARAMETERS}
     for file in node["files"]:
@@ -125,15 +125,15 @@ def check_agent(node: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.fixture
-def publisher_of_models(share: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """robot_state_publisher is installed."""
+def robot_state_publisher(share: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pretend that robot_state_publisher is installed."""
     import ament_index_python.packages as packages
 
     monkeypatch.setattr(packages, "get_package_prefix", lambda _name: "/opt/ros/jazzy")
 
 
 def params_file(folder: Path, **values: Any) -> str:
-    """A file with parameters of any node."""
+    """Write a parameter file that holds for any node; return its path."""
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
     return str(path)
@@ -147,35 +147,35 @@ class TestLaunch:
         assert (values["ip"], node["namespace"]) == ("172.20.8.74", "robot7")
 
     @pytest.mark.parametrize("name", ["agent", "bringup"])
-    def test_what_is_not_given_is_the_files(self, name: str, tmp_path: Path):
+    def test_the_parameter_file_sets_what_is_not_given(self, name: str, tmp_path: Path):
         mine = {"ip": "172.20.8.74", "port": 5999, "frame_prefix": "r9/"}
         (node,) = Launch(name, params_file=params_file(tmp_path, **mine)).nodes
         values = check_agent(node)
         assert {key: values[key] for key in mine} == mine
 
     @pytest.mark.parametrize("name", ["agent", "bringup"])
-    def test_what_is_given_counts_for_more_than_the_file(self, name: str, tmp_path: Path):
+    def test_launch_arguments_override_the_parameter_file(self, name: str, tmp_path: Path):
         file = params_file(tmp_path, ip="172.20.8.74", port=5999)
         (node,) = Launch(name, params_file=file, ip="172.20.8.75", port="0").nodes
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
 
-    def test_bringup_without_a_publisher_of_models(self):
+    def test_bringup_without_robot_state_publisher(self):
         (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         values = check_agent(node)
         assert values["publish_tf"] is True
         assert values["publish_laser_tf"] is True
         assert values["frame_prefix"] == "r1/"
 
-    @pytest.mark.usefixtures("publisher_of_models")
-    def test_bringup_with_one(self):
+    @pytest.mark.usefixtures("robot_state_publisher")
+    def test_bringup_with_robot_state_publisher(self):
         agent, model = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         assert check_agent(agent)["publish_laser_tf"] is False
         assert model["executable"] == ("robot_state_publisher",) * 2
         assert model["values"]["frame_prefix"] == "r1/"
         assert "<robot" in model["values"]["robot_description"]
 
-    @pytest.mark.usefixtures("publisher_of_models")
+    @pytest.mark.usefixtures("robot_state_publisher")
     @pytest.mark.parametrize(
         ("text", "prefix"),
         [
@@ -203,7 +203,7 @@ class TestLaunch:
         ],
     )
     def test_the_model_has_the_agents_prefix(self, text: str, prefix: str, tmp_path: Path):
-        """Else the robot's frames would not hang together."""
+        """Otherwise the frames of the robot would not form one tree."""
         file = tmp_path / "mine.yaml"
         file.write_text(text)
         _, model = Launch("bringup", namespace="r9", params_file=str(file)).nodes
@@ -223,8 +223,8 @@ class TestLaunch:
         agents = [check_agent(each.nodes[0]) for each in Launch("fleet").included]
         assert [(v["port"], v["frame_prefix"]) for v in agents] == [(5480, "r1/"), (5490, "r2/")]
 
-    @pytest.mark.usefixtures("publisher_of_models")
-    def test_robots_of_a_fleet_have_nothing_of_each_other(self, tmp_path: Path):
+    @pytest.mark.usefixtures("robot_state_publisher")
+    def test_robots_of_a_fleet_share_no_parameters(self, tmp_path: Path):
         file = tmp_path / "fleet.yaml"
         urdf = tmp_path / "mine.urdf"
         urdf.write_text("<robot name='mine'/>")
@@ -249,8 +249,8 @@ class TestLaunch:
         assert "woosh_base" in others[1]["values"]["robot_description"]
 
     @pytest.mark.parametrize("name", ["fleet", "sim"])
-    def test_included_files_take_nothing_from_those_around(self, name: str):
-        """An argument that is not passed on is whatever some other launch file calls so."""
+    def test_included_files_get_all_their_arguments(self, name: str):
+        """An argument that is not passed on may be taken from another launch file."""
         for each in Launch(name).included:
             assert set(each.given) == each.declared
 
@@ -264,7 +264,7 @@ class TestLaunch:
             "robots: [{name: r1, ip: a}, {name: r1, ip: b}]",
         ],
     )
-    def test_a_fleet_that_makes_no_sense(self, text: str, tmp_path: Path):
+    def test_invalid_fleet_file(self, text: str, tmp_path: Path):
         file = tmp_path / "fleet.yaml"
         file.write_text(text)
         with pytest.raises(ValueError, match=r"fleet\.yaml"):
@@ -272,7 +272,7 @@ class TestLaunch:
 
 
 class TestConfiguration:
-    def test_the_parameter_file_has_them_all(self):
+    def test_the_parameter_file_has_all_parameters(self):
         assert (ROOT / "config/agent.yaml").read_text() == parameters.yaml()
 
     def test_the_model(self):
@@ -282,11 +282,11 @@ class TestConfiguration:
         for joint in robot.iter("joint"):
             assert {joint.find("parent").get("link"), joint.find("child").get("link")} <= links  # type: ignore[union-attr]
 
-    def test_rviz_shows_what_there_is(self):
+    def test_rviz_shows_existing_topics(self):
         config = yaml.safe_load((ROOT / "config/woosh.rviz").read_text())
         self._are_topics(_values(config, "Value", starting="/woosh_robot/"))
 
-    def test_foxglove_shows_what_there_is(self):
+    def test_foxglove_shows_existing_topics(self):
         layout = json.loads((ROOT / "config/foxglove_layout.json").read_text())
         self._are_topics(_values(layout, None, starting="/woosh_robot/"))
 
@@ -295,12 +295,12 @@ class TestConfiguration:
         known = {*BY_NAME, *(topic.name for topic in TOPICS)}
         shown = {path.removeprefix("/woosh_robot/").split(".")[0] for path in paths}
         assert len(shown) >= 4
-        # RViz may listen to what only the model's publisher sends
+        # robot_state_publisher publishes robot_description
         assert shown <= known | {"robot_description"}
 
 
 def _values(tree: Any, key: str | None, starting: str) -> set[str]:
-    """Every text below `key`, or anywhere, that begins with `starting`."""
+    """Return the strings below `key`, or all if it is None, that begin with `starting`."""
     found: set[str] = set()
     if isinstance(tree, dict):
         for name, value in tree.items():

@@ -119,6 +119,11 @@ def slow_down(simulator: SimulatorThread) -> None:
     simulator.call(lambda sim: setattr(sim, "speed", 1.0))
 
 
+def stop_time(simulator: SimulatorThread) -> None:
+    """Keep what runs from ending by itself: a simulated second takes a quarter of an hour."""
+    simulator.call(lambda sim: setattr(sim, "speed", 0.001))
+
+
 def hurry(simulator: SimulatorThread) -> None:
     """Run fast, so that goals come to their ends."""
     simulator.call(lambda sim: setattr(sim, "speed", 50.0))

@@ -19,6 +19,7 @@ from tests.node.goals import (
     EXEC_TASK,
     EXECUTE,
     EXECUTING,
+    FEEDBACKS,
     SUCCEEDED,
     TASK_CANCELED,
     TASK_PROC,
@@ -34,7 +35,6 @@ from tests.node.goals import (
     step,
     task,
 )
-from woosh_robot_agent.actions import timing
 from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.simulator import SimulatorThread
@@ -106,9 +106,8 @@ def test_action_before_its_first_report(client: Client, simulator: SimulatorThre
     goal = step(client, 20.0)
     simulator.wait_received(CALL_ACTION)
     goal.cancel()
-    assert goal.result(timeout=timing.DEFAULT_TIMING.poll_period - 1)[0] == CANCELED, (
-        "without a poll"
-    )
+    assert goal.result()[0] == CANCELED
+    assert simulator.counts[FEEDBACKS] == 0, "without asking"
 
 
 def test_goal_ends_only_when_the_chassis_says_so(

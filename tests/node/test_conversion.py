@@ -77,7 +77,7 @@ class TestRoundTrip:
             assert back.SerializeToString() == message.SerializeToString()
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_with_field_checks_of_ros():
     """ROS checks each assignment to a field if an environment variable is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "2"}
@@ -92,7 +92,7 @@ def test_with_field_checks_of_ros():
         "TestRoundTrip",
     ]
     done = subprocess.run(
-        [*command, __file__], env=env, capture_output=True, text=True, timeout=280
+        [*command, __file__], env=env, capture_output=True, text=True, timeout=500
     )
     assert done.returncode == 0, done.stdout
     assert f"{2 * len(PAIRS)} passed" in done.stdout

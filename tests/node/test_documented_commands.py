@@ -1,4 +1,4 @@
-"""Every command that the maker's document shows, in its order, does what it says."""
+"""Every command of the maker's document does what the document says, in its order."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ SUCCEEDED = 4
 PAUSED, COMPLETED = 4, 7
 FOLLOWING = 7
 
-# Which example is wrong as it is printed, and what the tool says to it.
 WRONG = {
     """ros2 service call /woosh_robot/robot/ChangeNavPath woosh_robot_msgs/srv/ChangeNavPath "{arg:{paths:{plan_path:[{target:{x: 1.23, y: 2.34, theta: 1.57}, path:[{x: 0.0, y: 0.0, theta: 0.0}, {x: 1.23, y: 2.34, theta: 1.57}]}}}" """: yaml.YAMLError,  # noqa: E501
     """ros2 service call /woosh_robot/robot/Speak woosh_robot_msgs/srv/Speak "{arg:{text: "Hello world"}}" """: ValueError,  # noqa: E501
     """ros2 service call /woosh_robot/setting/Server woosh_robot_msgs/srv/SetServer "{arg:{name: "woow"}}" """: AttributeError,  # noqa: E501
     """ros2 action send_goal /woosh_robot/ros/StepControl woosh_ros_msgs/action/StepControl "{arg:{action:{value: 1}, steps:[{mode:{value: 1}}, speed: 0.5, value: 2}]}}" --feedback""": yaml.YAMLError,  # noqa: E501
 }
+"""Examples that are wrong as printed, and the error that the tool raises."""
 
 
 class Robot:
-    """What the robot says by ROS, and what only its simulation knows."""
+    """State of the robot, as seen through ROS and inside the simulator."""
 
     def __init__(self, client: Client, simulator: SimulatorThread) -> None:
         self.client = client
@@ -55,7 +55,7 @@ def init_robot(robot: Robot, arg: Any) -> bool:
 
 
 def change_nav_path(robot: Robot, arg: Any) -> bool:
-    # the robot is paused: it plans anew, and says so, when it goes on
+    # the robot is paused, so it will plan and publish the new path only when it resumes
     stops = robot.simulator.call(lambda inner: list(inner.chassis.navigation._stops))
     wanted = [xy for pose in arg.paths.plan_path[0].path.poses for xy in (pose.x, pose.y)]
     found = [xy for stop in stops for xy in (stop.x, stop.y)]
@@ -63,7 +63,7 @@ def change_nav_path(robot: Robot, arg: Any) -> bool:
 
 
 def twist(robot: Robot, arg: Any) -> bool:
-    # it gathers speed, and slows down when no more comes
+    # the robot accelerates, and slows down when no further command comes
     twists = [pose.twist for pose in list(robot.poses.messages)]
     return any(
         0 < now.linear <= arg.linear + 1e-6 and 0 < now.angular <= arg.angular + 1e-6
@@ -71,7 +71,6 @@ def twist(robot: Robot, arg: Any) -> bool:
     )
 
 
-# What is true of the robot after a command with this argument, soon if not at once.
 EFFECTS: dict[str, Callable[[Robot, Any], Any]] = {
     "robot/InitRobot": init_robot,
     "robot/SetRobotPose": lambda robot, arg: robot.stands_at(arg.pose),
@@ -99,9 +98,9 @@ EFFECTS: dict[str, Callable[[Robot, Any], Any]] = {
     "setting/Power": lambda robot, arg: robot.info.setting.power == arg,
     "setting/Sound": lambda robot, arg: robot.info.setting.sound == arg,
 }
+"""Conditions that become true soon after a command, by its name."""
 
 
-# What a command's answer holds beside ok, and a query's.
 ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
     "robot/SwitchControlMode": lambda arg, answer: answer.ret.ctrl == arg.mode,
     "robot/SwitchWorkMode": lambda arg, answer: answer.ret.work == arg.mode,
@@ -120,22 +119,23 @@ ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
     "task/RepeatTasks": lambda arg, answer: answer.info.repeat_tasks,
     "task/CallTasks": lambda arg, answer: answer.info.call_tasks,
 }
+"""Conditions on the response of a command or query, by its name."""
 
 
 @pytest.fixture
 def simulator() -> Any:
-    """As fast as a real one, so that a task is still far from its end at the next command."""
+    """A simulated chassis in real time, so that a task outlasts the commands that follow it."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as running:
         yield running
 
 
 def hurry(simulator: SimulatorThread) -> None:
-    """Let simulated time run fast from here on."""
+    """Run simulated time fast from here on."""
     simulator.call(lambda inner: setattr(inner, "speed", 50.0))
 
 
 def echo(client: Client, name: str) -> Any:
-    """Subscribe as the tool does, to the type that the graph names."""
+    """Subscribe as `ros2 topic echo` does: with the type found in the graph."""
     types = wait_until(lambda: dict(client.node.get_topic_names_and_types()).get(client.path(name)))
     package, _, short = types[0].split("/")
     return client.echo(class_of(f"{package}/{short}", "msg"), name)
@@ -176,7 +176,7 @@ def run(robot: Robot, command: Command) -> None:
         assert robot.stands_at(arg.target_pose)
 
 
-def test_in_the_document_s_order(simulator, agent, client):
+def test_in_the_order_of_the_document(simulator, agent, client):
     robot = Robot(client, simulator)
     commands = documented()
     echoes = {}

@@ -47,7 +47,6 @@ def agent(
         backoff_min=0.1,
         executor=request.param,
         result_timeout=3,
-        goal_link_timeout=0.5,
     )
     started.wait_connected()
     return started
@@ -115,12 +114,14 @@ def test_refusal_and_replacement(client: Client, simulator: SimulatorThread) -> 
 
 
 def test_lost_link(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     goal = task(client, mark="A23")
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.stop_listening()
     status, ret = goal.result()
     assert (status, "link was lost" in ret.msg) == (ABORTED, True)
     simulator.listen()
+    hurry(simulator)
     wait_until(lambda: "not connected" not in step(client, 0.1).result()[1].msg)
 
 
@@ -129,7 +130,7 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> No
     assert goal.result()[0] == SUCCEEDED
 
     def ask_again() -> int:
-        return int(wait_future(goal.handle.get_result_async()).status)
+        return int(wait_future(goal.ask_result()).status)
 
     assert ask_again() == SUCCEEDED
     wait_until(lambda: ask_again() == 0, "the result to expire")
@@ -184,7 +185,7 @@ def test_restart_with_open_goals(
 
     def status_of_the_old_goal() -> int | None:
         """Response of the new agent, or None if it has not been discovered yet."""
-        asked = goals[0].handle.get_result_async()
+        asked = goals[0].ask_result()
         with contextlib.suppress(AssertionError):
             return int(wait_future(asked, 0.5).status)
         return None

@@ -79,7 +79,7 @@ def knows_nothing(out: Outgoing) -> list[Outgoing]:
 
 def wait_asked(simulator: SimulatorThread, kind: str, more: int) -> None:
     asks = questions(kind)
-    simulator.wait_received(asks, simulator.counts[asks] + more, timeout=30.0)
+    simulator.wait_received(asks, simulator.counts[asks] + more)
 
 
 # The chassis never reports
@@ -138,7 +138,7 @@ def test_unanswered_polls_beside_other_pushes(
         simulator.push(PoseSpeed())  # so that it is not silent
         return bool(goal.done)
 
-    wait_until(ended, timeout=30.0)
+    wait_until(ended)
     status, ret = goal.result()
     assert status == ABORTED
     assert "no report on it" in ret.msg
@@ -165,7 +165,7 @@ def test_unanswered_polls_with_a_report_now_and_then(
         simulator.push(PoseSpeed())
         return len(asked) >= 7
 
-    wait_until(enough, timeout=30.0)
+    wait_until(enough)
     assert not goal.done
     remove()
     simulator.push(feedbacks(1, "the end"))

@@ -1,30 +1,29 @@
-"""A link that is half open, with the agent as it comes: nobody waits for it for ever."""
+"""A half-open link, with default timeouts: nobody waits forever."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from tests.harness import Client, RunningAgent, wait_future, wait_until
-from tests.node.goals import ABORTED, EXEC_TASK, EXECUTING, lift3, step, task
+from tests.node.goals import ABORTED, EXEC_TASK, EXECUTING, lift3, slow_down, step, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import Speak
 
 SPEAK = "woosh.robot.Speak"
 NOTICED = 10.0
-"""s, as promised."""
-SLACK = 5.0
-"""s that a machine with much else to do may take on top."""
+"""Longest silence before the link counts as lost, as documented, in seconds."""
 
 
 @pytest.fixture(params=["websocket", "tcp"])
 def agent(
     request: Any, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
 ) -> RunningAgent:
-    """With the default of everything that has to do with time."""
+    """The agent, connected, with default timeouts."""
     port = simulator.tcp_port if request.param == "tcp" else simulator.port
     started = start_agent(ip="127.0.0.1", port=port, transport=request.param)
     started.wait_connected()
@@ -35,8 +34,9 @@ def speak(client: Client, text: str) -> Any:
     return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
     goals = [lift3(client, 0.4, speed=0.001), task(client, mark="A23")]
     goals[1].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     goals[0].feedback.wait_count(1)
@@ -44,14 +44,16 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
     injection = simulator.inject("half_open")
     call = speak(client, "during")
     chassis = agent.agent._chassis
-    wait_until(lambda: chassis.state.value != "ready", "the notice", NOTICED + SLACK)
-    assert "nothing was heard" in str(chassis.last_error)
+    wait_until(lambda: chassis.state.value != "ready", "the notice")
+    silence = re.search(r"nothing was heard for ([0-9.]+) s", str(chassis.last_error))
+    assert silence
+    assert float(silence[1]) <= NOTICED
 
     answer = wait_future(call)
     assert not answer.ok
     assert "whether it took effect is not known" in answer.msg
     for goal in goals:
-        status, ret = goal.result(agent.agent.settings.goal_link_timeout + SLACK)
+        status, ret = goal.result()
         assert status == ABORTED
         assert "link was lost" in ret.msg
     late = wait_future(speak(client, "late"))
@@ -59,7 +61,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
     assert "not connected" in late.msg
 
     injection.clear()
-    wait_until(lambda: wait_future(speak(client, "after")).ok, "the service", 30)
+    wait_until(lambda: wait_future(speak(client, "after")).ok, "the service")
     texts = [each.message.text for each in simulator.received if each.type == SPEAK]
     assert set(texts) <= {"before", "during", "after"}
     assert texts.count("during") <= 1
@@ -67,7 +69,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
 
 
 @pytest.mark.parametrize("agent", ["websocket"], indirect=True)
-def test_short_one_is_nobodys_business(
+def test_a_short_one_is_not_noticed(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     goal = step(client, 8.0)

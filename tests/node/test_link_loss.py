@@ -1,4 +1,4 @@
-"""Goals whose link, or whose answer, is lost on the way."""
+"""Goals that lose their link, or the answer to their request."""
 
 from __future__ import annotations
 
@@ -38,12 +38,14 @@ pytestmark = pytest.mark.usefixtures("agent")
 
 
 LITTLE = {"goal_link_timeout": 0.8, "poll_timeout": 300}
-"""Patience for what is to end in vain."""
+"""Timeouts for goals that are to be given up."""
+HANGING = {"goal_link_timeout": 3.0, "poll_timeout": 1000}
+"""Timeouts for goals that are to be given up, but not before the chassis hangs."""
 
 
 @pytest.fixture
 def patience() -> dict[str, Any]:
-    """Enough for a slow machine to find the link and the goal again."""
+    """Timeouts long enough for a slow machine to find the link and the goal again."""
     return {"goal_link_timeout": 10.0, "poll_timeout": 1000}
 
 
@@ -53,7 +55,7 @@ def agent(
     start_agent: Callable[..., RunningAgent],
     patience: dict[str, Any],
 ) -> RunningAgent:
-    """As everywhere, but in haste."""
+    """The agent, connected, with short back-offs."""
     started = start_agent(
         ip="127.0.0.1",
         port=simulator.port,
@@ -188,8 +190,9 @@ def test_chassis_that_refuses_to_be_asked_and_reports_again(
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
 @pytest.mark.parametrize("kind", ["task", "action"])
 def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) -> None:
+    slow_down(simulator)
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
-    goal.feedback.wait_count(3)
+    goal.feedback.wait_count(1)
     simulator.stop_listening()
     status, ret = goal.result()
     assert status == ABORTED
@@ -332,11 +335,13 @@ def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
     assert goal.done or goal.result()
 
 
+@pytest.mark.parametrize("patience", [HANGING], ids=["hanging"])
 @pytest.mark.parametrize("kind", ["task", "action"])
 def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: str) -> None:
-    """Its pings are answered, so that the link stays; nothing else is, perhaps for ever."""
+    """It answers pings, so the link stays; it answers nothing else, perhaps forever."""
+    slow_down(simulator)
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
-    goal.feedback.wait_count(2)
+    goal.feedback.wait_count(1)
     simulator.inject("freeze")
     status, ret = goal.result()
     assert status == ABORTED

@@ -1,4 +1,4 @@
-"""`has_field`: obeyed bit by bit from ROS, set exactly from protobuf."""
+"""`has_field`: each bit decides whether a field is sent, and tells whether it was received."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from woosh_robot_agent.ros_types import class_of
 
 
 def _with_presence() -> dict[str, tuple[Any, Any]]:
-    """Every pair of types of the table, at any depth, whose ROS message has presence bits."""
+    """Return all pairs of types, nested ones included, whose ROS message has presence bits."""
     found: dict[str, tuple[Any, Any]] = {}
     waiting = list(PAIRS.values())
     while waiting:
@@ -33,7 +33,7 @@ PRESENT = _with_presence()
 
 
 def bits_of(ros: Any) -> dict[str, int]:
-    """By field, what the message's own constants say."""
+    """Return the presence bit of each field, from the constants of the message."""
     names = [n for n in ros.get_fields_and_field_types() if hasattr(ros, bit_name(n))]
     return {name: getattr(ros, bit_name(name)) for name in names}
 

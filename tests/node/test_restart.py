@@ -1,4 +1,4 @@
-"""An agent that dies without a word and is started again: nothing reaches the chassis twice."""
+"""An agent that is killed and started again: nothing reaches the chassis twice."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COMMANDS = (SPEAK, EXEC_TASK, TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallA
 def start(
     simulator: SimulatorThread, start_program: Callable[..., Program]
 ) -> Callable[[], Program]:
-    """Starts the agent's program; returns when it is connected."""
+    """Start the agent's program, and wait until it is connected."""
 
     def start_connected() -> Program:
         program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
@@ -38,6 +38,7 @@ def start(
 
 @pytest.fixture
 def start_client(domain: int) -> Iterator[Callable[[], Client]]:
+    """Start further clients in the domain."""
     clients: list[Client] = []
 
     def start_one() -> Client:
@@ -50,7 +51,7 @@ def start_client(domain: int) -> Iterator[Callable[[], Client]]:
 
 
 def served(client: Client, texts: Iterator[str]) -> str:
-    """Ask until the agent answers, as clients do whose agent comes back; returns what it said."""
+    """Call Speak with one text after the other until the agent answers; return the last text."""
     while True:
         text = next(texts)
         call = client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
@@ -61,11 +62,12 @@ def served(client: Client, texts: Iterator[str]) -> str:
 
 
 def got(simulator: SimulatorThread) -> dict[str, int]:
+    """Return how often the chassis has received each command."""
     counts = simulator.counts
     return {name: counts[name] for name in COMMANDS}
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_killed_in_the_middle_of_a_goal(
     start: Callable[[], Program],
     simulator: SimulatorThread,
@@ -84,24 +86,24 @@ def test_killed_in_the_middle_of_a_goal(
     wait_until(lambda: simulator.connections == 0)
 
     start()
-    assert got(simulator) == before, "a new agent commands nothing by itself"
+    assert got(simulator) == before, "a new agent sends no command by itself"
     last = served(client, texts)
     procs = client.echo(TaskProcMsg, "robot/TaskProc")
-    procs.wait(lambda proc: proc.robot_task_id == 77)  # as the robot has it, not as nothing
+    procs.wait(lambda proc: proc.robot_task_id == 77)
     assert simulator.counts[EXEC_TASK] == 1
     said = [each.message.text for each in simulator.received if each.type == SPEAK]
     assert len(said) == len(set(said))
     assert said[-1] == last
     assert simulator.call(lambda sim: sim.chassis.tasks.active), "the task is the robot's own"
-    assert not goal.done, "its agent has gone without a word; nobody makes an end up"
+    assert not goal.done, "no agent is left that could report its end"
 
     simulator.call(lambda sim: sim.chassis.tasks.cancel("enough"))
-    late = start_client()  # the old one still takes the dead agent's action for a living one
+    late = start_client()  # the old one still sees the action servers of the killed agent
     assert short_task(late, 0.3).result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 2
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_killed_while_driving(
     start: Callable[[], Program], simulator: SimulatorThread, client: Client
 ) -> None:

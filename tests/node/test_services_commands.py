@@ -1,4 +1,4 @@
-"""Command services: what is sent, and what is answered, by the chassis or in its place."""
+"""Command services: requests to the chassis, and the answers that clients get."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def arg_class(command: Any) -> Any:
 
 
 def answer_with(simulator: Any, **changes: Any) -> Any:
-    """Answer every request so; the chassis does nothing."""
+    """Change every answer like this; the chassis does nothing."""
     for command in COMMANDS:
         simulator.refuse(command.request, "not done")
     return simulator.intercept(lambda f: [replace(f, **changes) if f.request else f])
@@ -64,9 +64,7 @@ def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
 
 
 @pytest.mark.parametrize("kind", ["woosh.robot.Battery", "woosh.robot.Unheard", "error"])
-def test_what_the_answer_says_counts_even_with_a_body_of_another_type(
-    kind, simulator, agent, client
-):
+def test_ok_and_msg_count_even_with_a_body_of_another_type(kind, simulator, agent, client):
     answer_with(simulator, ok=True, msg="done", type=kind, body=None)
     response = client.call(SwitchControlMode, "robot/SwitchControlMode")
     assert (response.ok, response.msg) == (True, "done")
@@ -115,11 +113,11 @@ def test_nothing_is_repeated_after_the_link_is_back(simulator, agent, client):
     assert [r.message.text for r in simulator.received if r.type == SPEAK] == ["", "new"]
 
 
-# Values that the robot must not get
+# Values that must not reach the robot
 
 
 def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
-    """Paths of the fields of these types below a message; the first item of each list."""
+    """Yield the paths of the nested fields of these types; a list counts by its first item."""
     for name, kind in cls.get_fields_and_field_types().items():
         of = item_type(kind)
         where = f"{path}{name}" + ("[0]" if of else "")
@@ -130,7 +128,7 @@ def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
 
 
 def message_with(cls: Any, path: str, value: Any) -> Any:
-    """A message with `value` at `path`."""
+    """Return a message with `value` at `path`."""
     message = cls()
     step, _, rest = path.partition(".")
     name = step.removesuffix("[0]")
@@ -156,7 +154,7 @@ def test_bad_values_are_named_and_not_sent(kinds, value, simulator, agent, clien
 
 
 class CString(ctypes.Structure):
-    """rosidl_runtime_c__String, which is also all that a request to speak holds."""
+    """rosidl_runtime_c__String; a Speak request consists of a single one."""
 
     _fields_ = [
         ("data", ctypes.c_char_p),
@@ -166,11 +164,11 @@ class CString(ctypes.Structure):
 
 
 def speak_bytes(client: Any, text: bytes) -> Any:
-    """Send as a client in C can; one in Python has its texts checked."""
+    """Send bytes as a C client can; rclpy would check the text."""
     service = client.service(Speak, "robot/Speak")
     request, number = CString(text, len(text), len(text) + 1), ctypes.c_int64()
     send = ctypes.CDLL("librcl.so").rcl_send_request
-    with service.handle, service._lock:  # the answer waits until it is expected
+    with service.handle, service._lock:  # the answer is not read before it is expected
         where = ctypes.c_void_p(service.handle.pointer)
         assert send(where, ctypes.byref(request), ctypes.byref(number)) == 0
         future = service._pending_requests[number.value] = Future()
@@ -185,7 +183,7 @@ def test_bytes_that_are_no_utf_8(simulator, agent, client):
     assert [r.message.text for r in simulator.received if r.type == SPEAK] == ["谢谢"]
 
 
-# Which robot is meant, and clients of old
+# The robot id, and old clients
 
 
 def test_robot_id(simulator, start_agent, client):
@@ -214,7 +212,7 @@ def test_old_client_that_sets_only_the_choice(simulator, agent, client):
     assert simulator.last("woosh.robot.setting.Sound").robot_id == 5
 
 
-def test_member_that_does_not_exist(simulator, agent, client):
+def test_choice_that_does_not_exist(simulator, agent, client):
     arg = SetSound.Request().arg
     arg.request.which = 9
     response = client.call(SetSound, "setting/Sound", arg=arg)
@@ -227,7 +225,7 @@ def test_field_whose_presence_bit_is_clear_is_not_sent(simulator, agent, client)
         assert simulator.last("woosh.robot.InitRobot").HasField("pose") is sent
 
 
-def test_value_of_an_enum_that_nobody_knows(simulator, agent, client):
+def test_unknown_enum_value_is_sent(simulator, agent, client):
     arg = ControlModeMsg()
     arg.mode.value = -77
     client.call(SwitchControlMode, "robot/SwitchControlMode", arg=arg)

@@ -1,4 +1,4 @@
-"""Calls at the same time: none waits for another, and each is answered exactly once."""
+"""Concurrent calls: none waits for another, and each gets exactly one answer."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_slow_call_holds_up_no_other(simulator, busy_agent, client):
     assert client.call(SwitchControlMode, "robot/SwitchControlMode") is not None
     assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
     simulator.accept(SPEAK)
-    assert wait_future(speak(client, "quick")).ok  # of the same service too
+    assert wait_future(speak(client, "quick")).ok  # a call of the same service, too
     assert not slow.done()
     simulator.drop()
     assert not wait_future(slow).ok
@@ -73,7 +73,9 @@ def test_answers_in_another_order_find_their_callers(simulator, busy_agent, clie
 def test_a_flood_is_answered_to_the_last_call(simulator, busy_agent, client):
     simulator.mute(SPEAK)
     calls = [speak(client, str(number)) for number in range(200)]
-    wait_until(lambda: sum(call.done() for call in calls) == 200 - 64, "what is too much")
+    wait_until(
+        lambda: sum(call.done() for call in calls) == 200 - 64, "refusal of what exceeds the limit"
+    )
     for call in (call for call in calls if call.done()):
         assert "64 requests are in flight" in call.result().msg
     simulator.wait_received(SPEAK, 64)
@@ -85,7 +87,7 @@ def test_a_flood_is_answered_to_the_last_call(simulator, busy_agent, client):
     assert wait_future(speak(client, "again")).ok
 
 
-def test_queries_that_are_too_many_are_told_once(simulator, busy_agent, client, logs):
+def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):
     simulator.mute(SPEAK)
     for number in range(64):
         speak(client, str(number))
@@ -100,7 +102,7 @@ def test_queries_that_are_too_many_are_told_once(simulator, busy_agent, client, 
     assert len(told) > len(warnings) == 1
 
 
-def test_a_client_that_has_gone_is_answered_too(simulator, busy_agent, client, domain, logs):
+def test_a_client_that_has_gone_does_no_harm(simulator, busy_agent, client, domain, logs):
     simulator.mute(SPEAK)
     gone = Client(domain)
     speak(gone, "left")
@@ -114,7 +116,7 @@ def test_a_client_that_has_gone_is_answered_too(simulator, busy_agent, client, d
 
 
 def test_each_call_gets_one_answer(simulator, busy_agent, client):
-    """Seen from the client: rclpy drops the second answer to a call silently."""
+    """Counted in the client, because rclpy drops a second answer silently."""
     numbers: Counter[int] = Counter()
     service = client.service(Speak, "robot/Speak")
     expect = service.get_pending_request
@@ -131,7 +133,7 @@ def test_each_call_gets_one_answer(simulator, busy_agent, client):
 
 
 def test_text_that_ros_cannot_carry(simulator, busy_agent, client):
-    """JSON can name half a character; no ROS string can hold it."""
+    """A JSON string may hold a lone surrogate, which has no UTF-8 encoding."""
 
     def garble(frame: Any) -> list[Any]:
         if frame.request != SPEAK:
@@ -147,7 +149,7 @@ def test_text_that_ros_cannot_carry(simulator, busy_agent, client):
     assert client.call(General, "robot/General").info.serial_number == 30001
 
 
-def test_mistake_in_a_callback_is_answered_and_ends_nothing(simulator, busy_agent, client, logs):
+def test_an_exception_in_a_callback_is_answered(simulator, busy_agent, client, logs):
     service = busy_agent.agent._services
     broken = next(s for s in service._servers if s._service.srv_name.endswith("setting/Sound"))
     broken._handle = lambda request, reply: 1 / 0
@@ -159,7 +161,7 @@ def test_mistake_in_a_callback_is_answered_and_ends_nothing(simulator, busy_agen
 
 
 class TestReply:
-    """An answer is sent once."""
+    """A reply is sent exactly once."""
 
     @pytest.fixture
     def sent(self) -> list[Any]:
@@ -172,14 +174,14 @@ class TestReply:
 
         return Reply(Speak.Response, send, "header")
 
-    def test_second_response_is_a_mistake(self, reply, sent, logs):
+    def test_a_second_response_is_not_sent(self, reply, sent, logs):
         reply.send(Speak.Response(msg="a"))
         reply.fail(RuntimeError("b"))
         assert sent == [("a", "header")]
         assert [record.levelname for record in logs.messages] == ["ERROR"]
 
     @pytest.mark.parametrize("error", [OverflowError, TypeError, SystemError])
-    def test_whatever_keeps_a_response_from_being_sent_is_answered(self, error, logs):
+    def test_an_error_while_sending_is_answered(self, error, logs):
         sent: list[Any] = []
 
         def send(response: Any, header: Any) -> None:
@@ -190,7 +192,7 @@ class TestReply:
         Reply(Speak.Response, send, "header").send(Speak.Response(ok=True))
         assert [(error.__name__ in text, header) for text, header in sent] == [(True, "header")]
 
-    def test_response_that_cannot_be_sent_is_replaced(self, logs):
+    def test_a_response_that_cannot_be_encoded_is_replaced(self, logs):
         sent: list[Any] = []
 
         def send(response: Any, header: Any) -> None:

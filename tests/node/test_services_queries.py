@@ -1,4 +1,4 @@
-"""Info services: they ask each time, and fall back on what the chassis last said."""
+"""Info services: they ask the chassis each time, and fall back on the last known value."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
 
 BATTERY = "woosh.robot.Battery"
 PATIENCE = 2
-"""s that `hasty` waits for an answer: more than a slow machine needs."""
+"""How long the agent `hasty` waits for an answer, in seconds; enough for a slow machine."""
 FALLBACK = "robot/Battery answers with the last known value"
 
 
 @pytest.fixture
 def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
-    """An agent that does not wait long for answers, and does not come back soon."""
+    """An agent with a short timeout for answers and long pauses before it reconnects."""
     where = {"ip": "127.0.0.1", "port": simulator.port}
     agent = start_agent(**where, poll_timeout=PATIENCE * 1000, backoff_min=30.0, backoff_max=60.0)
     agent.wait_connected()
@@ -38,7 +38,7 @@ def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
 
 
 def ask(client: Any, query: Any) -> Any:
-    """The only field of a query's response."""
+    """Call a query; return the only field of its response."""
     response = client.call(class_of(query.srv, "srv"), query.name)
     (name,) = response.get_fields_and_field_types()
     return getattr(response, name)
@@ -57,7 +57,7 @@ def messages(logs: Any, text: str) -> list[tuple[str, str]]:
     return [(r.levelname, r.getMessage()) for r in logs.messages if text in r.getMessage()]
 
 
-def test_each_gives_what_the_chassis_answers_now(simulator, agent, client):
+def test_each_call_asks_the_chassis(simulator, agent, client):
     answers = {}
 
     def see(frame: Any) -> Any:
@@ -85,7 +85,7 @@ def test_task_progress_is_asked_for_with_its_argument(simulator, agent, client):
     assert (sent.robot_task_id, sent.dest) == (17, "A2")
 
 
-def test_text_that_is_no_utf_8_is_not_sent_even_in_a_query(simulator, agent, client, logs):
+def test_invalid_utf_8_is_not_sent(simulator, agent, client, logs):
     client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(dest="a\ufffd"))
     assert "arg.dest is not valid UTF-8" in messages(logs, "robot/TaskProc answers")[0][1]
     assert not simulator.counts["woosh.robot.TaskProc"]
@@ -101,7 +101,7 @@ def test_zero_and_no_presence_bit_while_nothing_is_known(start_agent, client, lo
         assert "not connected to ws://127.0.0.1:1 since 2" in warning[1]
 
 
-def test_without_a_link_what_was_last_answered_or_pushed(simulator, hasty, client):
+def test_without_a_link_the_last_answer_or_push(simulator, hasty, client):
     answers = {query.name: ask(client, query) for query in QUERIES}
     simulator.push(RobotState(state=6))
     simulator.push(Battery(power=7, temp_max=9))
@@ -203,7 +203,7 @@ def test_a_bad_answer_gives_the_last_known_value(spoil, simulator, hasty, client
     assert levels == ["WARNING", "DEBUG"]
 
 
-def test_trouble_is_told_anew_after_it_was_over(simulator, hasty, client, logs):
+def test_a_new_failure_is_logged_after_a_recovery(simulator, hasty, client, logs):
     for _ in range(2):
         simulator.refuse(BATTERY, "no")
         client.call(BatterySrv, "robot/Battery")

@@ -32,7 +32,7 @@ from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.monitor.source import LinkReport
 from woosh_robot_agent.topics import latched
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 
 

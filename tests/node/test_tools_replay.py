@@ -21,7 +21,7 @@ from woosh_robot_msgs.msg import Mode as ModeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
 from woosh_robot_msgs.srv import RobotInfo, Speak
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 TASK = 77
 
 

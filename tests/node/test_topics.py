@@ -1,4 +1,4 @@
-"""Topics: what the chassis says, once, in order, and nothing else."""
+"""Topics: each push of the chassis is published once and in order."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ POSE_SPEED = "woosh.robot.PoseSpeed"
 TASK_PROC = "woosh.robot.TaskProc"
 HASHES = json.loads((Path(__file__).parents[1] / "facts/ros/type_hashes.json").read_text())
 QUIET = ("StatusCode", "NavPath")
-"""What is not in RobotInfo: pushes alone bring them."""
+"""Topics whose values are not part of RobotInfo, and only come by pushes."""
 
 
 @pytest.fixture
 def push(simulator: Any) -> Callable[[Message], None]:
-    """Pushes what the test says; the chassis pushes nothing by itself."""
+    """Push a message; the chassis pushes nothing by itself."""
     ours: list[Message] = []
 
     def only_ours(frame: Any) -> list[Any]:
@@ -53,7 +53,7 @@ def push(simulator: Any) -> Callable[[Message], None]:
 
 @pytest.fixture
 def connect(simulator: Any, start_agent: Any) -> Callable[..., Any]:
-    """Starts an agent; `answer` changes the chassis's answer to RobotInfo."""
+    """Start an agent; `answer` changes the answer of the chassis to RobotInfo."""
 
     def connect(answer: Callable[[Any], Any] | None = None) -> Any:
         if answer:
@@ -79,14 +79,14 @@ def echo_all(client: Any) -> dict[str, Any]:
 
 
 def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
-    """Wait until the client's subscriptions have found the agent's publishers."""
+    """Wait until the client has discovered the publishers of its subscriptions."""
     names = [subscription.topic_name for subscription in client.node.subscriptions]
     wait_until(
         lambda: sum(map(client.node.count_publishers, names)) >= topics, "the agent's publishers"
     )
 
 
-def test_qos_type_and_hash_as_others_see_them(start_agent, client):
+def test_qos_type_and_hash_in_the_graph(start_agent, client):
     start_agent(ip="127.0.0.1", port=1)
     for topic in TOPICS:
         path = client.path(topic.name)
@@ -145,7 +145,7 @@ def test_each_push_once_and_in_order(connect, client, push):
         assert echoes[topic.push].messages == sent[topic.push], topic.name
 
 
-def test_a_burst_of_what_counts_each_time(connect, client, push):
+def test_no_status_code_of_a_burst_is_lost(connect, client, push):
     connect()
     codes = client.echo(StatusCodeMsg, "robot/StatusCode")
     wait_matched(client, 1)
@@ -165,8 +165,8 @@ def test_only_what_robot_info_holds_is_published(connect, client, push):
         assert len(echo.wait_count(2 if name == BATTERY else 1)) == (2 if name == BATTERY else 1)
 
 
-def test_pushes_stand_in_order_with_robot_info(connect, client, simulator):
-    """One pushed before RobotInfo was answered is older, one after it newer."""
+def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
+    """A push before the answer to RobotInfo is older than it, a push after it is newer."""
 
     def surround(frame: Any) -> list[Any]:
         frame.body.task_proc.robot_task_id = 2
@@ -213,7 +213,7 @@ def test_answers_to_services_are_not_published(connect, client, push, simulator)
     assert [m.power for m in echo.wait_count(1)] == [1]
 
 
-def test_a_push_that_cannot_be_read_is_passed_over(connect, client, push, simulator, logs):
+def test_a_push_that_cannot_be_decoded_is_skipped(connect, client, push, simulator, logs):
     connect(holding(RobotInfo()))
     echo = client.echo(BatteryMsg, "robot/Battery")
     wait_matched(client, 1)

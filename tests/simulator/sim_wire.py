@@ -17,7 +17,7 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscripti
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorThread
 
-TIMEOUT = 10.0
+TIMEOUT = 60.0
 
 Json = dict[str, Any]
 
@@ -105,7 +105,7 @@ async def _connected(address: str) -> Any:
 def pass_time(simulator: SimulatorThread, seconds: float) -> None:
     """Return when so many simulated seconds have passed."""
     until = simulator.state.elapsed + seconds
-    deadline = time.monotonic() + TIMEOUT * 6
+    deadline = time.monotonic() + TIMEOUT
     while simulator.state.elapsed < until:
         assert time.monotonic() < deadline, "simulated time hardly moves"
         time.sleep(0.005)

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
+from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, subscription
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes
@@ -51,7 +51,7 @@ def test_runs_and_ends(number: signal.Signals) -> None:
         assert tcp.request("woosh.robot.Mode").ok
         process.send_signal(number)
         # With clients still connected.
-        out, err = process.communicate(timeout=20.0)
+        out, err = process.communicate(timeout=TIMEOUT)
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
         tcp.close()
@@ -95,7 +95,7 @@ def test_warns_when_not_local() -> None:
         assert process.stdout
         assert process.stdout.readline().startswith("simulated chassis ready on ws://0.0.0.0:")
         process.terminate()
-        _, err = process.communicate(timeout=20.0)
+        _, err = process.communicate(timeout=TIMEOUT)
     assert err.startswith("warning: anybody who reaches 0.0.0.0")
 
 

@@ -190,7 +190,7 @@ def test_unreadable_answer(chassis, examine):
     chassis.intercept(withhold)
 
     def send_garbage() -> None:
-        chassis.wait_received(INFO, timeout=20)
+        chassis.wait_received(INFO)
         sn = answers[-1].sn
         chassis.send_raw("rubbish")
         chassis.send_raw(json.dumps({"type": INFO, "sn": sn, "ok": True, "body": {"mode": 3}}))

@@ -42,7 +42,7 @@ from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.monitor.source import LinkReport
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 GOOD = LinkReport(True, "connected")
 
 

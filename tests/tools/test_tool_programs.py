@@ -22,7 +22,7 @@ from woosh_robot_agent.tools.recording.records import Event
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 from woosh_robot_agent.tools.replay.playback import prepare
 
-TIMEOUT = 30.0
+TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
 TOOLS = ("monitor", "doctor", "record", "replay")
 

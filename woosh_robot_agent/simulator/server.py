@@ -261,7 +261,7 @@ class SimulatedChassis:
         return received.message if received else None
 
     async def wait_received(
-        self, type_name: str, count: int = 1, timeout: float = 5.0
+        self, type_name: str, count: int = 1, timeout: float = 60.0
     ) -> Message | None:
         """Wait until clients have sent `count` messages of a type since the start.
 

@@ -154,7 +154,9 @@ class SimulatorThread:
         """The last message of a type that a client sent."""
         return self.call(lambda simulator: simulator.last(type_name))
 
-    def wait_received(self, type_name: str, count: int = 1, timeout: float = 5.0) -> Message | None:
+    def wait_received(
+        self, type_name: str, count: int = 1, timeout: float = 60.0
+    ) -> Message | None:
         """Wait until clients have sent `count` messages of a type since the start.
 
         Returns:

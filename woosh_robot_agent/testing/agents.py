@@ -58,7 +58,7 @@ class RunningAgent(Protocol):
             times: Number of connections since the start of the agent.
 
         Raises:
-            AssertionError: It has not within 15 s.
+            AssertionError: It has not within 60 s.
         """
 
     def close(self) -> None:
@@ -172,7 +172,7 @@ class AgentProcess:
             times: Number of occurrences since the start of the agent.
 
         Raises:
-            AssertionError: It has not within 15 s, or it has ended.
+            AssertionError: It has not within 60 s, or it has ended.
         """
 
         def is_logged() -> bool:
@@ -233,7 +233,7 @@ def running_agent(
         parameters: Parameters of the agent; `ip` and `port` are set to those of `chassis`.
 
     Raises:
-        AssertionError: The agent did not connect within 15 s.
+        AssertionError: The agent did not connect within 60 s.
         ValueError: A parameter is invalid.
     """
     tcp = parameters.get("transport") == "tcp"

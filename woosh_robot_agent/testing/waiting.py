@@ -8,8 +8,8 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-TIMEOUT = 15.0
-"""Default timeout of all waiting, in seconds; far longer than anything here takes."""
+TIMEOUT = 60.0
+"""Default timeout of all waiting, in seconds: far longer than anything takes on a busy machine."""
 _POLL_PERIOD = 0.005
 """Time between two calls of a condition, in seconds."""
 
