@@ -258,7 +258,7 @@ PERMITTED = {
     ("protos.py", "importlib.import_module"): "the package's own protobuf modules",
     ("link/json_mapping.py", "ctypes"): "c_float rounds a number to 32 bits",
     ("memory.py", "ctypes"): "mallopt of the C library, with two constants",
-    ("simulator/yaml_fields.py", "yaml.load"): "with a loader derived from SafeLoader",
+    ("simulator/scenes/yaml_fields.py", "yaml.load"): "with a loader derived from SafeLoader",
     ("security.py", "xml.etree.ElementTree"): "writes policies; reads none",
     ("testing/agents.py", "subprocess"): "for tests: the agent as a process, without a shell",
 }

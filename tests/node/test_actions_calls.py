@@ -32,7 +32,7 @@ from woosh_common_msgs.msg import Pose2D
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 from woosh_robot_msgs.srv import RobotState
 from woosh_ros_msgs.action import MoveBase, StepControl
 
@@ -298,7 +298,7 @@ def test_end_that_is_known_from_before_is_not_believed_at_once(
 
 
 def dispatched(sim: object, request: CallAction) -> None:
-    from woosh_robot_agent.simulator.dispatch import dispatch
+    from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
     dispatch(sim.chassis, request)  # type: ignore[attr-defined]
 

@@ -28,7 +28,7 @@ from tests.node.goals import (
 )
 from woosh_robot_agent.actions.run import REPLACED, GoalRun
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.srv import SwitchControlMode
 

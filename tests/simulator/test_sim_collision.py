@@ -11,11 +11,11 @@ import pytest
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.collision import hull
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.dispatch import Answer, dispatch
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS
-from woosh_robot_agent.simulator.geometry import Pose, Wall
+from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.world.collision import hull
+from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 
 ORIGINAL = FOOTPRINTS[util_robot_pb2.kOriginal]
 

@@ -14,10 +14,10 @@ from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.client import Client
-from woosh_robot_agent.simulator.dispatch import dispatch
-from woosh_robot_agent.simulator.exchange import Exchange
-from woosh_robot_agent.simulator.pushes import TOPICS
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.serving.client import Client
+from woosh_robot_agent.simulator.serving.exchange import Exchange
 
 Do = Callable[[Chassis], None]
 

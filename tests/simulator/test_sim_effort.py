@@ -10,12 +10,12 @@ import pytest
 
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.simulator import SimulatorConfig
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.geometry import Point, Pose
-from woosh_robot_agent.simulator.grid import FREE, OCCUPIED, Grid
-from woosh_robot_agent.simulator.maps import Map
-from woosh_robot_agent.simulator.navigation import Navigate
-from woosh_robot_agent.simulator.planner import Effort, Planner, TooMuchEffortError
+from woosh_robot_agent.simulator.world.geometry import Point, Pose
+from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, Grid
+from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.world.planner import Effort, Planner, TooMuchEffortError
 
 RADIUS = 0.5
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator.base import (
+from woosh_robot_agent.simulator.body.base import (
     ACCELERATION_MPS2,
     MAX_SPEED_MPS,
     MAX_TURN_RADPS,
@@ -20,9 +20,9 @@ from woosh_robot_agent.simulator.base import (
 )
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.dispatch import Answer, dispatch
-from woosh_robot_agent.simulator.geometry import Pose, wrap
-from woosh_robot_agent.simulator.planner import planner
+from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.world.geometry import Pose, wrap
+from woosh_robot_agent.simulator.world.planner import planner
 
 STEPS_PER_S = round(1 / STEP_S)
 

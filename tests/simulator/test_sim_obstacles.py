@@ -9,9 +9,9 @@ import pytest
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.dispatch import dispatch
-from woosh_robot_agent.simulator.geometry import Pose
-from woosh_robot_agent.simulator.obstacles import Obstacles
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 
 @pytest.fixture

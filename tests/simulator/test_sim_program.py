@@ -17,8 +17,9 @@ import pytest
 from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
+from woosh_robot_agent.simulator.scenes import library as scenes
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
 READY = re.compile(
@@ -102,7 +103,7 @@ def test_warns_when_not_local() -> None:
 @pytest.fixture
 def hall(tmp_path: Path) -> Path:
     """A scene whose map is a picture."""
-    picture = Path(scenes.__file__).parent / "data" / "wooshmap" / "wooshmap.yaml"
+    picture = Path(scenes.__file__).parents[1] / "data" / "wooshmap" / "wooshmap.yaml"
     (tmp_path / "scene.yaml").write_text(
         "name: hall\n"
         "start: {pose: [4.0, -6.5, 0.0]}\n"

@@ -16,19 +16,21 @@ from PIL import Image
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scene_files, scenes
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.dispatch import dispatch
-from woosh_robot_agent.simulator.geometry import Pose, Wall
-from woosh_robot_agent.simulator.map_images import picture
-from woosh_robot_agent.simulator.maps import MarkKind
-from woosh_robot_agent.simulator.obstacles import Obstacles
-from woosh_robot_agent.simulator.planner import Planner
-from woosh_robot_agent.simulator.scene_files import load_scene
-from woosh_robot_agent.simulator.yaml_fields import SceneError
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.scenes import files as scene_files
+from woosh_robot_agent.simulator.scenes import library as scenes
+from woosh_robot_agent.simulator.scenes.files import load_scene
+from woosh_robot_agent.simulator.scenes.map_images import picture
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
+from woosh_robot_agent.simulator.world.planner import Planner
 
-SHIPPED = Path(scenes.__file__).parent / "data"
+SHIPPED = Path(scenes.__file__).parents[1] / "data"
 
 NAV2 = """
 image: {image}

@@ -12,10 +12,10 @@ with the clients, `server` puts that on ports, `faults` is what can go wrong wit
 
 import woosh_robot_agent.protos  # noqa: F401 - says what to do where nothing is compiled yet
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.exchange import Received
 from woosh_robot_agent.simulator.faults import FaultError, Injection, Scenario, load_scenario
-from woosh_robot_agent.simulator.hooks import Interceptor, Outgoing
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.serving.exchange import Received
+from woosh_robot_agent.simulator.serving.hooks import Interceptor, Outgoing
 from woosh_robot_agent.simulator.snapshot import Snapshot
 from woosh_robot_agent.simulator.thread import SimulatorThread
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.simulator.yaml_fields import SceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,11 +11,16 @@ from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import scenes
-from woosh_robot_agent.simulator.actions import Actions
-from woosh_robot_agent.simulator.base import Base
-from woosh_robot_agent.simulator.battery import Battery
-from woosh_robot_agent.simulator.codes import (
+from woosh_robot_agent.simulator.behaviour.actions import Actions
+from woosh_robot_agent.simulator.behaviour.auto_tasks import Errands
+from woosh_robot_agent.simulator.behaviour.following import Follower
+from woosh_robot_agent.simulator.behaviour.jobs import Device
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.behaviour.teleop import Teleop
+from woosh_robot_agent.simulator.body.base import Base
+from woosh_robot_agent.simulator.body.battery import Battery
+from woosh_robot_agent.simulator.body.codes import (
     BATTERY_LOW,
     EMERGENCY_STOP,
     IMPEDED,
@@ -23,24 +28,19 @@ from woosh_robot_agent.simulator.codes import (
     LOCALISATION_LOST,
     Codes,
 )
-from woosh_robot_agent.simulator.collision import Bumper
+from woosh_robot_agent.simulator.body.lift import Lift
+from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.errands import Errands
-from woosh_robot_agent.simulator.follow import Follower
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS
-from woosh_robot_agent.simulator.geometry import Pose, Wall
-from woosh_robot_agent.simulator.jobs import Device
-from woosh_robot_agent.simulator.laser import Laser
-from woosh_robot_agent.simulator.lift import Lift
-from woosh_robot_agent.simulator.maps import Map, MarkKind, Scene
-from woosh_robot_agent.simulator.navigation import Navigate
-from woosh_robot_agent.simulator.obstacles import Obstacles
-from woosh_robot_agent.simulator.readiness import Readiness
-from woosh_robot_agent.simulator.refused import Refused
-from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
-from woosh_robot_agent.simulator.teleop import Teleop
-from woosh_robot_agent.simulator.wifi import WiFi
-from woosh_robot_agent.simulator.yaml_fields import SceneError
+from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.scenes import library as scenes
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.world.collision import Bumper
+from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.laser import Laser
+from woosh_robot_agent.simulator.world.maps import Map, MarkKind, Scene
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 #: Simulated seconds per step, and so the period of PoseSpeed pushes while moving.
 STEP_S = 0.05

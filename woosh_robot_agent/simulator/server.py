@@ -14,13 +14,13 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.transports import Transport, TransportClosedError, WebSocketTransport
 from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.client import Client
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.exchange import Exchange, Received
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
-from woosh_robot_agent.simulator.hooks import Hooks, Interceptor
-from woosh_robot_agent.simulator.ports import Ports
+from woosh_robot_agent.simulator.serving.client import Client
+from woosh_robot_agent.simulator.serving.exchange import Exchange, Received
+from woosh_robot_agent.simulator.serving.hooks import Hooks, Interceptor
+from woosh_robot_agent.simulator.serving.ports import Ports
 from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 
 _log = logging.getLogger(__name__)

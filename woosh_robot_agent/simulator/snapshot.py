@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator.base import Velocity
+from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.geometry import Pose
-from woosh_robot_agent.simulator.reports import robot_info
+from woosh_robot_agent.simulator.protocol.reports import robot_info
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @dataclass(frozen=True, slots=True)

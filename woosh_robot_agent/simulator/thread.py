@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.exchange import Received
 from woosh_robot_agent.simulator.faults.fault import Injection
-from woosh_robot_agent.simulator.hooks import Interceptor
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.serving.exchange import Received
+from woosh_robot_agent.simulator.serving.hooks import Interceptor
 from woosh_robot_agent.simulator.snapshot import Snapshot
 
 T = TypeVar("T")

@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name, message_types
-from woosh_robot_agent.simulator.client import codec_of
+from woosh_robot_agent.simulator.serving.client import codec_of
 from woosh_robot_agent.tools.recording import Event, Frame, Record, Recording
 
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, full_name(Subscription))

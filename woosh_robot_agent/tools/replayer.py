@@ -19,7 +19,7 @@ from woosh_robot_agent.link.transports import (
 )
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_types
-from woosh_robot_agent.simulator.client import JSON, Client, codec_of
+from woosh_robot_agent.simulator.serving.client import JSON, Client, codec_of
 from woosh_robot_agent.tools.playback import (
     Kind,
     Playback,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
 from woosh_robot_agent.simulator.faults.parameters import Parameter
-from woosh_robot_agent.simulator.hooks import Outgoing, Release
+from woosh_robot_agent.simulator.serving.hooks import Outgoing, Release
 
 _MAX_SN = 2**31 - 1
 

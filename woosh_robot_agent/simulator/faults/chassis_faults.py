@@ -12,8 +12,8 @@ from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
-from woosh_robot_agent.simulator.pushes import TOPICS
-from woosh_robot_agent.simulator.reports import STATES
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.protocol.reports import STATES
 
 #: Pushes of a burst that are sent before clients get time to read.
 _SLICE = 100

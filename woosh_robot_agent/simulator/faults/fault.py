@@ -12,7 +12,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter, resolve
-from woosh_robot_agent.simulator.hooks import Hooks
+from woosh_robot_agent.simulator.serving.hooks import Hooks
 
 
 class Target(Protocol):

@@ -18,7 +18,7 @@ from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.faults.answer_faults import COUNT, FRAMES, TYPE, on_frames
 from woosh_robot_agent.simulator.faults.fault import Begin, Fault, Injection
 from woosh_robot_agent.simulator.faults.parameters import Parameter
-from woosh_robot_agent.simulator.hooks import Encoded, Outgoing, Write
+from woosh_robot_agent.simulator.serving.hooks import Encoded, Outgoing, Write
 
 _MIB = 1024 * 1024
 _CHUNK = 256 * 1024

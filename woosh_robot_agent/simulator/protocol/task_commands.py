@@ -1,0 +1,153 @@
+"""Requests about tasks and the navigation of tasks."""
+
+from __future__ import annotations
+
+import math
+
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.task import task_pb2
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
+from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_of
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.protocol.handlers import (
+    MOST_POSES,
+    Handlers,
+    Result,
+    pose,
+    poses,
+    usable_speed,
+)
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
+
+_MOST_REPEATS = 100
+_LEAST_SPEED_MPS = 0.01
+
+
+def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
+    # A mark counts for more than a path, and a path for more than a pose: clients may send all
+    # three, those that they don't mean empty.
+    chassis.require_ready()
+    kind, direction = request.type, request.direction
+    jobs: list[Job]
+    if request.mark_no:
+        mark = _mark(chassis, request.mark_no, kind)
+        jobs = jobs_at_mark(chassis, mark, kind, direction)
+    elif request.plan_path.plan_path:
+        via, strict = _route(request.plan_path)
+        jobs = [Navigate(via.pop(), via, strict=strict), *work_of(chassis, kind, direction)]
+    elif request.HasField("pose"):
+        jobs = [Navigate(pose(request.pose)), *work_of(chassis, kind, direction)]
+    else:
+        raise Refused("the task has no target: give mark_no, plan_path or pose")
+    number = request.task_id or chassis.fresh_task_id()
+    chassis.take_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
+    return None
+
+
+def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
+    chassis.require_ready()
+    for repeat in chassis.predefined.repeat_tasks:
+        if repeat.task_set.base.id == request.task_set_id:
+            times = min(max(1, repeat.times), _MOST_REPEATS)
+            bases = [task.base for _ in range(times) for task in repeat.task_set.tasks]
+            chassis.take_tasks([_of_set(chassis, request.task_set_id, base) for base in bases])
+            return None
+    known = ", ".join(str(each.task_set.base.id) for each in chassis.predefined.repeat_tasks)
+    raise Refused(f"unknown task set {request.task_set_id}: RepeatTasks has these: {known}")
+
+
+def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
+    mark = _mark(chassis, base.mark_no, base.type)
+    jobs = jobs_at_mark(chassis, mark, base.type, base.direction)
+    if base.wait_time:
+        jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
+    return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
+
+
+def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
+    mark = chassis.map.marks.get(number)
+    if mark is None:
+        known = ", ".join(chassis.map.marks) or "none"
+        raise Refused(f"unknown mark {number} in map {chassis.map.name}: its marks are {known}")
+    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
+        raise Refused(f"mark {number} is not a charger: give one that is")
+    return mark
+
+
+def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
+    """The poses of a path that a client gives, and whether it wants them kept to strictly.
+
+    A segment whose path has one pose, or only a target, is for the robot to plan.
+    """
+    strict = all(segment.optimal == navigation_pb2.PlanPath.kStrict for segment in path.plan_path)
+    route: list[Pose] = []
+    for segment in path.plan_path:
+        route += poses(segment.path.poses)
+        if not segment.path.poses and segment.HasField("target"):
+            route.append(pose(segment.target))
+        if len(route) > MOST_POSES:
+            raise Refused(f"the path has more than {MOST_POSES} poses: give fewer")
+    if not route:
+        raise Refused("the path has no poses: give at least one pose or target")
+    return route, strict
+
+
+def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
+    tasks, order = chassis.tasks, request.order
+    if order == util_action_pb2.kPause:
+        tasks.pause("paused")
+    elif order in (util_action_pb2.kContinue, util_action_pb2.kReleaseCtrl):
+        tasks.resume()
+    elif order == util_action_pb2.kCancel:
+        tasks.cancel("cancelled")
+    elif order == util_action_pb2.kRecover:
+        tasks.recover()
+    elif order == util_action_pb2.kWaitBreak:
+        tasks.break_wait()
+    elif order == util_action_pb2.kTmCtrl:
+        tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl)
+    elif order == util_action_pb2.kStart:
+        raise Refused("order 1 (start) is out of use: a task starts by itself")
+    else:
+        raise Refused(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
+    return None
+
+
+def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
+    navigation = chassis.navigation
+    if navigation is None:
+        raise Refused("nothing is navigating: start a task first")
+    via, strict = _route(request.paths)
+    if via[-1] == navigation.goal:
+        via.pop()
+    navigation.change_path(chassis, via, strict=strict)
+    return None
+
+
+def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
+    if chassis.navigation is None:
+        return "no effect: a navigation mode counts only while a task is navigating"
+    if request.nav_mode.max_speed < 0.0:
+        raise Refused(
+            f"max_speed {request.nav_mode.max_speed:g} is negative: give 0 for the usual one"
+        )
+    usable_speed(request.nav_mode.max_speed, _LEAST_SPEED_MPS)
+    chassis.navigation.change_mode(request.nav_mode)
+    return None
+
+
+HANDLERS: Handlers = {
+    pack.ExecTask: _exec_task,
+    pack.ExecPreTask: _exec_pre_task,
+    pack.ActionOrder: _action_order,
+    pack.ChangeNavPath: _change_nav_path,
+    pack.ChangeNavMode: _change_nav_mode,
+}

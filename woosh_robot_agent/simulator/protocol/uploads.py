@@ -1,0 +1,118 @@
+"""Files of a scene that a client uploads with SwitchMap.
+
+They are kept in memory, never on disk. If they describe a scene as `scene_files` knows it, together
+with what was uploaded for it before, the scene becomes what they say; files of other formats are
+just kept. An upload that cannot be used changes nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import PurePosixPath, PureWindowsPath
+
+from woosh_robot_agent.pb.util import common_pb2
+from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.scenes.files import SCENE_FILE, read_scene
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.world.maps import Map, Scene
+
+_MOST_FILES = 100
+_MOST_BYTES = 32 * 1024 * 1024
+_LONGEST_NAME = 255
+
+
+def described(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene | None:
+    """A scene as it is after an upload: each map one version further.
+
+    Args:
+        name: The scene's name.
+        before: The scene as it was, None if it is new.
+        files: All files of the scene, as from `checked`.
+
+    Returns:
+        None if the scene is new and its files do not say what it looks like.
+
+    Raises:
+        Refused: A file cannot be used.
+    """
+    try:
+        scene = read_scene(name, files, _reader(files))
+    except SceneError as error:
+        raise Refused(f"scene {name} is not changed: {error}") from error
+    if before is None:
+        return scene and dataclasses.replace(scene, files=files)
+    newer = [dataclasses.replace(each, version=each.version + 1) for each in before.maps]
+    if scene is None:
+        return dataclasses.replace(before, maps=newer, files=files)
+    if SCENE_FILE not in files:
+        return dataclasses.replace(before, maps=_merged(newer, scene.maps), files=files)
+    versions = {each.name: each.version for each in newer}
+    maps = [
+        dataclasses.replace(each, version=max(each.version, versions.get(each.name, 1)))
+        for each in scene.maps
+    ]
+    return dataclasses.replace(scene, maps=maps, files=files)
+
+
+def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
+    """The name of the first map that came as a map of map_server; empty if none did."""
+    stems = {PurePosixPath(file.name).stem for file in upload}
+    if SCENE_FILE in scene.files:
+        return ""
+    return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
+
+
+def checked(before: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]) -> dict[str, bytes]:
+    """The files of a scene together with new ones.
+
+    Raises:
+        Refused: A name is not a plain one, or they are too many or too large.
+    """
+    new: dict[str, bytes] = {}
+    for file in upload:
+        name = file.name
+        # Nobody's path, whatever the system: nothing is written, and nothing will be by mistake.
+        plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
+        if not plain or name in ("", "..") or not name.isprintable() or len(name) > _LONGEST_NAME:
+            raise Refused(
+                f"file {name[:_LONGEST_NAME]!r}: a plain name without folders is needed, of at "
+                f"most {_LONGEST_NAME} characters"
+            )
+        if name in new:
+            raise Refused(f"file {name} is there twice")
+        new[name] = file.data
+    files = {**before, **new}
+    size = sum(map(len, files.values()))
+    if len(files) > _MOST_FILES or size > _MOST_BYTES:
+        raise Refused(
+            f"{len(files)} files of {size} bytes are more than a scene can have: {_MOST_FILES} "
+            f"files, {_MOST_BYTES} bytes"
+        )
+    return files
+
+
+def _reader(files: Mapping[str, bytes]) -> Callable[[str], bytes]:
+    def read(name: str) -> bytes:
+        try:
+            return files[name]
+        except KeyError:
+            raise SceneError(f"{name}: not among the uploaded files: upload it too") from None
+
+    return read
+
+
+def _merged(before: list[Map], pictures: list[Map]) -> list[Map]:
+    """Maps with those of an upload put in: where there was one, its marks stay."""
+    maps = {each.name: each for each in before}
+    free_id = max(each.id for each in before) + 1
+    for each in pictures:
+        old = maps.get(each.name)
+        if old:
+            maps[each.name] = dataclasses.replace(
+                each, id=old.id, floor=old.floor, version=old.version, marks=old.marks
+            )
+        else:
+            maps[each.name] = dataclasses.replace(each, id=free_id)
+            free_id += 1
+    return list(maps.values())
