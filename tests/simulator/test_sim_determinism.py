@@ -13,7 +13,7 @@ from google.protobuf import json_format
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.pushes import TOPICS
 from woosh_robot_agent.simulator.serving.client import Client
@@ -109,7 +109,7 @@ def in_lock_step() -> list[Json]:
     exchange.receive(recorder, json.dumps(subscription))
     while chassis.elapsed < END_S:
         player.play(chassis)
-        chassis.tick(STEP_S)
+        chassis.tick(TIME_STEP)
         exchange.report_changes(while_moving=True)
     return recorder.frames
 

@@ -128,7 +128,7 @@ def test_web_pages_are_not_refused_where_everybody_is_let_in() -> None:
 def test_a_socket_that_says_nothing_makes_room_for_others(
     monkeypatch: pytest.MonkeyPatch, simulator: SimulatorThread
 ) -> None:
-    monkeypatch.setattr(server, "_SILENCE_S", 2.0)
+    monkeypatch.setattr(server, "_FIRST_FRAME_TIMEOUT", 2.0)
     speaking, silent = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
     assert speaking.request(MODE).ok
     with pytest.raises((AssertionError, ConnectionError)):

@@ -16,7 +16,7 @@ AUTO, MANUAL, MAINTAIN = 1, 2, 3
 UNINIT, IDLE, FAULT, FOLLOWING = 1, 2, 6, 7
 PAUSED = 4
 TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-KEY = "key switch stands at manual: turn it to automatic first"
+KEY = "key switch is at manual: turn it to automatic first"
 
 
 def test_key_switch_overrules_the_mode(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -25,7 +25,7 @@ def test_key_switch_overrules_the_mode(simulator: SimulatorThread, client: JsonC
     client.push(PROC, lambda body: body["state"] == 3)
     simulator.set_key_switch(True)
     paused = client.push(PROC)
-    assert (paused["state"], paused["msg"]) == (PAUSED, "key switch stands at manual")
+    assert (paused["state"], paused["msg"]) == (PAUSED, "key switch is at manual")
     assert client.push(MODE)["ctrl"] == MANUAL
     assert client.push(OPERATION)["robot"] == 0
     for mode in (AUTO, MAINTAIN):
@@ -78,7 +78,7 @@ def test_lost_localisation(simulator: SimulatorThread, client: JsonClient) -> No
     assert info["operationState"]["robot"] == 0
     assert info["deviceState"]["software"] & 1 == 0
     assert [each["msg"] for each in info["abnormalCodes"]["scs"]] == ["localisation lost"]
-    reason = "robot has lost its localisation: InitRobot or SetRobotPose first"
+    reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
     assert client.refused(*TASK) == reason
     client.pushes.clear()
     client.ask("woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 2}})
@@ -97,7 +97,7 @@ def test_a_chassis_that_was_just_switched_on_wants_to_be_initialised() -> None:
         info = client.ask("woosh.robot.RobotInfo")
         assert (info["state"], info["operationState"]["robot"]) == (UNINIT, 0)
         assert info["deviceState"]["software"] & 1 == 0
-        assert client.refused(*TASK) == "robot is not initialised: InitRobot first"
+        assert client.refused(*TASK) == "robot is not initialised: send InitRobot first"
         client.ask("woosh.robot.InitRobot", {"isRecord": True})
         assert client.push(STATE)["state"] == IDLE
         assert client.push(OPERATION)["robot"] == 1

@@ -16,7 +16,7 @@ from PIL import Image
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import uploads
 
 NAV2 = b"""
@@ -157,14 +157,14 @@ BAD: list[tuple[dict[str, bytes], str]] = [
     ({"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"}, "floor.png: not readable as a PNG or PGM"),
     ({"floor_yaml": b"image: [", "floor_png": floor_png()}, "floor.yaml: not readable as YAML"),
     ({"floor_yaml": b"image: floor.png"}, "floor.yaml: resolution is missing"),
-    ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: a list is needed"),
+    ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: must be a list"),
     ({"scene_yaml": SCENE}, "floor.yaml: not among the uploaded files"),
     ({"floor_yaml": NAV2.replace(b"floor.png", b"/etc/hostname")}, "/etc/hostname: not among"),
     ({"floor_yaml": NAV2.replace(b"floor.png", b"../floor.png")}, "../floor.png: not among"),
     ({"floor_yaml": b"x: " + b"[" * 60000}, "floor.yaml: nested more than"),
     (
         {"floor_yaml": NAV2, "floor_yml": NAV2, "floor_png": floor_png()},
-        "there are two files of a map floor",
+        "another file has the map name floor too",
     ),
     ({"../floor_png": b""}, "'../floor.png': a plain name without folders is needed"),
     ({"/floor_png": b""}, "a plain name without folders"),
@@ -207,7 +207,9 @@ def test_too_much_is_refused() -> None:
     big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
     files = uploads.checked({}, big)
     assert list(uploads.checked(files, big)) == ["big.bin"]
-    with pytest.raises(Refused, match="2 files of 41943040 bytes are more than a scene can have"):
+    with pytest.raises(
+        RefusedError, match="2 files of 41943040 bytes are more than a scene can have"
+    ):
         uploads.checked(files, [FileData(name="more.bin", data=big[0].data)])
 
 

@@ -1,7 +1,7 @@
-"""How the model says no."""
+"""Error of a request that the robot refuses."""
 
 from __future__ import annotations
 
 
-class Refused(Exception):
-    """A request that the chassis does not take; its text says why and goes to the client."""
+class RefusedError(Exception):
+    """The robot refuses a request. The text gives the reason and is sent to the client."""

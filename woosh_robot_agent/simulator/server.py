@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.transports import Transport, TransportClosedError, WebSocketTransport
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
@@ -23,13 +23,13 @@ from woosh_robot_agent.simulator.serving.hooks import Hooks, Interceptor
 from woosh_robot_agent.simulator.serving.ports import Ports
 from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
-_CLOSE_TIMEOUT_S = 0.3
+_CLOSE_TIMEOUT = 0.3
 #: Real seconds after which a socket without a single frame makes room for others.
-_SILENCE_S = 10.0
+_FIRST_FRAME_TIMEOUT = 10.0
 #: Real seconds that the simulation may lag behind before it gives up catching up.
-_MOST_LAG_S = 1.0
+_MAX_LAG = 1.0
 
 
 class SimulatedChassis:
@@ -93,7 +93,7 @@ class SimulatedChassis:
             self._ticker.cancel()
         self._injector.clear()  # readers and writers that it holds have to see the end too
         await self.settle()
-        closing = [client.transport.close(_CLOSE_TIMEOUT_S) for client in self._exchange.clients]
+        closing = [client.transport.close(_CLOSE_TIMEOUT) for client in self._exchange.clients]
         await asyncio.gather(*closing, return_exceptions=True)
         self.drop()
         await self._ports.close(reserve=False)
@@ -317,7 +317,7 @@ class SimulatedChassis:
     async def _serve(self, transport: Transport) -> None:
         if self.connections >= self.config.max_connections:
             if not self._crowded:
-                _log.warning(
+                _LOG.warning(
                     "%s refused: %d clients already; so are further ones until one has left",
                     transport.peer,
                     self.connections,
@@ -327,7 +327,7 @@ class SimulatedChassis:
             return
         self._crowded = False
         if not self.hooks.admits():
-            _log.info("%s connected and is dropped by a fault", transport.peer)
+            _LOG.info("%s connected and is dropped by a fault", transport.peer)
             transport.abort()
             return
         client = Client(transport, self.config.max_outbox)
@@ -335,7 +335,7 @@ class SimulatedChassis:
         writer = asyncio.ensure_future(client.write(self._writing))
         client.spoke = isinstance(transport, WebSocketTransport)  # by its handshake
         self._expect_words(client)
-        _log.info("%s connected", transport.peer)
+        _LOG.info("%s connected", transport.peer)
         if self._held:
             transport.pause()
         try:
@@ -343,11 +343,11 @@ class SimulatedChassis:
                 await self._read(client)
                 await asyncio.sleep(0)  # what one client sends in a burst must not starve the rest
         except TransportClosedError as error:
-            _log.info("%s left: %s", transport.peer, error)
+            _LOG.info("%s left: %s", transport.peer, error)
         finally:
             self._exchange.leave(client)
             writer.cancel()
-            await transport.close(_CLOSE_TIMEOUT_S)
+            await transport.close(_CLOSE_TIMEOUT)
 
     def _expect_words(self, client: Client) -> None:
         """Drop a client that stays silent, which counts only while it is listened to."""
@@ -358,10 +358,12 @@ class SimulatedChassis:
             if self._held:
                 self._expect_words(client)
                 return
-            _log.warning("%s dropped: it sent no frame for %g s", client.transport.peer, _SILENCE_S)
+            _LOG.warning(
+                "%s dropped: it sent no frame for %g s", client.transport.peer, _FIRST_FRAME_TIMEOUT
+            )
             client.drop()
 
-        asyncio.get_running_loop().call_later(_SILENCE_S, check)
+        asyncio.get_running_loop().call_later(_FIRST_FRAME_TIMEOUT, check)
 
     async def _read(self, client: Client) -> None:
         try:
@@ -375,22 +377,22 @@ class SimulatedChassis:
             try:
                 self._exchange.receive(client, data)
             except Exception:  # an interceptor's fault, say: the others are served on
-                _log.exception("a frame of %s failed", client.transport.peer)
+                _LOG.exception("a frame of %s failed", client.transport.peer)
 
     async def _tick(self) -> None:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
-            due = max(due + STEP_S / self.speed, loop.time() - _MOST_LAG_S)
+            due = max(due + TIME_STEP / self.speed, loop.time() - _MAX_LAG)
             await asyncio.sleep(max(0.0, due - loop.time()))
             try:
                 if not self._hung:
-                    self.chassis.tick(STEP_S)
-                self._injector.advance(STEP_S)
+                    self.chassis.tick(TIME_STEP)
+                self._injector.advance(TIME_STEP)
                 if not self._hung:
                     self.report()
             except Exception:  # time has to go on
-                _log.exception("a step failed")
+                _LOG.exception("a step failed")
 
     def _update_gates(self) -> None:
         for gate, is_open in (

@@ -21,7 +21,7 @@ from woosh_robot_agent.simulator.snapshot import Snapshot
 
 T = TypeVar("T")
 
-_CALL_TIMEOUT_S = 10.0
+_CALL_TIMEOUT = 10.0
 
 
 class ThreadInjection:
@@ -98,13 +98,13 @@ class SimulatorThread:
             OSError: A port is taken.
         """
         self._thread.start()
-        self._ready.result(_CALL_TIMEOUT_S)
+        self._ready.result(_CALL_TIMEOUT)
 
     def stop(self) -> None:
         """Close everything, and return when that is done."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stopping.set)
-            self._thread.join(_CALL_TIMEOUT_S)
+            self._thread.join(_CALL_TIMEOUT)
 
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
         """Run `do` in the simulator's thread and return what it returns."""
@@ -272,11 +272,11 @@ class SimulatorThread:
 
     @property
     def _simulator(self) -> SimulatedChassis:
-        return self._ready.result(_CALL_TIMEOUT_S)
+        return self._ready.result(_CALL_TIMEOUT)
 
     def _await(self, coroutine: Coroutine[Any, Any, T], extra: float = 0.0) -> T:
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        return future.result(_CALL_TIMEOUT_S + extra)
+        return future.result(_CALL_TIMEOUT + extra)
 
     def _run(self) -> None:
         try:

@@ -1,20 +1,18 @@
-"""The actions of `woosh.ros.CallAction`: single jobs that report by Feedbacks."""
+"""The actions of `woosh.ros.CallAction`: single jobs that are reported by Feedbacks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.ros import ros_pack_pb2
-from woosh_robot_agent.simulator.behaviour.jobs import Device, Job
+from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.errors import RefusedError
 
-if TYPE_CHECKING:
-    from woosh_robot_agent.simulator.chassis import Chassis
-
-#: Seconds between two reports of how far an action is.
-REPORT_PERIOD_S = 1.0
+REPORT_PERIOD = 1.0
+"""Time between two progress reports of an action, in seconds."""
 
 
 @dataclass
@@ -25,95 +23,97 @@ class _Run:
     started: bool = False
     impeded: bool = False
     reported: float = 0.0
+    """Simulated time of the last report, in seconds."""
 
 
 class Actions:
-    """The running actions by name, and the last feedback of each one that ever ran."""
+    """The current actions. `Ownership` decides which of them may run.
 
-    def __init__(self, chassis: Chassis) -> None:
+    Attributes:
+        last: The last feedback of each action since the start, by name.
+    """
+
+    def __init__(self, robot: Robot) -> None:
         self.last: dict[str, ros_pack_pb2.Feedback] = {}
-        self._chassis = chassis
+        self._robot = robot
         self._runs: dict[str, _Run] = {}
 
     @property
     def impeded(self) -> bool:
-        """Whether an obstacle holds an action up just now."""
+        """True if an obstacle blocks an action at the moment."""
         return any(run.impeded for run in self._runs.values())
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation that an action runs, also while it is paused."""
+        """The navigation of an action, also while it is paused."""
         jobs = (run.job for run in self._runs.values())
         return next((job for job in jobs if isinstance(job, Navigate)), None)
 
     @property
     def running(self) -> bool:
-        """Whether there is any action, paused ones included."""
+        """True if there is an action, paused ones included."""
         return bool(self._runs)
 
     def user(self, device: Device) -> str:
-        """The short name of the action that occupies `device`, empty if none does."""
+        """Return the short name of the action that owns `device`, empty if none does."""
         for run in self._runs.values():
             if run.job.device is device and not run.paused:
-                return _short(run.name)
+                return short_name(run.name)
         return ""
 
-    def start(self, name: str, job: Job) -> None:
-        """Run `job` as the action `name`; what ran on the same device is cancelled.
+    def paused_job(self, name: str) -> Job | None:
+        """Return the job of an action, or None if the action is not paused.
 
         Raises:
-            Refused: A task occupies the device.
+            RefusedError: There is no such action.
         """
-        self._require_no_task(job.device, name)
-        self.clear(job.device, f"replaced by {_short(name)}")
+        run = self._running(name)
+        return run.job if run.paused else None
+
+    def start(self, name: str, job: Job) -> None:
+        """Run `job` as the action `name`."""
         self._runs[name] = _Run(name, job)
 
     def cancel(self, name: str) -> None:
-        """End an action.
+        """Cancel an action.
 
         Raises:
-            Refused: It does not run.
+            RefusedError: There is no such action.
         """
         self._end(self._running(name), ros_pack_pb2.kRosCancel, "cancelled")
 
     def pause(self, name: str) -> None:
-        """Stop an action for a while.
+        """Pause an action.
 
         Raises:
-            Refused: It does not run.
+            RefusedError: There is no such action.
         """
         self._pause(self._running(name), "paused")
 
     def pause_on(self, device: Device, reason: str) -> None:
-        """Stop what runs on `device` for a while."""
+        """Pause the action that runs on `device`, if there is one."""
         for run in self._runs.values():
             if run.job.device is device:
                 self._pause(run, reason)
 
     def resume(self, name: str) -> None:
-        """Go on with a paused action.
+        """Resume a paused action.
 
         Raises:
-            Refused: It does not run, or something else uses its device now.
+            RefusedError: There is no such action.
         """
         run = self._running(name)
-        if not run.paused:
-            return
-        user = self.user(run.job.device)
-        if user:
-            raise Refused(f"{user} is running: wait for it or cancel it first")
-        self._require_no_task(run.job.device, name)
         run.paused = False
-        run.job.hold(self._chassis)
+        run.job.suspend(self._robot)
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def clear(self, device: Device, reason: str) -> None:
-        """Cancel what runs or is paused on `device`."""
+        """Cancel the actions that run or are paused on `device`."""
         for run in [run for run in self._runs.values() if run.job.device is device]:
             self._end(run, ros_pack_pb2.kRosCancel, reason)
 
     def abort(self, reason: str) -> None:
-        """End every action as one that could not be carried out."""
+        """End every action with a failure."""
         for run in list(self._runs.values()):
             self._end(run, ros_pack_pb2.kRosExecuteFailed, reason)
 
@@ -123,11 +123,11 @@ class Actions:
             if run.paused:
                 continue
             if not run.started:
-                # After the answer to the request that started it.
+                # Reported here so that it follows the answer to the request.
                 run.started = True
                 self._report(run, ros_pack_pb2.kRosExecuting, "started")
                 continue
-            progress = run.job.tick(self._chassis, dt)
+            progress = run.job.tick(self._robot, dt)
             if progress.failure:
                 self._end(run, ros_pack_pb2.kRosFailure, progress.failure)
             elif progress.done:
@@ -135,42 +135,35 @@ class Actions:
             elif progress.impeded and not run.impeded:
                 run.impeded = True
                 self._report(run, ros_pack_pb2.kRosErrMsg, progress.text)
-            elif self._chassis.elapsed - run.reported >= REPORT_PERIOD_S - 1e-9:
+            elif self._robot.elapsed - run.reported >= REPORT_PERIOD - 1e-9:
                 self._report(run, ros_pack_pb2.kRosExecuting, progress.text)
             run.impeded = progress.impeded
-
-    def _require_no_task(self, device: Device, name: str) -> None:
-        tasks = self._chassis.tasks
-        if device is Device.WHEELS or tasks.uses(device):
-            tasks.give_way(f"replaced by {_short(name)}")
-        if tasks.uses(device):
-            task = tasks.proc.robot_task_id
-            raise Refused(f"task {task} is running: pause or cancel it first")
 
     def _running(self, name: str) -> _Run:
         run = self._runs.get(name)
         if run is None:
-            raise Refused(f"{_short(name)} is not running: execute it first")
+            raise RefusedError(f"{short_name(name)} is not running: execute it first")
         return run
 
     def _pause(self, run: _Run, reason: str) -> None:
         if not run.paused:
             run.paused = True
             run.impeded = False
-            run.job.hold(self._chassis)
+            run.job.suspend(self._robot)
             self._report(run, ros_pack_pb2.kRosPause, reason)
 
     def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
         del self._runs[run.name]
-        run.job.hold(self._chassis)
+        run.job.suspend(self._robot)
         self._report(run, state, msg)
 
     def _report(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
-        run.reported = self._chassis.elapsed
+        run.reported = self._robot.elapsed
         feedback = ros_pack_pb2.Feedback(action=run.name, state=state, msg=msg)
         self.last[run.name] = feedback
-        self._chassis.emit(ros_pack_pb2.Feedbacks(fbs=[feedback]))
+        self._robot.emit(ros_pack_pb2.Feedbacks(fbs=[feedback]))
 
 
-def _short(name: str) -> str:
+def short_name(name: str) -> str:
+    """Return the last part of an action's name."""
     return name.rpartition(".")[2]

@@ -1,73 +1,75 @@
-"""Following whoever walks before the robot."""
+"""Following a leader: the nearest obstacle ahead."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from woosh_robot_agent.simulator.behaviour.forward_clearance import way_is_free
+from woosh_robot_agent.simulator.behaviour.forward_clearance import is_clear
+from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.body.base import (
-    ACCELERATION_MPS2,
-    ACCELERATION_RADPS2,
-    MAX_TURN_RADPS,
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    MAX_TURN_RATE,
     Velocity,
     approach,
 )
 from woosh_robot_agent.simulator.world.geometry import Point
 
-if TYPE_CHECKING:
-    from woosh_robot_agent.simulator.chassis import Chassis
+_DISTANCE = 1.0
+"""Distance from the robot's centre to the nearest side of the leader, in metres."""
 
-#: From the robot's centre to the nearest side of the leader.
-_GAP_M = 1.0
-_SIGHT_M = 3.0
-_SIGHT_RAD = 1.0
-_STRAIGHT_RAD = 0.3
-_SPEED_MPS = 0.8
+_MAX_DISTANCE = 3.0
+"""Distance up to which the robot sees a leader, in metres."""
+
+_MAX_BEARING = 1.0
+"""Angle from straight ahead up to which the robot sees a leader, in radians."""
+
+_MAX_DRIVING_BEARING = 0.3
+"""Angle from straight ahead up to which the robot drives while it turns, in radians."""
+
+_SPEED = 0.8
+"""Maximum speed, in m/s."""
 
 
 class Follower:
-    """Keeps a gap to the nearest thing before the robot that is not on the map.
-
-    A robot that sees nobody stands and waits.
+    """Keeps a distance to the nearest obstacle ahead. Without one the robot stands still.
 
     Attributes:
-        active: It was told to follow.
+        active: A client has ordered the robot to follow.
     """
 
     def __init__(self) -> None:
         self.active = False
 
     def start(self) -> None:
-        """Follow from now on."""
+        """Start following."""
         self.active = True
 
     def stop(self) -> None:
-        """Follow nobody: the base slows down."""
+        """Stop following. The base slows down."""
         self.active = False
 
-    def tick(self, chassis: Chassis, dt: float) -> None:
-        """Command the next `dt` seconds."""
-        leader = _leader(chassis) if self.active else None
+    def tick(self, robot: Robot, dt: float) -> None:
+        """Drive for `dt` seconds."""
+        leader = _leader(robot) if self.active else None
         if leader is None:
             return
-        base = chassis.base
+        base = robot.base
         bearing = base.pose.bearing(leader)
-        ahead = max(0.0, base.pose.distance(leader) - _GAP_M)
-        straight = abs(bearing) < _STRAIGHT_RAD and way_is_free(chassis, 0.0, ahead)
-        speed = approach(ahead, _SPEED_MPS, ACCELERATION_MPS2, dt) if straight else 0.0
-        turn = approach(bearing, MAX_TURN_RADPS, ACCELERATION_RADPS2, dt)
+        ahead = max(0.0, base.pose.distance(leader) - _DISTANCE)
+        drives = abs(bearing) < _MAX_DRIVING_BEARING and is_clear(robot, 0.0, ahead)
+        speed = approach(ahead, _SPEED, ACCELERATION, dt) if drives else 0.0
+        turn = approach(bearing, MAX_TURN_RATE, ANGULAR_ACCELERATION, dt)
         base.drive(Velocity(speed, 0.0, turn))
 
 
-def _leader(chassis: Chassis) -> Point | None:
-    """The middle of the nearest side of an obstacle in sight."""
-    pose = chassis.base.pose
+def _leader(robot: Robot) -> Point | None:
+    """Return the middle of the nearest visible side of an obstacle."""
+    pose = robot.base.pose
     sides = [
-        ((wall.x1 + wall.x2) / 2.0, (wall.y1 + wall.y2) / 2.0) for wall in chassis.obstacles.walls
+        ((wall.x1 + wall.x2) / 2.0, (wall.y1 + wall.y2) / 2.0) for wall in robot.obstacles.walls
     ]
     seen = [
         side
         for side in sides
-        if pose.distance(side) <= _SIGHT_M and abs(pose.bearing(side)) <= _SIGHT_RAD
+        if pose.distance(side) <= _MAX_DISTANCE and abs(pose.bearing(side)) <= _MAX_BEARING
     ]
     return min(seen, key=pose.distance, default=None)

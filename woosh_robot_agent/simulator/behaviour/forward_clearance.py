@@ -1,45 +1,46 @@
-"""Looking ahead: does anything that is not on the map stand in the way?"""
+"""Checks whether an obstacle is in the way of the base."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from woosh_robot_agent.simulator.body.base import ACCELERATION_MPS2
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.body.base import ACCELERATION
 from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 
-if TYPE_CHECKING:
-    from woosh_robot_agent.simulator.chassis import Chassis
+_STOP_GAP = 0.3
+"""Gap between the outline of a stopped robot and the obstacle, in metres."""
 
-#: The gap in m that a stopped robot leaves between its outline and what it stopped for.
-_GAP_M = 0.3
-_BESIDE_M = 0.05
-_ROUNDING_M = 5e-3
+_SIDE_GAP = 0.05
+"""Gap between the outline and obstacles beside the path, in metres."""
+
+_TOLERANCE = 5e-3
+"""Tolerance for obstacles that are already too close, in metres."""
 
 
-def way_is_free(chassis: Chassis, direction: float, distance: float) -> bool:
-    """Whether the base can go on in a direction without coming too near to an obstacle.
+def is_clear(robot: Robot, direction: float, distance: float) -> bool:
+    """Return True if the base can go on without coming too close to an obstacle.
 
     Args:
-        chassis: Whose base and obstacles.
-        direction: rad from straight ahead, counter-clockwise.
-        distance: How far it wants to go, in m; what stands further away does not matter.
+        robot: The robot.
+        direction: Direction of the motion from straight ahead, in radians.
+        distance: Length of the motion, in metres. Obstacles further away are ignored.
     """
-    obstacles = chassis.obstacles.walls
+    obstacles = robot.obstacles.walls
     if not obstacles:
         return True
     cos, sin = math.cos(direction), math.sin(direction)
-    outline = FOOTPRINTS[chassis.footprint]
+    outline = FOOTPRINTS[robot.footprint]
     front = max(x * cos + y * sin for x, y in outline)
-    beside = max(y * cos - x * sin for x, y in outline) + _BESIDE_M
-    braking = chassis.base.velocity.speed**2 / (2.0 * ACCELERATION_MPS2)
-    # The far end of the corridor is round, as wide as the corridor.
-    reach = min(distance, max(0.0, braking + front + _GAP_M - beside))
-    here = chassis.base.pose
-    there = here.moved(reach * cos, reach * sin, 0.0).point
+    half_width = max(y * cos - x * sin for x, y in outline) + _SIDE_GAP
+    braking = robot.base.velocity.speed**2 / (2.0 * ACCELERATION)
+    # The checked area is a corridor with a round end of the same width.
+    length = min(distance, max(0.0, braking + front + _STOP_GAP - half_width))
+    here = robot.base.pose
+    there = here.moved(length * cos, length * sin, 0.0).point
     for wall in obstacles:
-        # What is too near already must only not come nearer: the robot may leave.
-        room = min(beside, wall.distance(*here.point) - _ROUNDING_M)
-        if wall.line_distance(here.point, there) < room:
+        # The robot may move away from an obstacle that is already too close.
+        limit = min(half_width, wall.distance(*here.point) - _TOLERANCE)
+        if wall.line_distance(here.point, there) < limit:
             return False
     return True

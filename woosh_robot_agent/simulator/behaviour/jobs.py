@@ -1,38 +1,25 @@
-"""What a chassis can be busy with for a while, alone or as a part of a task."""
+"""Jobs: what actions and tasks consist of."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, auto
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
-
-if TYPE_CHECKING:
-    from woosh_robot_agent.simulator.chassis import Chassis
-
-
-class Device(Enum):
-    """What a job occupies: two jobs on one device exclude each other."""
-
-    WHEELS = auto()
-    JACK = auto()
-    COLUMN = auto()
-    CHARGER = auto()
-    NONE = auto()
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.body.devices import Device
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a job is.
+    """The progress of a job.
 
     Attributes:
-        done: It is finished, well or not.
-        failure: Why it failed; empty if it did not.
-        text: How far it is, for people.
-        impeded: An obstacle holds it up just now, which `text` tells.
+        done: The job has ended, successfully or not.
+        failure: Reason of the failure; empty if the job did not fail.
+        text: Progress as a text for people.
+        impeded: An obstacle blocks the job at the moment; `text` describes it.
     """
 
     done: bool = False
@@ -42,30 +29,30 @@ class Progress:
 
 
 class Job(Protocol):
-    """One thing the chassis does over time.
+    """Something that the robot does over time.
 
     Attributes:
-        device: What it occupies.
-        kind: The `woosh.action.Type` that reports give it.
+        device: Device that the job owns while it runs.
+        kind: The `woosh.action.Type` in reports about the job.
     """
 
     device: Device
     kind: util_action_pb2.Type
 
-    def tick(self, chassis: Chassis, dt: float) -> Progress:
+    def tick(self, robot: Robot, dt: float) -> Progress:
         """Work for `dt` seconds of simulated time."""
 
-    def hold(self, chassis: Chassis) -> None:
-        """Let go: the next tick may come later and elsewhere, or never."""
+    def suspend(self, robot: Robot) -> None:
+        """Prepare for a pause: the next tick may come later and at another place, or never."""
 
 
 def failed(reason: str) -> Progress:
-    """The progress of a job that cannot go on."""
+    """Return the progress of a job that failed."""
     return Progress(done=True, failure=reason)
 
 
 class Wait:
-    """Standing still for some seconds, infinitely many included, or until it is broken off."""
+    """Waits for a time in seconds, which may be infinite, or until `end` is called."""
 
     device = Device.NONE
     kind = util_action_pb2.kWait
@@ -73,52 +60,15 @@ class Wait:
     def __init__(self, seconds: float) -> None:
         self._left = seconds
 
-    def tick(self, chassis: Chassis, dt: float) -> Progress:
-        """See `Job.tick`."""
+    def tick(self, robot: Robot, dt: float) -> Progress:
         self._left -= dt
         if self._left == math.inf:
-            return Progress(text="waits for the order to go on")
-        return Progress(done=self._left <= 0.0, text=f"{max(0.0, self._left):.0f} s to wait")
+            return Progress(text="waiting for the order to continue")
+        return Progress(done=self._left <= 0.0, text=f"waiting for {max(0.0, self._left):.0f} s")
 
-    def hold(self, chassis: Chassis) -> None:
-        """See `Job.hold`."""
+    def suspend(self, robot: Robot) -> None:
+        """Do nothing: the remaining time is kept."""
 
-    def break_off(self) -> None:
-        """Wait no longer."""
+    def end(self) -> None:
+        """End the wait at the next tick."""
         self._left = 0.0
-
-
-class Charge:
-    """Charging at a charger, until the level that the settings call full."""
-
-    device = Device.CHARGER
-    kind = util_action_pb2.kCharge
-
-    def tick(self, chassis: Chassis, dt: float) -> Progress:
-        """See `Job.tick`."""
-        if not chassis.at_charger():
-            return failed("not at a charger")
-        full = chassis.setting.power.full
-        if chassis.battery.level >= full:
-            return Progress(done=True, text=f"charged to {full} %")
-        chassis.battery.charging = robot_pb2.Battery.kAuto
-        return Progress(text=f"at {chassis.battery.percent} of {full} %")
-
-    def hold(self, chassis: Chassis) -> None:
-        """See `Job.hold`: the charge ends."""
-        chassis.battery.charging = robot_pb2.Battery.kNot
-
-
-class EndCharge:
-    """Ending whatever charge goes on."""
-
-    device = Device.CHARGER
-    kind = util_action_pb2.kCharge
-
-    def tick(self, chassis: Chassis, dt: float) -> Progress:
-        """See `Job.tick`."""
-        chassis.battery.charging = robot_pb2.Battery.kNot
-        return Progress(done=True, text="not charging")
-
-    def hold(self, chassis: Chassis) -> None:
-        """See `Job.hold`."""

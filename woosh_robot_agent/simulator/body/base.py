@@ -1,4 +1,4 @@
-"""The wheels: speeds become motion, within limits and not through walls."""
+"""The driven base: integrates its velocity, within limits and without passing through walls."""
 
 from __future__ import annotations
 
@@ -8,20 +8,29 @@ from dataclasses import dataclass
 
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
 
-MAX_SPEED_MPS = 1.0
-MAX_TURN_RADPS = 1.0
-ACCELERATION_MPS2 = 1.0
-ACCELERATION_RADPS2 = 2.0
+MAX_SPEED = 1.0
+"""Maximum speed, in m/s."""
+
+MAX_TURN_RATE = 1.0
+"""Maximum turn rate, in rad/s."""
+ACCELERATION = 1.0
+"""Maximum acceleration, in m/s²."""
+
+ANGULAR_ACCELERATION = 2.0
+"""Maximum angular acceleration, in rad/s²."""
+
+_TOLERANCE = 1e-7
+"""Maximum rounding error of a velocity, in m/s or rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Speeds in the base's own frame.
+    """A velocity in the frame of the base.
 
     Attributes:
-        forward: m/s.
-        left: m/s, of a base that can move sideways.
-        turn: rad/s, counter-clockwise.
+        forward: Forward speed, in m/s.
+        left: Sideways speed of an omnidirectional base, in m/s.
+        turn: Turn rate, counter-clockwise, in rad/s.
     """
 
     forward: float = 0.0
@@ -30,31 +39,28 @@ class Velocity:
 
     @property
     def speed(self) -> float:
-        """How fast the base moves along the floor, in m/s."""
+        """Speed along the floor, in m/s."""
         return math.hypot(self.forward, self.left)
 
     def limited(self) -> Velocity:
-        """The same direction, no faster than the base can go."""
-        scale = min(1.0, MAX_SPEED_MPS / self.speed) if self.speed else 1.0
-        turn = min(MAX_TURN_RADPS, max(-MAX_TURN_RADPS, self.turn))
+        """Return this velocity, scaled to the limits of the base."""
+        scale = min(1.0, MAX_SPEED / self.speed) if self.speed else 1.0
+        turn = min(MAX_TURN_RATE, max(-MAX_TURN_RATE, self.turn))
         return Velocity(self.forward * scale, self.left * scale, turn)
 
-
-#: What rounding may leave of a speed, m/s or rad/s.
-_DUST = 1e-7
 
 STANDSTILL = Velocity()
 
 
 class Base:
-    """The driven base, integrated in time.
+    """The driven base.
 
     Attributes:
-        pose: Where it is in the map's frame, heading in (-pi, pi].
-        odometry: Where its wheels say it is: never jumps, heading not wrapped.
-        velocity: How it moves now.
-        odometer: m driven since it was built.
-        blocked: Something stopped it in the last step.
+        pose: Pose in the map's frame, with a heading in (-pi, pi].
+        odometry: Pose by wheel odometry, which never jumps. Its heading is not wrapped.
+        velocity: Current velocity.
+        odometer: Total distance driven, in metres.
+        blocked: A collision stopped the base in the last step.
     """
 
     def __init__(self, pose: Pose, odometer: float) -> None:
@@ -67,11 +73,11 @@ class Base:
 
     @property
     def moving(self) -> bool:
-        """Whether any speed is left."""
+        """True if the velocity is not zero."""
         return self.velocity != STANDSTILL
 
     def drive(self, velocity: Velocity) -> None:
-        """Head for `velocity` during the next step; without this call the base slows down."""
+        """Accelerate towards `velocity` in the next step. Without this call the base slows down."""
         self._wanted = velocity.limited()
 
     def halt(self) -> None:
@@ -79,32 +85,31 @@ class Base:
         self.velocity = self._wanted = STANDSTILL
 
     def place(self, pose: Pose) -> None:
-        """Put the base somewhere else in the map, as localisation does."""
+        """Set the pose in the map, as localisation does. The odometry does not change."""
         self.pose = Pose(pose.x, pose.y, wrap(pose.theta))
 
     def tick(self, dt: float, gap: Callable[[Pose], float]) -> None:
         """Move for `dt` seconds.
 
-        A move that would run the outline into something is not made. A base that is in something
-        already, because it was placed there or the thing was, can move out of it.
+        A move that would cause a collision is not made. A base that already overlaps something,
+        because one of the two was placed there, can move out of it.
 
         Args:
-            dt: s.
-            gap: How far in m the base's outline at a pose is from touching anything; negative if
-                something is inside of it.
+            dt: Duration of the step, in seconds.
+            gap: Returns the gap in metres between the base at a pose and its surroundings.
         """
         self.velocity = _accelerated(self.velocity, self._wanted, dt)
         self._wanted = STANDSTILL
         self.blocked = False
         if not self.moving:
             return
-        # Where it cannot drive on, it may still turn.
+        # A base that cannot drive on may still be able to turn.
         for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
             moved = _displacement(velocity, dt)
             goal = self.pose.moved(*moved)
             if velocity == STANDSTILL or (there := gap(goal)) >= 0.0:
                 break
-            if there >= gap(self.pose) - _DUST:  # on its way out
+            if there >= gap(self.pose) - _TOLERANCE:  # on the way out of a collision
                 break
             self.blocked = True
         self.velocity = velocity
@@ -114,9 +119,13 @@ class Base:
 
 
 def approach(distance: float, fastest: float, acceleration: float, dt: float) -> float:
-    """The speed for the next step at which a stop after exactly `distance` stays possible.
+    """Return the speed for the next step that still permits a stop after exactly `distance`.
 
-    Linear or angular alike; the sign is that of `distance`.
+    Args:
+        distance: Remaining distance or angle. The speed has its sign.
+        fastest: Maximum speed.
+        acceleration: Maximum deceleration.
+        dt: Duration of the step, in seconds.
     """
     far = abs(distance)
     if far <= acceleration * dt * dt:
@@ -128,19 +137,19 @@ def approach(distance: float, fastest: float, acceleration: float, dt: float) ->
 
 def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
     forward, left = wanted.forward - now.forward, wanted.left - now.left
-    change, limit = math.hypot(forward, left), ACCELERATION_MPS2 * dt
-    share = limit / change if change > limit + _DUST else 1.0
-    turn_limit = ACCELERATION_RADPS2 * dt
+    change, limit = math.hypot(forward, left), ACCELERATION * dt
+    share = limit / change if change > limit + _TOLERANCE else 1.0
+    turn_limit = ANGULAR_ACCELERATION * dt
     turn = min(turn_limit, max(-turn_limit, wanted.turn - now.turn))
     return Velocity(
         now.forward + share * forward if share < 1.0 else wanted.forward,
         now.left + share * left if share < 1.0 else wanted.left,
-        wanted.turn if abs(wanted.turn - now.turn) <= turn_limit + _DUST else now.turn + turn,
+        wanted.turn if abs(wanted.turn - now.turn) <= turn_limit + _TOLERANCE else now.turn + turn,
     )
 
 
 def _displacement(velocity: Velocity, dt: float) -> tuple[float, float, float]:
-    """The displacement in the frame of the start, on an exact arc."""
+    """Return the displacement along an exact arc, in the frame of its start."""
     turn = velocity.turn * dt
     if abs(turn) < 1e-9:
         return velocity.forward * dt, velocity.left * dt, turn

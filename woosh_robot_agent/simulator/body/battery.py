@@ -1,4 +1,4 @@
-"""The battery."""
+"""The battery of the robot."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ _CHARGING_PERCENT_PER_S = 60.0 / 3600.0
 
 
 class Battery:
-    """A battery that drains with time and motion, and charges.
+    """A battery that drains with time and distance, and can be charged.
 
     Attributes:
-        level: Percent, 0 to 100.
-        charging: Whether it is being charged, and how.
+        level: Charge, in percent.
+        charging: State of charging.
     """
 
     def __init__(self, level: float) -> None:
@@ -23,16 +23,16 @@ class Battery:
 
     @property
     def percent(self) -> int:
-        """The level as the chassis reports it."""
+        """Charge as reported to clients: whole percent."""
         return round(self.level)
 
     @property
     def charges(self) -> bool:
-        """Whether it is being charged."""
+        """True if the battery is being charged."""
         return self.charging != robot_pb2.Battery.kNot
 
     def tick(self, dt: float, driven: float) -> None:
-        """Account for `dt` seconds in which the base drove `driven` metres."""
+        """Update the charge after `dt` seconds in which the base drove `driven` metres."""
         change = -_IDLE_PERCENT_PER_S * dt - _DRIVING_PERCENT_PER_M * driven
         if self.charges:
             change += _CHARGING_PERCENT_PER_S * dt

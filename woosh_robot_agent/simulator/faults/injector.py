@@ -8,10 +8,10 @@ from collections import Counter, deque
 from collections.abc import Iterable
 
 from woosh_robot_agent.simulator.faults.fault import End, Injection, Target
-from woosh_robot_agent.simulator.faults.scenario import Step
 from woosh_robot_agent.simulator.faults.table import find
+from woosh_robot_agent.simulator.scenario import Step
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 class Injector:
@@ -59,11 +59,11 @@ class Injector:
                 self._ends[key] = end
         self.counts[name] += 1
         if key in self._ends:
-            _log.info("fault begins: %s", injection)
+            _LOG.info("fault begins: %s", injection)
             seconds = injection.arguments.get("for")
             self._active[injection] = self._clock + seconds if seconds else None
         else:
-            _log.info("fault: %s", injection)
+            _LOG.info("fault: %s", injection)
             injection.active = False
         return injection
 
@@ -92,5 +92,5 @@ class Injector:
         if fault.shared and any(other.fault is fault for other in self._active):
             return
         met = f" after {injection.hits} times" if injection.hits else ""
-        _log.info("fault ends: %s%s", injection, met)
+        _LOG.info("fault ends: %s%s", injection, met)
         self._ends.pop(fault if fault.shared else injection)()

@@ -8,13 +8,14 @@ from typing import Any
 
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
-from woosh_robot_agent.simulator.behaviour.jobs import Charge, Device, EndCharge, Job
+from woosh_robot_agent.simulator.behaviour.charging import Charge, EndCharge
+from woosh_robot_agent.simulator.behaviour.jobs import Job
+from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps, Turn
-from woosh_robot_agent.simulator.body.base import MAX_SPEED_MPS, MAX_TURN_RADPS
-from woosh_robot_agent.simulator.body.lift import MoveLift
+from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handlers,
     Result,
@@ -24,7 +25,7 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 )
 from woosh_robot_agent.simulator.world.geometry import Pose
 
-_MOST_STEPS = 1000
+_MAX_STEPS = 1000
 _STEP_SPEED_MPS = 0.5
 _STEP_SPEED_RADPS = 0.5
 _LEAST_SPEED = 0.01  # m/s or rad/s
@@ -37,29 +38,25 @@ _Lift3 = action_pb2.LiftControl3
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     which = request.WhichOneof("action")
     if which is None:
-        raise Refused("CallAction names no action: set one of its fields")
+        raise RefusedError("CallAction names no action: set one of its fields")
     command: Any = getattr(request, which)
     if which == "nav_mode":
         return _navigation_mode(chassis, command)
     if which not in _JOBS:
-        raise Refused(f"unknown action {command.type}: this chassis has {', '.join(_JOBS)}")
+        raise RefusedError(f"unknown action {command.type}: this chassis has {', '.join(_JOBS)}")
     name = command.DESCRIPTOR.full_name
     if command.action == action_pb2.kExecute:
-        chassis.require_ready()
-        job = _JOBS[which](chassis, command)
-        chassis.actions.start(name, job)
-        if job.device is Device.WHEELS:
-            chassis.follower.stop()
-            chassis.teleop.release()
+        chassis.readiness.require_ready()
+        chassis.ownership.start_action(name, _JOBS[which](chassis, command))
     elif command.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
     elif command.action == action_pb2.kPause:
         chassis.actions.pause(name)
     elif command.action == action_pb2.kResume:
-        chassis.require_ready()
-        chassis.actions.resume(name)
+        chassis.readiness.require_ready()
+        chassis.ownership.resume_action(name)
     else:
-        raise Refused(
+        raise RefusedError(
             f"unknown control action {command.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
         )
     return None
@@ -73,7 +70,9 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
     if command.mode not in modes:
-        raise Refused(f"unknown navigation mode {command.mode}: the known ones are {list(modes)}")
+        raise RefusedError(
+            f"unknown navigation mode {command.mode}: the known ones are {list(modes)}"
+        )
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
@@ -81,18 +80,18 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         wait_timeout=max(0, int(command.wait_time)),
         max_speed=usable_speed(command.max_speed, _LEAST_SPEED),
     )
-    if chassis.navigation is None:
+    if chassis.ownership.navigation is None:
         return "no effect: a navigation mode counts only while a task is navigating"
-    chassis.navigation.change_mode(setting)
+    chassis.ownership.navigation.change_mode(setting)
     return None
 
 
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
     if not command.steps:
-        raise Refused("StepControl has no steps: give at least one")
-    if len(command.steps) > _MOST_STEPS:
-        raise Refused(
-            f"StepControl has {len(command.steps)} steps, more than {_MOST_STEPS}: send them in "
+        raise RefusedError("StepControl has no steps: give at least one")
+    if len(command.steps) > _MAX_STEPS:
+        raise RefusedError(
+            f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: send them in "
             "several requests"
         )
     steps = [_step(chassis, step) for step in command.steps]
@@ -102,19 +101,21 @@ def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
     speed = usable_speed(step.speed, _LEAST_SPEED)
     if step.mode == _StepMode.kRotate:
-        return Turn(step.value, min(speed or _STEP_SPEED_RADPS, MAX_TURN_RADPS))
+        return Turn(step.value, min(speed or _STEP_SPEED_RADPS, MAX_TURN_RATE))
     directions = {
         _StepMode.kStraight: 0.0,
         _StepMode.kLateral: math.pi / 2,
         _StepMode.kDiagonalize: step.angle,
     }
     if step.mode not in directions:
-        raise Refused(
+        raise RefusedError(
             f"unknown step mode {step.mode}: 1 is straight, 2 rotate, 3 lateral, 4 diagonal"
         )
     if step.mode != _StepMode.kStraight and not chassis.omnidirectional:
-        raise Refused("a differential base cannot move sideways: use straight and rotating steps")
-    return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED_MPS, MAX_SPEED_MPS))
+        raise RefusedError(
+            "a differential base cannot move sideways: use straight and rotating steps"
+        )
+    return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED_MPS, MAX_SPEED))
 
 
 def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
@@ -122,7 +123,7 @@ def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
         return MoveLift(chassis.jack, chassis.jack.travel)
     if command.execute_mode == action_pb2.LiftControl.kDown:
         return MoveLift(chassis.jack, 0.0)
-    raise Refused(f"unknown lift mode {command.execute_mode}: 1 is up, 2 is down")
+    raise RefusedError(f"unknown lift mode {command.execute_mode}: 1 is up, 2 is down")
 
 
 def _lift_control2(chassis: Chassis, command: action_pb2.LiftControl2) -> Job:
@@ -143,17 +144,19 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
         return MoveLift(column, 0.0, speed=speed)
     if mode == _Lift3.kTsetMode:
         return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
-    raise Refused(f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration")
+    raise RefusedError(
+        f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"
+    )
 
 
 def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
     if command.execute_mode == action_pb2.ChargeControl.kAuto:
         if not chassis.at_charger():
-            raise Refused("robot is not at a charger: send it there by a charge task")
+            raise RefusedError("robot is not at a charger: send it there by a charge task")
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:
         return EndCharge()
-    raise Refused(f"unknown charge mode {command.execute_mode}: 1 is automatic, 2 is exit")
+    raise RefusedError(f"unknown charge mode {command.execute_mode}: 1 is automatic, 2 is exit")
 
 
 def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
@@ -166,7 +169,7 @@ def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
     elif way:
         target = way.pop()
     else:
-        raise Refused("MoveBase has no target: give target_pose or poses")
+        raise RefusedError("MoveBase has no target: give target_pose or poses")
     one_by_one = command.execution_mode == action_pb2.MoveBase.kOneByOne
     return Navigate(target, way, one_by_one=one_by_one)
 

@@ -9,13 +9,13 @@ from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import reports, uploads
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, pose
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
-from woosh_robot_agent.simulator.world.maps import Scene
 
-_MOST_SCENES = 20
+_MAX_SCENES = 20
 _LONGEST_SPEECH = 1000
 
 
@@ -24,7 +24,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     where = chassis.base.pose if request.is_record else pose(request.pose)
     chassis.localise(where)
     reason = "robot was initialised"
-    chassis.free_wheels(reason)
+    chassis.ownership.end_driving(reason)
     chassis.base.halt()
     if chassis.tasks.active:
         chassis.tasks.cancel(reason)
@@ -34,7 +34,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
 
 def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
     if not chassis.readiness.initialised:
-        raise Refused("robot is not initialised: InitRobot first")
+        raise RefusedError("robot is not initialised: InitRobot first")
     chassis.localise(pose(request.pose))
     return None
 
@@ -57,11 +57,11 @@ def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
 def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
-        raise Refused(
+        raise RefusedError(
             f"unknown control mode {request.mode}: 1 is automatic, 2 manual, 3 maintenance"
         )
     if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
-        raise Refused("key switch stands at manual: turn it to automatic first")
+        raise RefusedError("key switch stands at manual: turn it to automatic first")
     chassis.readiness.ctrl = request.mode
     return reports.mode(chassis)
 
@@ -73,34 +73,36 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
         util_robot_pb2.kScheduleMode,
     )
     if request.mode not in known:
-        raise Refused(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
+        raise RefusedError(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
     chassis.readiness.work = request.mode
     return reports.mode(chassis)
 
 
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
     if request.type not in FOOTPRINTS:
-        raise Refused(f"unknown foot print {request.type}: the known ones are {list(FOOTPRINTS)}")
+        raise RefusedError(
+            f"unknown foot print {request.type}: the known ones are {list(FOOTPRINTS)}"
+        )
     chassis.footprint = request.type
-    if chassis.navigation:
-        chassis.navigation.replan()
+    if chassis.ownership.navigation:
+        chassis.ownership.navigation.replan()
     return pack.SwitchFootPrint(type=chassis.footprint)
 
 
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     # What is paused would go on to where it wanted to on the old map.
     if chassis.tasks.paused:
-        raise Refused(f"task {chassis.tasks.proc.robot_task_id} is paused: cancel it first")
+        raise RefusedError(f"task {chassis.tasks.proc.robot_task_id} is paused: cancel it first")
     if chassis.tasks.active:
-        raise Refused("a task is running: wait for it or cancel it first")
-    if chassis.driver:
-        raise Refused(f"{chassis.driver} is driving: wait for it or cancel it first")
-    if chassis.navigation:
-        raise Refused("a navigation is paused: cancel it first")
+        raise RefusedError("a task is running: wait for it or cancel it first")
+    if chassis.ownership.driver:
+        raise RefusedError(f"{chassis.ownership.driver} is driving: wait for it or cancel it first")
+    if chassis.ownership.navigation:
+        raise RefusedError("a navigation is paused: cancel it first")
     name = request.scene_name or chassis.scene.name
     scene = _with_files(chassis, name, request) if request.file_datas else chassis.scenes.get(name)
     if scene is None:
-        raise Refused(
+        raise RefusedError(
             f"unknown scene {name}: it comes with file_datas, or is one of these: "
             + ", ".join(chassis.scenes)
         )
@@ -108,7 +110,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     area = scene.map(wanted)
     if area is None:
         maps = ", ".join(each.name for each in scene.maps)
-        raise Refused(f"unknown map {wanted} of scene {name}, which has {maps}")
+        raise RefusedError(f"unknown map {wanted} of scene {name}, which has {maps}")
     chassis.enter(scene, area)
     return None
 
@@ -116,8 +118,8 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
 def _with_files(chassis: Chassis, name: str, request: pack.SwitchMap) -> Scene:
     """The scene as it is after the upload: one version further, or new."""
     old = chassis.scenes.get(name)
-    if not old and len(chassis.scenes) >= _MOST_SCENES:
-        raise Refused(f"there are {_MOST_SCENES} scenes already")
+    if not old and len(chassis.scenes) >= _MAX_SCENES:
+        raise RefusedError(f"there are {_MAX_SCENES} scenes already")
     files = uploads.checked(old.files if old else {}, request.file_datas)
     scene = uploads.described(name, old, files)
     if scene:
@@ -135,28 +137,25 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
-        driver = chassis.driver
-        chassis.stop_wheels("stopped by a velocity of zero")
+        driver = chassis.ownership.driver
+        chassis.ownership.stop_wheels("stopped by a velocity of zero")
         return f"stopped: {driver} is paused, continue or cancel it" if driver else None
     if chassis.readiness.emergency_stop:
-        raise Refused("emergency stop is pressed: release it first")
+        raise RefusedError("emergency stop is pressed: release it first")
     if chassis.readiness.battery_empty:
-        raise Refused("battery is empty: charge first")
+        raise RefusedError("battery is empty: charge first")
     if chassis.readiness.control == util_robot_pb2.kMaintain:
-        raise Refused("robot is in maintenance mode: switch to automatic or manual first")
+        raise RefusedError("robot is in maintenance mode: switch to automatic or manual first")
     if velocity.left and not chassis.omnidirectional:
-        raise Refused("a differential base cannot move sideways: linear_y must be 0")
-    chassis.claim_wheels("remote control")
-    chassis.teleop.command(velocity)
+        raise RefusedError("a differential base cannot move sideways: linear_y must be 0")
+    chassis.ownership.drive(velocity)
     return None
 
 
 def _follow(chassis: Chassis, request: pack.Follow) -> Result:
     if request.type:
-        chassis.require_ready()
-        chassis.claim_wheels("following")
-        chassis.teleop.release()
-        chassis.follower.start()
+        chassis.readiness.require_ready()
+        chassis.ownership.follow()
     else:
         chassis.follower.stop()
     return None
@@ -180,7 +179,7 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
         wifi.switch_hotspot(on=request.enable)
         answer.enable = request.enable
     else:
-        raise Refused(
+        raise RefusedError(
             f"unknown WiFi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
         )
     return answer

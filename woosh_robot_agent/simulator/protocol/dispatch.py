@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import (
     action_commands,
     commands,
@@ -56,11 +56,11 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
     try:
         number = non_finite(request)
         if number:
-            raise Refused(f"{number} is not a finite number")
+            raise RefusedError(f"{number} is not a finite number")
         if name in _COMMANDS:
-            chassis.errands.postpone()
+            chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)
-    except Refused as refusal:
+    except RefusedError as refusal:
         return Answer(name, None, False, str(refusal))
     if isinstance(result, str):
         return Answer(name, None, True, result)

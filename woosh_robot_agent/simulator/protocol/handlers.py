@@ -10,21 +10,21 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 #: The answer's body, or a text that goes with an empty one, or None for just an empty one.
 Result = Message | str | None
 
 #: Takes the chassis and the request, which is of the type that it is registered for; raises
-#: `Refused` if the chassis does not do it.
+#: `RefusedError` if the chassis does not do it.
 Handler = Callable[[Chassis, Any], Result]
 
 #: Handlers by the message class of the request.
 Handlers = dict[type[Message], Handler]
 
 #: Poses that one request may have: each leg may need a search of the whole map.
-MOST_POSES = 200
+MAX_POSES = 200
 
 
 def pose(message: common_pb2.Pose2D) -> Pose:
@@ -36,11 +36,11 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """Poses from messages.
 
     Raises:
-        Refused: There are too many to plan with.
+        RefusedError: There are too many to plan with.
     """
     found = [pose(message) for message in messages]
-    if len(found) > MOST_POSES:
-        raise Refused(f"{len(found)} poses are more than {MOST_POSES}: give fewer")
+    if len(found) > MAX_POSES:
+        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: give fewer")
     return found
 
 
@@ -48,10 +48,10 @@ def usable_speed(speed: float, least: float) -> float:
     """The size of a speed that a client asks for; 0 stands for the usual one.
 
     Raises:
-        Refused: It is so slow that nothing would ever be done.
+        RefusedError: It is so slow that nothing would ever be done.
     """
     if 0.0 < abs(speed) < least:
-        raise Refused(f"speed {speed:g} is too slow: {least:g} is the least, 0 the usual one")
+        raise RefusedError(f"speed {speed:g} is too slow: {least:g} is the least, 0 the usual one")
     return abs(speed)
 
 

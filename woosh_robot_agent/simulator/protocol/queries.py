@@ -24,11 +24,11 @@ def _answering(report: Callable[[Chassis], Message]) -> Handler:
 
 
 def _repeat_tasks(chassis: Chassis) -> Message:
-    return copied(chassis.predefined)
+    return copied(chassis.scene.predefined)
 
 
 def _call_tasks(chassis: Chassis) -> Message:
-    return copied(chassis.calls)
+    return copied(chassis.scene.calls)
 
 
 def _feedbacks(chassis: Chassis) -> Message:

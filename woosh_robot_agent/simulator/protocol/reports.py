@@ -149,7 +149,7 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
     return state(
         robot_id=chassis.robot_id,
         nav=state.kImpede if chassis.impeded else 0,
-        robot=state.kTaskable if chassis.taskable else 0,
+        robot=state.kTaskable if chassis.readiness.ready else 0,
     )
 
 
@@ -176,20 +176,20 @@ def abnormal_codes(chassis: Chassis) -> robot_count_pb2.AbnormalCodes:
 def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
     """The path it navigates along, empty if it does not."""
     path = navigation_pb2.Path()
-    if chassis.navigation:
-        path.poses.extend(map(pose2d, chassis.navigation.path))
+    if chassis.ownership.navigation:
+        path.poses.extend(map(pose2d, chassis.ownership.navigation.path))
     return robot_pb2.NavPath(robot_id=chassis.robot_id, path=path)
 
 
 def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
     """The planned path with its target, none if it does not navigate."""
     plan = robot_pb2.PlanPath(robot_id=chassis.robot_id)
-    if chassis.navigation:
+    if chassis.ownership.navigation:
         plan.plan_path.add(
             path=nav_path(chassis).path,
             map_id=chassis.map.id,
             dest_map_id=chassis.map.id,
-            target=pose2d(chassis.navigation.goal),
+            target=pose2d(chassis.ownership.navigation.goal),
         )
     return plan
 
@@ -257,7 +257,8 @@ def scene_data(chassis: Chassis) -> map_pack_pb2.SceneData:
     In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
     """
     tasks = woosh_task_pb2.TaskInfo(
-        repeat_tasks=chassis.predefined.repeat_tasks, call_tasks=chassis.calls.call_tasks
+        repeat_tasks=chassis.scene.predefined.repeat_tasks,
+        call_tasks=chassis.scene.calls.call_tasks,
     )
     maps = [_map_data(each) for each in chassis.scene.maps]
     return map_pack_pb2.SceneData(name=chassis.scene.name, maps=maps, task_info=tasks)
@@ -275,9 +276,9 @@ def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
 
 def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
     # numpy and Pillow take a while to come: only who asks for pictures waits for them.
-    from woosh_robot_agent.simulator.scenes.map_images import picture
+    from woosh_robot_agent.simulator.world.picture import draw
 
-    drawn = picture(area)
+    drawn = draw(area)
     return map_pack_pb2.SceneData.Map(
         id=area.id,
         name=area.name,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, copied
 
 _LONGEST_NAME = 100
@@ -14,7 +14,7 @@ _LONGEST_HOST = 253
 
 def _check_length(field: str, text: str, most: int) -> None:
     if len(text) > most:
-        raise Refused(f"{field} is longer than {most} characters: give a shorter one")
+        raise RefusedError(f"{field} is longer than {most} characters: give a shorter one")
 
 
 def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
@@ -25,7 +25,7 @@ def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
 
 def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     if request.port > 65535:
-        raise Refused(f"port {request.port} is not within 0 to 65535")
+        raise RefusedError(f"port {request.port} is not within 0 to 65535")
     _check_length("ip", request.ip, _LONGEST_HOST)
     chassis.setting.server.ip = request.ip
     chassis.setting.server.port = request.port
@@ -50,7 +50,7 @@ def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
 def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
-        raise Refused(
+        raise RefusedError(
             f"power levels {levels} do not rise from alarm to full, at most 100: sort them"
         )
     power = chassis.setting.power
@@ -60,7 +60,7 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
 
 def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
     if request.volume > 100:
-        raise Refused(f"volume {request.volume} is not within 0 to 100")
+        raise RefusedError(f"volume {request.volume} is not within 0 to 100")
     chassis.setting.sound.mute = request.mute
     chassis.setting.sound.volume = request.volume
     return copied(chassis.setting.sound)

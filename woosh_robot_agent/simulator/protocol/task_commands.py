@@ -15,9 +15,9 @@ from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_o
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import (
-    MOST_POSES,
+    MAX_POSES,
     Handlers,
     Result,
     pose,
@@ -27,14 +27,14 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
-_MOST_REPEATS = 100
+_MAX_REPEATS = 100
 _LEAST_SPEED_MPS = 0.01
 
 
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     # A mark counts for more than a path, and a path for more than a pose: clients may send all
     # three, those that they don't mean empty.
-    chassis.require_ready()
+    chassis.readiness.require_ready()
     kind, direction = request.type, request.direction
     jobs: list[Job]
     if request.mark_no:
@@ -46,22 +46,24 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     elif request.HasField("pose"):
         jobs = [Navigate(pose(request.pose)), *work_of(chassis, kind, direction)]
     else:
-        raise Refused("the task has no target: give mark_no, plan_path or pose")
-    number = request.task_id or chassis.fresh_task_id()
-    chassis.take_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
+        raise RefusedError("the task has no target: give mark_no, plan_path or pose")
+    number = request.task_id or chassis.tasks.new_id()
+    chassis.ownership.start_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
     return None
 
 
 def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
-    chassis.require_ready()
-    for repeat in chassis.predefined.repeat_tasks:
+    chassis.readiness.require_ready()
+    for repeat in chassis.scene.predefined.repeat_tasks:
         if repeat.task_set.base.id == request.task_set_id:
-            times = min(max(1, repeat.times), _MOST_REPEATS)
+            times = min(max(1, repeat.times), _MAX_REPEATS)
             bases = [task.base for _ in range(times) for task in repeat.task_set.tasks]
-            chassis.take_tasks([_of_set(chassis, request.task_set_id, base) for base in bases])
+            chassis.ownership.start_tasks(
+                [_of_set(chassis, request.task_set_id, base) for base in bases]
+            )
             return None
-    known = ", ".join(str(each.task_set.base.id) for each in chassis.predefined.repeat_tasks)
-    raise Refused(f"unknown task set {request.task_set_id}: RepeatTasks has these: {known}")
+    known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
+    raise RefusedError(f"unknown task set {request.task_set_id}: RepeatTasks has these: {known}")
 
 
 def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
@@ -76,9 +78,11 @@ def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
     mark = chassis.map.marks.get(number)
     if mark is None:
         known = ", ".join(chassis.map.marks) or "none"
-        raise Refused(f"unknown mark {number} in map {chassis.map.name}: its marks are {known}")
+        raise RefusedError(
+            f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
+        )
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise Refused(f"mark {number} is not a charger: give one that is")
+        raise RefusedError(f"mark {number} is not a charger: give one that is")
     return mark
 
 
@@ -93,10 +97,10 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
         route += poses(segment.path.poses)
         if not segment.path.poses and segment.HasField("target"):
             route.append(pose(segment.target))
-        if len(route) > MOST_POSES:
-            raise Refused(f"the path has more than {MOST_POSES} poses: give fewer")
+        if len(route) > MAX_POSES:
+            raise RefusedError(f"the path has more than {MAX_POSES} poses: give fewer")
     if not route:
-        raise Refused("the path has no poses: give at least one pose or target")
+        raise RefusedError("the path has no poses: give at least one pose or target")
     return route, strict
 
 
@@ -105,26 +109,26 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     if order == util_action_pb2.kPause:
         tasks.pause("paused")
     elif order in (util_action_pb2.kContinue, util_action_pb2.kReleaseCtrl):
-        tasks.resume()
+        chassis.ownership.resume_task()
     elif order == util_action_pb2.kCancel:
         tasks.cancel("cancelled")
     elif order == util_action_pb2.kRecover:
-        tasks.recover()
+        chassis.ownership.recover_task()
     elif order == util_action_pb2.kWaitBreak:
-        tasks.break_wait()
+        tasks.end_wait()
     elif order == util_action_pb2.kTmCtrl:
         tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl)
     elif order == util_action_pb2.kStart:
-        raise Refused("order 1 (start) is out of use: a task starts by itself")
+        raise RefusedError("order 1 (start) is out of use: a task starts by itself")
     else:
-        raise Refused(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
+        raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
     return None
 
 
 def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
-    navigation = chassis.navigation
+    navigation = chassis.ownership.navigation
     if navigation is None:
-        raise Refused("nothing is navigating: start a task first")
+        raise RefusedError("nothing is navigating: start a task first")
     via, strict = _route(request.paths)
     if via[-1] == navigation.goal:
         via.pop()
@@ -133,14 +137,14 @@ def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
 
 
 def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
-    if chassis.navigation is None:
+    if chassis.ownership.navigation is None:
         return "no effect: a navigation mode counts only while a task is navigating"
     if request.nav_mode.max_speed < 0.0:
-        raise Refused(
+        raise RefusedError(
             f"max_speed {request.nav_mode.max_speed:g} is negative: give 0 for the usual one"
         )
     usable_speed(request.nav_mode.max_speed, _LEAST_SPEED_MPS)
-    chassis.navigation.change_mode(request.nav_mode)
+    chassis.ownership.navigation.change_mode(request.nav_mode)
     return None
 
 

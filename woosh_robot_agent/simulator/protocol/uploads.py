@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import PurePosixPath, PureWindowsPath
 
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.simulator.errors import Refused
+from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.scenes.files import SCENE_FILE, read_scene
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
-from woosh_robot_agent.simulator.world.maps import Map, Scene
+from woosh_robot_agent.simulator.world.maps import Map
 
-_MOST_FILES = 100
-_MOST_BYTES = 32 * 1024 * 1024
+_MAX_FILES = 100
+_MAX_BYTES = 32 * 1024 * 1024
 _LONGEST_NAME = 255
 
 
@@ -34,12 +35,12 @@ def described(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene
         None if the scene is new and its files do not say what it looks like.
 
     Raises:
-        Refused: A file cannot be used.
+        RefusedError: A file cannot be used.
     """
     try:
         scene = read_scene(name, files, _reader(files))
     except SceneError as error:
-        raise Refused(f"scene {name} is not changed: {error}") from error
+        raise RefusedError(f"scene {name} is not changed: {error}") from error
     if before is None:
         return scene and dataclasses.replace(scene, files=files)
     newer = [dataclasses.replace(each, version=each.version + 1) for each in before.maps]
@@ -67,7 +68,7 @@ def checked(before: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]) 
     """The files of a scene together with new ones.
 
     Raises:
-        Refused: A name is not a plain one, or they are too many or too large.
+        RefusedError: A name is not a plain one, or they are too many or too large.
     """
     new: dict[str, bytes] = {}
     for file in upload:
@@ -75,19 +76,19 @@ def checked(before: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]) 
         # Nobody's path, whatever the system: nothing is written, and nothing will be by mistake.
         plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
         if not plain or name in ("", "..") or not name.isprintable() or len(name) > _LONGEST_NAME:
-            raise Refused(
+            raise RefusedError(
                 f"file {name[:_LONGEST_NAME]!r}: a plain name without folders is needed, of at "
                 f"most {_LONGEST_NAME} characters"
             )
         if name in new:
-            raise Refused(f"file {name} is there twice")
+            raise RefusedError(f"file {name} is there twice")
         new[name] = file.data
     files = {**before, **new}
     size = sum(map(len, files.values()))
-    if len(files) > _MOST_FILES or size > _MOST_BYTES:
-        raise Refused(
-            f"{len(files)} files of {size} bytes are more than a scene can have: {_MOST_FILES} "
-            f"files, {_MOST_BYTES} bytes"
+    if len(files) > _MAX_FILES or size > _MAX_BYTES:
+        raise RefusedError(
+            f"{len(files)} files of {size} bytes are more than a scene can have: {_MAX_FILES} "
+            f"files, {_MAX_BYTES} bytes"
         )
     return files
 

@@ -1,34 +1,34 @@
-"""Scenes as files: a folder with `scene.yaml` and pictures, or just maps of nav2's map_server.
+"""Reads scenes from files: a folder with `scene.yaml` and pictures, or maps of nav2's map_server.
 
-`scene.yaml` looks like this; everything but `maps` and their names can be left out:
+`scene.yaml` looks like this. Only `maps` and their names are required:
 
     name: lab                       # default: the folder's name
-    start: {map: ground, pose: [1.0, 2.0, 0.0]}  # where the robot stands at first
+    start: {map: ground, pose: [1.0, 2.0, 0.0]}  # initial pose of the robot
     maps:
       - name: ground
         id: 7                       # default: its place in the list, from 0
         floor: 1F
         version: 3                  # default: 1
         image: ground.yaml          # a map of map_server, with its PNG or PGM beside it
-        area: [-5, -5, 20, 15]      # x and y of two corners; default: all that is in the map
-        walls:                      # x and y of each corner on the way
+        area: [-5, -5, 20, 15]      # two corners of the mapped area; default: around everything
+        walls:                      # each a line through these corners: x and y of each
           - [0, 0, 0, 5, 5, 5]
         marks:
           - {number: A1, type: rack, pose: [4.0, 1.0, 1.57], description: by the door}
     tasks:
-      predefined:                   # what ExecPreTask starts
+      predefined:                   # task sets for ExecPreTask
         - {id: 12, name: round, times: 2, steps: [{mark: A1, type: pick}]}
-      calls:                        # what call buttons start
+      calls:                        # task sets for call buttons
         - {id: 13, name: fetch, button: {mac: "00:12:4b:00:00:01", key: 1}, steps: [{mark: A1}]}
 
-Lengths are in m, angles in rad, poses [x, y, theta]. A map needs an image or walls, and can have
-both: the laser sees both, and the robot touches both. A mark's type is one of those in `MarkKind`,
-in lower case (default: base); its `id` is by default its place in the list, from 1. The type of a
-step is one of pick (default), parking, charge and carry, its direction feeding or cutting; with
-`wait` the robot waits there so many s, or with -1 until it is ordered to go on.
+Lengths are in metres, angles in radians, poses are [x, y, theta]. A map needs an image or walls and
+can have both. The type of a mark is one of `MarkKind` in lower case (default: base). Its `id` is by
+default its place in the list, from 1. The type of a step is pick (default), parking, charge or
+carry; its direction is feeding or cutting. With `wait` the robot then waits for this time in
+seconds, or with -1 until a client tells it to continue.
 
-Without `scene.yaml` each map of map_server (YAML and picture) is a map of the scene, called as its
-YAML file is.
+Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
+its YAML file.
 """
 
 from __future__ import annotations
@@ -40,29 +40,33 @@ from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError, parse
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind, Scene
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
 if TYPE_CHECKING:
     from woosh_robot_agent.simulator.world.grid import Grid
 
 SCENE_FILE = "scene.yaml"
 
-#: Gives the bytes of a file by its name, or raises `SceneError`.
 Read = Callable[[str], bytes]
+"""Returns the content of the file with the given name, or raises `SceneError`."""
 
-_MOST_MAPS = 50
-_MOST_MARKS = 5000
-#: The laser and the planner look at each: what has more is better given as a picture.
-_MOST_WALLS = 1000
-_MOST_TASKS = 200
-_MOST_FILE_BYTES = 64 * 1024 * 1024
-#: Of all pictures together: reading more would take long, while nothing else goes on.
-_MOST_PIXELS = 32 * 1024 * 1024
-#: m along one side of a map.
-_LONGEST_SIDE_M = 500.0
-_FLOOR = "1F"
+_MAX_MAPS = 50
+_MAX_MARKS = 5000
+_MAX_WALLS = 1000
+"""Laser and planner check each wall. A map with more walls needs a picture instead."""
+
+_MAX_TASKS = 200
+_MAX_FILE_BYTES = 64 * 1024 * 1024
+_MAX_PIXELS = 32 * 1024 * 1024
+"""Limit for all pictures of a scene together. Reading them blocks everything else."""
+
+_MAX_SIDE = 500.0
+"""Maximum length of a side of a map, in metres."""
+
+_DEFAULT_FLOOR = "1F"
 
 _UINT32 = 2**32 - 1
 _INT32 = 2**31 - 1
@@ -72,7 +76,7 @@ _TASK_TYPES = {name[1:].lower(): name for name, value in util_task_pb2.Type.item
 
 
 def load_scene(path: Path) -> Scene:
-    """The scene in a folder, or that of one YAML file: a `scene.yaml` or a map of map_server.
+    """Read the scene in a folder or of one YAML file: a `scene.yaml` or a map of map_server.
 
     Raises:
         SceneError: A file cannot be used.
@@ -81,8 +85,8 @@ def load_scene(path: Path) -> Scene:
     def read(name: str) -> bytes:
         file = folder / name
         try:
-            if file.stat().st_size > _MOST_FILE_BYTES:
-                raise SceneError(f"{file}: more than {_MOST_FILE_BYTES} bytes")
+            if file.stat().st_size > _MAX_FILE_BYTES:
+                raise SceneError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")
             return file.read_bytes()
         except OSError as error:
             raise SceneError(f"{file}: {error.strerror or error}") from error
@@ -96,8 +100,8 @@ def load_scene(path: Path) -> Scene:
     scene = read_scene(name, names, read, take_name=True)
     if scene is None:
         raise SceneError(
-            f"{path}: neither a folder with {SCENE_FILE} or a map of nav2's map_server (YAML and "
-            "picture) nor one of these files"
+            f"{path}: not a scene: give a {SCENE_FILE}, a YAML file of nav2's map_server, or a "
+            "folder with one of them"
         )
     return scene
 
@@ -105,13 +109,13 @@ def load_scene(path: Path) -> Scene:
 def read_scene(
     name: str, names: Collection[str], read: Read, *, take_name: bool = False
 ) -> Scene | None:
-    """The scene that some files make, None if no file among them is known to describe one.
+    """Read a scene from some files. Return None if none of them describes a scene or a map.
 
     Args:
-        name: The scene's name.
-        names: The names of the files.
-        read: Gives the bytes of each of them.
-        take_name: Call it as `scene.yaml` does, if that does.
+        name: Name of the scene.
+        names: Names of the files.
+        read: Returns the content of a file.
+        take_name: Prefer the name that `scene.yaml` gives to the scene.
 
     Raises:
         SceneError: A file cannot be used.
@@ -128,16 +132,25 @@ def read_scene(
                 grid = _grid(each, description, read)
                 low, high = _bounds(description, [grid.low, grid.high])
                 maps.append(
-                    Map(len(maps), Path(each).stem, _FLOOR, 1, low, high, walls=(), grid=grid)
+                    Map(
+                        len(maps),
+                        Path(each).stem,
+                        _DEFAULT_FLOOR,
+                        1,
+                        low,
+                        high,
+                        walls=(),
+                        grid=grid,
+                    )
                 )
                 _check_pictures(description, maps)
                 if maps[-1].name in [other.name for other in maps[:-1]]:
-                    raise description.error(f"there are two files of a map {maps[-1].name}")
+                    raise description.error(f"another file has the map name {maps[-1].name} too")
     return Scene(name, maps) if maps else None
 
 
 def _scene(root: Node, name: str, read: Read) -> Scene:
-    nodes = list(root.need("maps").items(_MOST_MAPS))
+    nodes = list(root.need("maps").items(_MAX_MAPS))
     if not nodes:
         raise root.need("maps").error("a scene needs at least one map")
     maps: list[Map] = []
@@ -165,9 +178,9 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
 def _map(node: Node, number: int, read: Read) -> Map:
     node.only(("name", "id", "floor", "version", "image", "area", "walls", "marks"))
     id_, floor, version = node.get("id"), node.get("floor"), node.get("version")
-    walls = tuple(wall for each in _items(node, "walls", _MOST_WALLS) for wall in _walls(each))
-    if len(walls) > _MOST_WALLS:
-        raise node.need("walls").error(f"{len(walls)} walls are more than {_MOST_WALLS}")
+    walls = tuple(wall for each in _items(node, "walls", _MAX_WALLS) for wall in _walls(each))
+    if len(walls) > _MAX_WALLS:
+        raise node.need("walls").error(f"{len(walls)} walls are more than {_MAX_WALLS}")
     marks = _marks(node)
     image, area = node.get("image"), node.get("area")
     grid = None
@@ -186,7 +199,7 @@ def _map(node: Node, number: int, read: Read) -> Map:
     return Map(
         id=id_.integer(0, _UINT32) if id_ else number,
         name=node.need("name").text(),
-        floor=floor.text() if floor else _FLOOR,
+        floor=floor.text() if floor else _DEFAULT_FLOOR,
         version=version.integer(1, _INT32) if version else 1,
         low=low,
         high=high,
@@ -197,44 +210,44 @@ def _map(node: Node, number: int, read: Read) -> Map:
 
 
 def _grid(name: str, description: Node, read: Read) -> Grid:
-    # numpy, scipy and Pillow take a third of a second to come: only who has pictures waits for it.
-    from woosh_robot_agent.simulator.scenes.map_images import read_grid
+    # numpy, scipy and Pillow load in a third of a second, which only pictures need.
+    from woosh_robot_agent.simulator.scenes.map_server import read_grid
 
     folder = Path(name).parent
     return read_grid(description, lambda image: read(str(folder / image)))
 
 
 def _check_pictures(node: Node, maps: Iterable[Map]) -> None:
-    """Make sure that the pictures of a scene, of which `node` brought the last, are not too much.
+    """Check the total size of the pictures of a scene, the last of which `node` describes.
 
     Raises:
-        SceneError: They are.
+        SceneError: They are too large.
     """
     pixels = sum(each.grid.cells.size for each in maps if each.grid)
-    if pixels > _MOST_PIXELS:
-        raise node.error(f"the scene's pictures have more than {_MOST_PIXELS} pixels altogether")
+    if pixels > _MAX_PIXELS:
+        raise node.error(f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total")
 
 
 def _bounds(node: Node, points: Iterable[Point]) -> tuple[Point, Point]:
-    """The lower left and the upper right corner of all that is in a map."""
+    """Return the lower left and the upper right corner of the rectangle around `points`."""
     x, y = ([*values] for values in zip(*points, strict=True))
     low, high = (min(x), min(y)), (max(x), max(y))
     for side in (high[0] - low[0], high[1] - low[1]):
-        if not 0.0 < side <= _LONGEST_SIDE_M:
-            raise node.error(f"a side of {side:g} m is not within 0 to {_LONGEST_SIDE_M:g} m")
+        if not 0.0 < side <= _MAX_SIDE:
+            raise node.error(f"a side of {side:g} m is not within 0 to {_MAX_SIDE:g} m")
     return low, high
 
 
 def _walls(node: Node) -> Iterator[Wall]:
-    values = [each.number() for each in node.items(2 * _MOST_WALLS + 2)]
+    values = [each.number() for each in node.items(2 * _MAX_WALLS + 2)]
     if len(values) < 4 or len(values) % 2:
-        raise node.error("[x1, y1, x2, y2] is needed, or more corners in pairs of x and y")
+        raise node.error("must be [x1, y1, x2, y2], or more corners in pairs of x and y")
     for start, end in pairwise(zip(values[::2], values[1::2], strict=True)):
         yield Wall(*start, *end)
 
 
 def _marks(node: Node) -> list[Mark]:
-    nodes = list(_items(node, "marks", _MOST_MARKS))
+    nodes = list(_items(node, "marks", _MAX_MARKS))
     marks = []
     for place, each in enumerate(nodes, start=1):
         each.only(("number", "id", "type", "pose", "description"))
@@ -254,7 +267,7 @@ def _marks(node: Node) -> list[Mark]:
 
 
 def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.RepeatTask]:
-    for node in _items(tasks, "predefined", _MOST_TASKS):
+    for node in _items(tasks, "predefined", _MAX_TASKS):
         node.only(("id", "name", "steps", "times"))
         times = node.get("times")
         yield woosh_task_pb2.RepeatTask(
@@ -264,7 +277,7 @@ def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.
 
 def _calls(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.CallTask]:
     info = woosh_task_pb2.CallInfo
-    for node in _items(tasks, "calls", _MOST_TASKS):
+    for node in _items(tasks, "calls", _MAX_TASKS):
         node.only(("id", "name", "steps", "button"))
         button = node.need("button").only(("mac", "key"))
         caller = info.Caller(
@@ -277,7 +290,7 @@ def _calls(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.CallT
 def _task_set(node: Node, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
     number, name = node.need("id").integer(1, _INT32), node.need("name").text()
     tasks = []
-    for index, step in enumerate(node.need("steps").items(_MOST_TASKS), start=1):
+    for index, step in enumerate(node.need("steps").items(_MAX_TASKS), start=1):
         step.only(("mark", "type", "direction", "wait"))
         mark, kind = step.need("mark"), step.get("type")
         direction, wait = step.get("direction"), step.get("wait")
@@ -313,5 +326,5 @@ def _all_different(nodes: Sequence[Node], key: str, values: Sequence[Hashable]) 
     seen = set()
     for node, value in zip(nodes, values, strict=True):
         if value in seen:
-            raise node.error(f"{key} {value} is there already")
+            raise node.error(f"{key} {value} is used twice")
         seen.add(value)

@@ -1,7 +1,7 @@
-"""The scenes that a simulated chassis knows at its start: the shipped ones, and those it is given.
+"""The scenes that a robot knows at its start: the shipped ones, and those of the configuration.
 
-`wooshmap` is a hall with two partitions, three pillars and a gate; `scenex` is the same hall
-furnished differently, with a second, empty floor. See `data/`.
+The shipped scenes are in the folder `data/`. `wooshmap` is a hall with two partitions, three
+pillars and a gate. `scenex` is the same hall furnished differently, with a second, empty floor.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ from functools import lru_cache
 from pathlib import Path
 
 from woosh_robot_agent.simulator.scenes.files import load_scene
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
-from woosh_robot_agent.simulator.world.maps import Map, Scene
+from woosh_robot_agent.simulator.world.maps import Map
 
 _SHIPPED = tuple(Path(__file__).parents[1] / "data" / name for name in ("wooshmap", "scenex"))
-#: m of free floor around a place where a robot starts without being told to.
-_START_ROOM_M = 0.6
+_START_CLEARANCE = 0.6
+"""Clearance of a start that the scene does not define, in metres."""
 
 
 def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
-    """The scenes that a chassis knows, by name, and the one in which it starts.
+    """Return the scenes that a robot knows, by name, and the one in which it starts.
 
     Args:
         given: Folders or files of further scenes, as for `load_scene`. They replace shipped ones of
-            the same name. The chassis starts in the first.
+            the same name. The robot starts in the first of them.
 
     Raises:
         SceneError: A file cannot be used.
@@ -35,21 +36,21 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
 
 
 def start(scene: Scene) -> tuple[Map, Pose]:
-    """The map and the pose where a robot starts, if the scene says nothing some free place."""
+    """Return the map and the pose where a robot starts: any free place by default."""
     area = scene.map(scene.start_map) or scene.maps[0]
     return area, scene.start or Pose(*_free_place(area))
 
 
 def _free_place(area: Map) -> Point:
-    """The origin, a mark or, on a grid, the place with the most room."""
+    """Return the origin, a mark, or the place of a grid with the most room around it."""
     for point in ((0.0, 0.0), *(mark.pose.point for mark in area.marks.values())):
-        if area.contains(*point) and area.clearance(*point) >= _START_ROOM_M:
+        if area.contains(*point) and area.clearance(*point) >= _START_CLEARANCE:
             return point
     return area.grid.roomiest() if area.grid else (0.0, 0.0)
 
 
 def _loaded(path: Path) -> Scene:
-    """A scene of one's own, whose maps are shared: planners and distance fields stay with them."""
+    """Return a new scene that shares its maps, and so their planners and distance fields."""
     scene = _read_once(path) if path in _SHIPPED else load_scene(path)
     return dataclasses.replace(scene, maps=list(scene.maps), files={})
 

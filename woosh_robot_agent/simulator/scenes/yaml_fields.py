@@ -1,4 +1,4 @@
-"""What a person wrote into a YAML file, read with errors that say where and what is needed."""
+"""Validation of YAML files, with errors that name the place and the expected value."""
 
 from __future__ import annotations
 
@@ -9,48 +9,55 @@ from typing import Any
 
 import yaml
 
-try:  # ten times faster, where PyYAML was built with it
+try:  # ten times as fast, if PyYAML was built with it
     from yaml import CSafeLoader as _SafeLoader
 except ImportError:
     from yaml import SafeLoader as _SafeLoader  # type: ignore[assignment]
 
-#: Bytes of the largest file: one of this size takes some tenths of a second.
-_MOST_BYTES = 256 * 1024
-_DEEPEST = 20
+_MAX_BYTES = 256 * 1024
+"""Maximum size of a file, in bytes. Reading one of this size takes some tenths of a second."""
+
+_MAX_DEPTH = 20
+"""Maximum nesting depth."""
 
 
 class _Loader(_SafeLoader):
-    """Reads plain YAML, without merge keys: a few lines of them can grow without bounds."""
+    """YAML loader without merge keys, which could expand a few lines to any size."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         if any(key.tag == "tag:yaml.org,2002:merge" for key, _ in node.value):
             raise yaml.constructor.ConstructorError(
-                problem="merge keys (<<) are not supported: repeat what is to be merged",
+                problem="merge keys (<<) are not supported: repeat the merged keys instead",
                 problem_mark=node.start_mark,
             )
 
 
 class SceneError(ValueError):
-    """A file of a scene cannot be used; the text names the file, the fault and the remedy."""
+    """A file of a scene cannot be used. The text names the file, the problem and the remedy."""
 
 
 class Node:
-    """A value in a YAML file, and where in it the value stands."""
+    """A value in a YAML file.
+
+    Attributes:
+        value: The value as YAML loads it.
+        where: File name and path of the value in the file, for errors.
+    """
 
     def __init__(self, value: Any, where: str) -> None:
         self.value = value
         self.where = where
 
     def error(self, text: str) -> SceneError:
-        """An error about this value."""
+        """Return an error about this value."""
         return SceneError(f"{self.where}: {text}")
 
     def shown(self) -> str:
-        """This value for people, however long it is."""
+        """Return this value as a text of limited length."""
         return reprlib.repr(self.value)
 
     def only(self, keys: Collection[str]) -> Node:
-        """This value, which must be a mapping without other keys than these.
+        """Check that this is a mapping with no other keys than these, and return it.
 
         Raises:
             SceneError: It is not.
@@ -58,24 +65,24 @@ class Node:
         self._mapping()
         for key in self.value:
             if key not in keys:
-                raise self.error(f"unknown key {reprlib.repr(key)}; known are {', '.join(keys)}")
+                raise self.error(f"unknown key {reprlib.repr(key)}; use one of {', '.join(keys)}")
         return self
 
     def get(self, key: str) -> Node | None:
-        """The value of a key of this mapping, None if it is missing or empty.
+        """Return the value of a key of this mapping, or None if it is missing or null.
 
         Raises:
-            SceneError: This is no mapping.
+            SceneError: This is not a mapping.
         """
         value = self._mapping().get(key)
         separator = ": " if self.where.endswith((".yaml", ".yml")) else "."
         return None if value is None else Node(value, f"{self.where}{separator}{key}")
 
     def need(self, key: str) -> Node:
-        """The value of a key of this mapping.
+        """Return the value of a key of this mapping.
 
         Raises:
-            SceneError: It is missing.
+            SceneError: The key is missing.
         """
         found = self.get(key)
         if found is None:
@@ -83,35 +90,35 @@ class Node:
         return found
 
     def items(self, most: int) -> Iterator[Node]:
-        """The values of this list.
+        """Return the values of this list.
 
         Raises:
-            SceneError: It is no list, or longer than `most`.
+            SceneError: This is not a list, or it is longer than `most`.
         """
         if not isinstance(self.value, list):
-            raise self.error("a list is needed")
+            raise self.error("must be a list")
         if len(self.value) > most:
-            raise self.error(f"{len(self.value)} entries are more than {most}")
+            raise self.error(f"has {len(self.value)} entries, which is more than {most}")
         for index, value in enumerate(self.value):
             yield Node(value, f"{self.where}[{index}]")
 
     def text(self) -> str:
-        """This text, which must not be empty.
+        """Return this text, which must not be empty.
 
         Raises:
-            SceneError: It is something else.
+            SceneError: This is not such a text.
         """
         if not isinstance(self.value, str) or not self.value:
-            raise self.error(f"a text is needed, not {self.shown()}; put numbers into quotes")
+            raise self.error(f"must be a text, not {self.shown()}; put numbers into quotes")
         return self.value
 
     def number(self) -> float:
-        """This number.
+        """Return this number.
 
         Raises:
-            SceneError: It is something else, infinite or NaN.
+            SceneError: This is not a number, or it is infinite or NaN.
         """
-        # A bool is an int to Python, and 1e400 an infinity.
+        # In Python a bool is an int too. 1e400 is read as infinity.
         if isinstance(self.value, int | float) and not isinstance(self.value, bool):
             try:
                 number = float(self.value)
@@ -119,69 +126,72 @@ class Node:
                 number = math.inf
             if math.isfinite(number):
                 return number
-        raise self.error(f"a number is needed, not {self.shown()}")
+        raise self.error(f"must be a number, not {self.shown()}")
 
     def integer(self, least: int, most: int) -> int:
-        """This whole number from `least` to `most`.
+        """Return this whole number from `least` to `most`.
 
         Raises:
-            SceneError: It is something else.
+            SceneError: This is not such a number.
         """
         value = self.value
         if isinstance(value, int) and not isinstance(value, bool) and least <= value <= most:
             return value
-        raise self.error(f"a whole number from {least} to {most} is needed, not {self.shown()}")
+        raise self.error(f"must be a whole number from {least} to {most}, not {self.shown()}")
 
     def numbers(self, shape: str) -> list[float]:
-        """As many numbers as `shape` names, which is like "x, y, theta".
+        """Return this list of numbers.
+
+        Args:
+            shape: Names of the numbers, such as "x, y, theta".
 
         Raises:
-            SceneError: They are others, or not as many.
+            SceneError: This is not a list of as many numbers.
         """
         count = shape.count(",") + 1
         if not isinstance(self.value, list) or len(self.value) != count:
-            raise self.error(f"[{shape}] is needed, not {self.shown()}")
+            raise self.error(f"must be [{shape}], not {self.shown()}")
         return [item.number() for item in self.items(count)]
 
     def choice(self, choices: Collection[str]) -> str:
-        """This text, one of these.
+        """Return this text, which must be one of `choices`.
 
         Raises:
-            SceneError: It is something else.
+            SceneError: It is not.
         """
         if not isinstance(self.value, str) or self.value not in choices:
-            raise self.error(f"{self.shown()} is none of {', '.join(choices)}")
+            raise self.error(f"{self.shown()} is not one of {', '.join(choices)}")
         return self.value
 
     def _mapping(self) -> dict[Any, Any]:
         if not isinstance(self.value, dict):
-            raise self.error("a mapping of keys to values is needed")
+            raise self.error("must be a mapping of keys to values")
         return self.value
 
 
 def parse(name: str, data: bytes) -> Node:
-    """The content of a YAML file.
+    """Parse a YAML file.
 
     Args:
-        name: The file's name, for errors.
-        data: Its bytes.
+        name: Name of the file, for errors.
+        data: Content of the file.
 
     Raises:
-        SceneError: It is no YAML, or too much of it.
+        SceneError: The file is not YAML, too large or too deeply nested.
     """
-    if len(data) > _MOST_BYTES:
-        raise SceneError(f"{name}: {len(data)} bytes are more than {_MOST_BYTES}")
+    if len(data) > _MAX_BYTES:
+        raise SceneError(f"{name}: the file has {len(data)} bytes, more than {_MAX_BYTES}")
     try:
         depth = 0
         for event in yaml.parse(data, _Loader):
             depth += isinstance(event, yaml.events.CollectionStartEvent)
             depth -= isinstance(event, yaml.events.CollectionEndEvent)
-            if depth > _DEEPEST:  # the C loader would crash on thousands
-                raise SceneError(f"{name}: nested more than {_DEEPEST} levels deep")
+            if depth > _MAX_DEPTH:  # the C loader crashes at some thousands
+                raise SceneError(f"{name}: nested more than {_MAX_DEPTH} levels deep")
         return Node(yaml.load(data, _Loader), name)
     except SceneError:
         raise
     except (yaml.YAMLError, ValueError) as error:
-        # A ValueError comes from what looks like a date and is none.
+        # The loader raises ValueError for an invalid date.
         reason = " ".join(str(error).split())
         raise SceneError(f"{name}: not readable as YAML: {reason[:300]}") from error

@@ -23,7 +23,7 @@ def codec_of(data: str | bytes) -> Codec:
     return JSON if isinstance(data, str) else PROTOBUF
 
 
-_MOST_BYTES = 64 * 1024 * 1024
+_MAX_BYTES = 64 * 1024 * 1024
 """Bytes that may wait for a client when one more frame comes, be they few frames or many."""
 
 
@@ -125,7 +125,7 @@ class Client:
     def _room(self) -> bool:
         """Whether one more frame may wait; a client for which none may is dropped."""
         waiting = self._held + len(self._delayed) + len(self._outbox)
-        if self._open and (waiting >= self._max_outbox or self._outbox_bytes > _MOST_BYTES):
+        if self._open and (waiting >= self._max_outbox or self._outbox_bytes > _MAX_BYTES):
             self.drop()
         return self._open
 

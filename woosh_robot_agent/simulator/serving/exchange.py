@@ -20,7 +20,7 @@ from woosh_robot_agent.simulator.protocol.pushes import TOPICS, StateWatch
 from woosh_robot_agent.simulator.serving.client import Client, codec_of
 from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 _RECEIVED_KEPT = 10_000
 _RECEIVED_BYTES = 64 * 1024 * 1024
@@ -117,7 +117,7 @@ class Exchange:
     def skip(self, client: Client, error: FrameError) -> None:
         """Count a frame that nobody can read; there is nothing that an answer could refer to."""
         self.bad_frames += 1
-        _log.debug("%s: unreadable frame: %s", client.transport.peer, error)
+        _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
     def hang(self, hung: bool) -> None:
         """Only queue what clients send from now on, or do all that is queued and go on."""
@@ -128,7 +128,7 @@ class Exchange:
             try:
                 self._do(request)
             except Exception:  # an interceptor's fault, say: the others are served on
-                _log.exception("a frame of %s failed", request.client.transport.peer)
+                _LOG.exception("a frame of %s failed", request.client.transport.peer)
 
     def push(self, message: Message) -> None:
         """Push a message to everybody who subscribed to its type."""
@@ -196,7 +196,7 @@ class Exchange:
         try:
             return dispatch(self._chassis, request.message)
         except Exception:  # a fault of ours must not end the client's connection
-            _log.exception("%s failed", name)
+            _LOG.exception("%s failed", name)
             return refusal(name, "internal error of the simulator: see its log")
 
     def _turn_down(self, request: _Request) -> None:
@@ -206,7 +206,7 @@ class Exchange:
             "wait for their answers first"
         )
         if request.type == SUBSCRIPTION_TYPE:  # which has no answer
-            _log.warning("%s dropped: %s", request.client.transport.peer, text)
+            _LOG.warning("%s dropped: %s", request.client.transport.peer, text)
             request.client.drop()
             return
         answer = refusal(request.type, text)

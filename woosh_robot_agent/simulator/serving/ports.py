@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 from woosh_robot_agent.link.transports import Handler, Listener, serve_tcp, serve_websocket
 from woosh_robot_agent.simulator.config import SimulatorConfig
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 class Ports:
@@ -69,7 +69,7 @@ class Ports:
             try:
                 await (self.listen() if on else self.close(reserve=True))
             except OSError as error:
-                _log.error("cannot listen again: %s", error)
+                _LOG.error("cannot listen again: %s", error)
 
         self._switching = asyncio.ensure_future(change())
 

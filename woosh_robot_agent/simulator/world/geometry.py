@@ -1,4 +1,4 @@
-"""Plane geometry: poses, walls, distances. Metres and radians, angles counter-clockwise."""
+"""Plane geometry: poses, walls and distances, in metres and radians (counter-clockwise)."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import math
 from dataclasses import dataclass
 
 Point = tuple[float, float]
+"""A position: x and y in metres."""
 
 
 def wrap(angle: float) -> float:
-    """The same angle in (-pi, pi]."""
+    """Return the same angle in (-pi, pi]."""
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A position in m and a heading in rad, in the map's frame unless said otherwise."""
+    """A position in metres and a heading in radians, in the map's frame by default."""
 
     x: float = 0.0
     y: float = 0.0
@@ -24,11 +25,11 @@ class Pose:
 
     @property
     def point(self) -> Point:
-        """The position alone."""
+        """Position without the heading."""
         return self.x, self.y
 
     def moved(self, forward: float, left: float, turn: float) -> Pose:
-        """The pose after a displacement given in this pose's own frame."""
+        """Return the pose after a displacement in the frame of this pose."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return Pose(
             self.x + forward * cos - left * sin,
@@ -37,17 +38,17 @@ class Pose:
         )
 
     def local(self, x: float, y: float) -> Point:
-        """Where (x, y) lies in this pose's own frame: forward, left."""
+        """Return the point (x, y) in the frame of this pose: x forward, y left."""
         dx, dy = x - self.x, y - self.y
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return dx * cos + dy * sin, dy * cos - dx * sin
 
     def distance(self, point: Point) -> float:
-        """How far `point` is from here, in m."""
+        """Return the distance to `point`, in metres."""
         return math.hypot(point[0] - self.x, point[1] - self.y)
 
     def bearing(self, point: Point) -> float:
-        """The angle from this pose's heading to `point`, in (-pi, pi]."""
+        """Return the angle from the heading to the direction of `point`, in (-pi, pi]."""
         return wrap(math.atan2(point[1] - self.y, point[0] - self.x) - self.theta)
 
     def __str__(self) -> str:
@@ -64,7 +65,7 @@ class Wall:
     y2: float
 
     def distance(self, x: float, y: float) -> float:
-        """How far the wall's nearest point is from (x, y), in m."""
+        """Return the distance from (x, y) to the nearest point of the wall, in metres."""
         along_x, along_y = self.x2 - self.x1, self.y2 - self.y1
         length_squared = along_x * along_x + along_y * along_y
         share = 0.0
@@ -74,7 +75,7 @@ class Wall:
         return math.hypot(self.x1 + share * along_x - x, self.y1 + share * along_y - y)
 
     def line_distance(self, start: Point, end: Point) -> float:
-        """How near the straight line from `start` to `end` comes to the wall, in m."""
+        """Return the distance from the line segment `start` to `end` to the wall, in metres."""
         if self.crosses(start, end):
             return 0.0
         line = Wall(*start, *end)
@@ -86,7 +87,7 @@ class Wall:
         )
 
     def crosses(self, start: Point, end: Point) -> bool:
-        """Whether the line from `start` to `end` goes through the wall."""
+        """Return True if the line segment from `start` to `end` crosses the wall."""
         first, second = (self.x1, self.y1), (self.x2, self.y2)
         return (
             _side(start, end, first) * _side(start, end, second) < 0.0
@@ -95,12 +96,12 @@ class Wall:
 
 
 def _side(start: Point, end: Point, point: Point) -> float:
-    """Positive where `point` lies to the left of the line, negative to its right."""
+    """Return a positive number if `point` is left of the line, a negative one if right of it."""
     return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
 
 
 def box(x1: float, y1: float, x2: float, y2: float) -> tuple[Wall, ...]:
-    """The four walls of an upright rectangle."""
+    """Return the four walls of a rectangle that is parallel to the axes."""
     return (
         Wall(x1, y1, x2, y1),
         Wall(x2, y1, x2, y2),

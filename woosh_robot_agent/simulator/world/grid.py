@@ -1,8 +1,8 @@
-"""Occupancy grids: a floor that is known from a picture, cell by cell.
+"""Occupancy grids: maps that are given as pictures.
 
-Distances come from distance fields, made once per map by scipy: looking one up costs microseconds,
-however ragged the walls are, while the walls of a real map, taken as lines, would be thousands. All
-of this module is numpy; it is imported only where a map has a picture.
+Distances are looked up in distance fields, which scipy computes once per map. A look-up takes
+microseconds, whereas a real map would need thousands of walls. This module needs numpy and scipy,
+which load slowly: it is only imported for maps with a picture.
 """
 
 from __future__ import annotations
@@ -16,31 +16,32 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from woosh_robot_agent.simulator.world.collision import Hull
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
+from woosh_robot_agent.simulator.world.hull import Hull
 
-#: What cells hold, as in nav_msgs/OccupancyGrid; between the two: more or less free.
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+"""Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 
-_FAR_CELLS = 1e6
-#: How far past the border of a cell a ray goes on, in cells: rounding must not keep it there.
-_PAST = 1e-6
+_FAR = 1e6
+"""Distance to the nearest occupied cell where there is none, in cells."""
+
+_OVERSHOOT = 1e-6
+"""Distance that a ray advances past a cell's border despite rounding errors, in cells."""
 
 
 class Grid:
     """The cells of a map.
 
-    The laser sees occupied cells only; a robot drives by itself only where no cell is occupied or
-    unknown.
+    The laser sees only occupied cells. Planned paths avoid occupied and unknown cells.
 
     Attributes:
-        cells: int8, in rows from the smallest y to the greatest, each from the smallest x on;
-            0 to 99 is free, 100 occupied, -1 unknown.
-        resolution: The side of a cell in m.
-        low: The corner of the first cell, and so of the grid, in m in the map's frame.
-        high: The opposite corner.
+        cells: Values of type int8, in rows by increasing y, each by increasing x: 0 to 99 is free,
+            100 occupied, -1 unknown.
+        resolution: Side of a cell, in metres.
+        low: Corner of the grid with the smallest x and y, in metres in the map's frame.
+        high: Opposite corner, in metres.
     """
 
     def __init__(self, cells: npt.NDArray[np.int8], resolution: float, low: Point) -> None:
@@ -51,45 +52,48 @@ class Grid:
         self.high: Point = (low[0] + columns * resolution, low[1] + rows * resolution)
 
     def known(self, x: float, y: float) -> bool:
-        """Whether (x, y) lies in a cell that is not unknown."""
+        """Return True if (x, y) is in a cell that is not unknown."""
         column, row = (math.floor(value) for value in self._in_cells(x, y))
         rows, columns = self.cells.shape
         inside = 0 <= row < rows and 0 <= column < columns
         return inside and int(self.cells[row, column]) != UNKNOWN
 
     def clearance(self, x: float, y: float) -> float:
-        """How far the nearest occupied cell is from (x, y), in m, exact to within a cell."""
+        """Return the distance from (x, y) to the nearest occupied cell, in metres.
+
+        It is exact to within a cell.
+        """
         if not self._any_occupied:
             return math.inf
         return float(self._looked_up(self._to_occupied, np.array([[x, y]]))[0])
 
     def room(self, points: Floats) -> Floats:
-        """How far the nearest cell that is not free is from each point, in m.
+        """Return the distance from each point to the nearest cell that is not free, in metres.
 
         Args:
-            points: Rows of x and y in m, inside of the grid.
+            points: Rows of x and y in metres, inside the grid.
         """
         return self._looked_up(self._to_not_free, points)
 
     def line_room(self, start: Point, end: Point) -> float:
-        """The least `room` on the straight line from `start` to `end`."""
+        """Return the minimum of `room` on the straight line from `start` to `end`, in metres."""
         count = 2 + int(2.0 * math.dist(start, end) / self.resolution)
         return float(self.room(np.linspace(start, end, count)).min())
 
-    def cramped(
+    def blocked_rows(
         self, first: Point, step: float, columns: int, rows: int, radius: float
     ) -> Iterator[bytes]:
-        """Where on a lattice there is less than `radius` (m) of `room`.
+        """Find the places of a lattice with less `room` than `radius`.
 
         Args:
-            first: The lattice's first place, in m.
-            step: From one place to the next, in m.
-            columns: How many places it has in x.
-            rows: How many in y.
-            radius: m.
+            first: Position of the first place of the lattice, in metres.
+            step: Distance between neighbouring places, in metres.
+            columns: Number of places in x.
+            rows: Number of places in y.
+            radius: Room that a place needs, in metres.
 
         Yields:
-            Each row, with a byte for each place: 1 or 0.
+            Each row of the lattice, with a byte for each place: 1 if it lacks room, else 0.
         """
         x = first[0] + step * np.arange(columns)
         for row in range(rows):
@@ -97,7 +101,7 @@ class Grid:
             yield (self.room(points) < radius).tobytes()
 
     def roomiest(self) -> Point:
-        """The middle of the free cell with the most room around it."""
+        """Return the centre of the free cell with the most room around it."""
         row, column = np.unravel_index(self._to_not_free.argmax(), self.cells.shape)
         return (
             self.low[0] + (float(column) + 0.5) * self.resolution,
@@ -105,9 +109,9 @@ class Grid:
         )
 
     def gap(self, hull: Hull, pose: Pose) -> float:
-        """How far in m the outline at `pose` is from touching an occupied cell: see `collision`.
+        """Return the gap in metres between the outline at `pose` and the nearest occupied cell.
 
-        Cells are squares, taken a little larger where they meet a corner of the outline.
+        Cells are squares, taken slightly larger where they meet a corner of the outline.
         """
         middle = self._in_cells(pose.x, pose.y)
         reach = hull.radius / self.resolution + 1.0
@@ -121,7 +125,7 @@ class Grid:
         y = (rows + (bottom + 0.5)) * self.resolution + (self.low[1] - pose.y)
         sides = np.array(hull.sides)
         cos, sin = math.cos(pose.theta), math.sin(pose.theta)
-        # The outline's sides in the directions of the map.
+        # Normals of the outline's sides in the map's frame.
         nx = sides[:, 0] * cos - sides[:, 1] * sin
         ny = sides[:, 0] * sin + sides[:, 1] * cos
         reach_of_cell = 0.5 * self.resolution * (abs(nx) + abs(ny))
@@ -129,19 +133,19 @@ class Grid:
         return float(gaps.max(axis=1).min())
 
     def cast(
-        self, origin: Point, first: float, increment: float, count: int, furthest: float
+        self, origin: Point, first: float, increment: float, count: int, max_range: float
     ) -> list[float]:
-        """How far rays go before they enter an occupied cell.
+        """Cast rays until they enter an occupied cell.
 
         Args:
-            origin: Where they start, in m.
-            first: The direction of the first one in the map's frame, in rad.
-            increment: From one to the next, in rad.
-            count: How many they are.
-            furthest: m after which a ray is given up.
+            origin: Start of the rays, in metres.
+            first: Direction of the first ray in the map's frame, in radians.
+            increment: Angle between two rays, in radians.
+            count: Number of rays.
+            max_range: Length at which a ray ends, in metres.
 
         Returns:
-            m, infinite where nothing was met.
+            The lengths of the rays in metres, infinite for those that hit nothing.
         """
         angles = first + increment * np.arange(count)
         ranges = np.full(count, math.inf)
@@ -151,8 +155,10 @@ class Grid:
         # From where a ray enters the grid to where it leaves it or is given up.
         x_ends = np.sort((np.array([[0.0], [columns]]) - x) / dx, axis=0)
         y_ends = np.sort((np.array([[0.0], [rows]]) - y) / dy, axis=0)
-        gone = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _PAST, 0.0)
-        limit = np.minimum(np.minimum(x_ends[1], y_ends[1]) - _PAST, furthest / self.resolution)
+        gone = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _OVERSHOOT, 0.0)
+        limit = np.minimum(
+            np.minimum(x_ends[1], y_ends[1]) - _OVERSHOOT, max_range / self.resolution
+        )
         rays = np.flatnonzero(gone < limit)
         dx, dy, gone, limit = dx[rays], dy[rays], gone[rays], limit[rays]
         while rays.size:
@@ -161,11 +167,11 @@ class Grid:
             free = self._to_occupied[row, column]
             hit = free == 0.0
             ranges[rays[hit]] = gone[hit] * self.resolution
-            # As far as surely nothing is, at least to the next cell.
+            # Advance as far as there is certainly nothing, and at least to the next cell.
             to_next = np.minimum(
                 (column + (dx > 0.0) - here_x) / dx, (row + (dy > 0.0) - here_y) / dy
             )
-            gone = gone + np.maximum(free - math.sqrt(2.0), to_next + _PAST)
+            gone = gone + np.maximum(free - math.sqrt(2.0), to_next + _OVERSHOOT)
             going = ~hit & (gone < limit)
             rays, dx, dy = rays[going], dx[going], dy[going]
             gone, limit = gone[going], limit[going]
@@ -178,16 +184,16 @@ class Grid:
 
     @cached_property
     def _to_occupied(self) -> npt.NDArray[np.float32]:
-        """From the middle of each cell to that of the nearest occupied one, in cells."""
+        """Distance from each cell to the nearest occupied one, centre to centre, in cells."""
         if not self._any_occupied:
-            return np.full(self.cells.shape, _FAR_CELLS, np.float32)
+            return np.full(self.cells.shape, _FAR, np.float32)
         return _distances(self.cells != OCCUPIED)
 
     @cached_property
     def _to_not_free(self) -> npt.NDArray[np.float32]:
-        """From the middle of each cell to that of the nearest that is not free, in cells."""
+        """Distance from each cell to the nearest that is not free, centre to centre, in cells."""
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
-        # What lies beyond the grid is unknown.
+        # Everything outside the grid is unknown.
         return _distances(np.pad(free, 1))[1:-1, 1:-1]
 
     def _in_cells(self, x: float, y: float) -> Point:
@@ -198,7 +204,7 @@ class Grid:
         found = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
         )
-        # From the middle of the nearest cell to its border.
+        # The field measures to the centre of the nearest cell; the distance ends at its border.
         return np.maximum(0.0, (found - 0.5) * self.resolution)
 
 

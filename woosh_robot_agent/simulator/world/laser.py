@@ -1,4 +1,4 @@
-"""The safety laser: rays cast against walls and, where the map is a picture, against its cells."""
+"""The safety laser: rays cast against walls, obstacles and the cells of an occupancy grid."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall, wrap
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
     from woosh_robot_agent.simulator.world.grid import Grid
 
 
@@ -19,14 +19,14 @@ class Laser:
     """A laser on the base.
 
     Attributes:
-        forward: How far in front of the base's centre it sits, in m.
-        angle_min: The first ray's angle from straight ahead, in rad.
-        angle_max: The last ray's.
-        increment: Between two rays, in rad.
-        range_min: m.
-        range_max: m; a ray that hits nothing within it reads infinity.
-        scan_time: From one scan to the next, in s.
-        noise: Standard deviation of a range, in m.
+        forward: Distance in front of the centre of the base, in metres.
+        angle_min: Angle of the first ray from straight ahead, in radians.
+        angle_max: Angle of the last ray, in radians.
+        increment: Angle between two rays, in radians.
+        range_min: Minimum range, in metres.
+        range_max: Maximum range, in metres. A ray that hits nothing within it measures infinity.
+        scan_time: Time between two scans, in seconds.
+        noise: Standard deviation of a range, in metres.
     """
 
     forward: float = 0.25
@@ -40,13 +40,13 @@ class Laser:
 
     @property
     def rays(self) -> int:
-        """How many rays one scan has."""
+        """Number of rays of a scan."""
         return round((self.angle_max - self.angle_min) / self.increment) + 1
 
     def scan(
         self, base: Pose, walls: Sequence[Wall], rng: random.Random, grid: Grid | None = None
     ) -> list[float]:
-        """The ranges in m that a base standing at `base` measures, first ray first."""
+        """Return the ranges of a scan by a base at `base`, in metres, first ray first."""
         origin = base.moved(self.forward, 0.0, 0.0)
         if grid:
             first = origin.theta + self.angle_min
@@ -63,19 +63,19 @@ class Laser:
         ]
 
     def _cast(self, origin: Pose, wall: Wall, ranges: list[float]) -> None:
-        """Shorten the rays that hit `wall`."""
+        """Shorten the ranges of the rays that hit `wall`."""
         x1, y1 = wall.x1 - origin.x, wall.y1 - origin.y
         x2, y2 = wall.x2 - origin.x, wall.y2 - origin.y
         if x1 * y2 - x2 * y1 < 0.0:
             x1, y1, x2, y2 = x2, y2, x1, y1
-        # The wall now runs counter-clockwise: its rays are those from `start` over `sweep`.
+        # The wall now runs counter-clockwise, so its rays span `sweep` radians from `start` on.
         area = x1 * y2 - x2 * y1
         if area == 0.0:
             return
         start = wrap(math.atan2(y1, x1) - origin.theta)
         sweep = wrap(math.atan2(y2, x2) - math.atan2(y1, x1))
         along_x, along_y = x2 - x1, y2 - y1
-        # A wall that spans the blind sector behind the robot comes back in at the other side.
+        # A wall that spans the blind sector behind the robot is seen at both ends of the scan.
         for begin in (start, start - math.tau):
             first = max(0, math.ceil((begin - self.angle_min) / self.increment))
             last = min(self.rays - 1, math.floor((begin + sweep - self.angle_min) / self.increment))

@@ -1,4 +1,4 @@
-"""What a scene is made of: maps with walls and marks."""
+"""Maps with walls, marks and occupancy grids."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
+from woosh_robot_agent.simulator.world.hull import Hull
 
-if TYPE_CHECKING:
-    from woosh_robot_agent.simulator.world.collision import Hull
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
     from woosh_robot_agent.simulator.world.grid import Grid
 
 
 class MarkKind(Enum):
-    """What stands at a mark; the value is its group in `woosh.map.mark.Storages`."""
+    """Kind of a mark. The value is its group in `woosh.map.mark.Storages`."""
 
     BASE = "bases"
     RACK = "racks"
@@ -31,14 +30,14 @@ class MarkKind(Enum):
 
 @dataclass(frozen=True)
 class Mark:
-    """A place with a number that a task can name.
+    """A numbered place that a task can name as its target.
 
     Attributes:
-        id: Unique in its map.
-        number: The number by which tasks name it, any string.
-        pose: Where a robot stands when it is there, in the map's frame.
-        kind: What stands there.
-        description: For people.
+        id: Identifier, unique in its map.
+        number: Number by which tasks name it; any string.
+        pose: Pose of a robot that stands at the mark, in the map's frame.
+        kind: Kind of the mark.
+        description: Description for people.
     """
 
     id: int
@@ -50,18 +49,18 @@ class Mark:
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """One floor.
+    """The map of one floor.
 
     Attributes:
-        id: Unique in its scene.
-        name: Unique in its scene.
-        floor: The floor's name.
-        version: Counts the map's changes.
-        low: The corner of the mapped area with the smallest x and y, in m.
-        high: The opposite corner, in m.
-        walls: What a laser sees and a robot must not touch, as lines.
-        marks: The marks, by number.
-        grid: The same as a picture; a map can have both.
+        id: Identifier, unique in its scene.
+        name: Name, unique in its scene.
+        floor: Name of the floor.
+        version: Version, increased by each change.
+        low: Corner of the mapped area with the smallest x and y, in metres.
+        high: Opposite corner, in metres.
+        walls: Walls, which the laser sees and the robot cannot pass.
+        marks: Marks, by number.
+        grid: Occupancy grid, if the map has one; used in addition to the walls.
     """
 
     id: int
@@ -75,51 +74,22 @@ class Map:
     grid: Grid | None = None
 
     def clearance(self, x: float, y: float) -> float:
-        """How far the nearest wall or occupied cell is from (x, y), in m."""
+        """Return the distance from (x, y) to the nearest wall or occupied cell, in metres."""
         nearest = min((wall.distance(x, y) for wall in self.walls), default=math.inf)
         return min(nearest, self.grid.clearance(x, y)) if self.grid else nearest
 
     @property
-    def blur(self) -> float:
-        """By how many m `clearance` may be too great."""
+    def clearance_error(self) -> float:
+        """Maximum by which `clearance` is too great, in metres."""
         return self.grid.resolution if self.grid else 0.0
 
     def gap(self, hull: Hull, pose: Pose) -> float:
-        """How far in m an outline at `pose` is from touching something: see `collision`."""
+        """Return the gap in metres between an outline at `pose` and walls and occupied cells."""
         gap = hull.gap(pose, self.walls)
         return min(gap, self.grid.gap(hull, pose)) if self.grid else gap
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether (x, y) lies in the mapped area."""
+        """Return True if (x, y) is in the mapped area."""
         if not (self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]):
             return False
         return self.grid is None or self.grid.known(x, y)
-
-
-@dataclass
-class Scene:
-    """A place of work.
-
-    Attributes:
-        name: Unique.
-        maps: At least one; the first is used where none is named.
-        files: What clients uploaded for it, by name.
-        start: Where a robot stands at first, on `start_map`; None if the scene does not say.
-        start_map: The map on which it stands.
-        predefined: The task sets that ExecPreTask can start.
-        calls: The task sets that call buttons start.
-    """
-
-    name: str
-    maps: list[Map]
-    files: dict[str, bytes] = field(default_factory=dict)
-    start: Pose | None = None
-    start_map: str = ""
-    predefined: woosh_task_pb2.RepeatTasks = field(default_factory=woosh_task_pb2.RepeatTasks)
-    calls: woosh_task_pb2.CallTasks = field(default_factory=woosh_task_pb2.CallTasks)
-
-    def map(self, name: str) -> Map | None:
-        """The map called `name`, or the first one if `name` is empty."""
-        if not name:
-            return self.maps[0]
-        return next((each for each in self.maps if each.name == name), None)

@@ -1,4 +1,4 @@
-"""Obstacles: round things that stand on the floor without being in the map, and can go again."""
+"""Obstacles: round objects on the floor that are not in the map."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import math
 from woosh_robot_agent.simulator.world.geometry import Wall
 
 _CORNERS = 12
+"""Number of corners of the polygon that stands for a round obstacle."""
 
 
 class Obstacles:
-    """What stands in the way besides the map's walls; the laser sees it, the base cannot pass it.
+    """Obstacles that are not in the map. The laser sees them and the base cannot pass them.
 
-    Each is a regular polygon with its corners on a circle: round to a laser, and made of walls like
-    everything else. Positions are in the map's frame, and stay when the map is switched.
+    Each is a regular polygon with its corners on a circle. Positions are in the map's frame and
+    do not change when the robot switches to another map.
     """
 
     def __init__(self) -> None:
@@ -22,13 +23,13 @@ class Obstacles:
         self._all: tuple[Wall, ...] = ()
 
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
-        """Put an obstacle somewhere, in place of the one of the same name.
+        """Add an obstacle, or move and resize the one of the same name.
 
         Args:
-            name: By which it can be moved and removed.
-            x: m.
-            y: m.
-            radius: m.
+            name: Name by which it can be moved and removed.
+            x: Position of its centre, in metres.
+            y: Position of its centre, in metres.
+            radius: Radius, in metres.
 
         Raises:
             ValueError: A number is not finite, or the radius is not positive.
@@ -42,32 +43,35 @@ class Obstacles:
         self._all = self._joined()
 
     def remove(self, name: str) -> None:
-        """Take an obstacle away.
+        """Remove an obstacle.
 
         Raises:
-            KeyError: There is none of this name.
+            KeyError: There is no obstacle of this name.
         """
         del self._circles[name], self._walls[name]
         self._all = self._joined()
 
     def clear(self) -> None:
-        """Take all away."""
+        """Remove all obstacles."""
         self._circles.clear()
         self._walls.clear()
         self._all = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all, in the order in which they came."""
+        """Names of all obstacles, in the order in which they were added."""
         return tuple(self._circles)
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """The sides of all; the same object until one comes, moves or goes."""
+        """Sides of all obstacles; the same object as long as no obstacle changes."""
         return self._all
 
     def clearance(self, x: float, y: float) -> float:
-        """How far the nearest obstacle is from (x, y), in m: 0 inside of one, infinite if none."""
+        """Return the distance from (x, y) to the nearest obstacle, in metres.
+
+        It is 0 inside an obstacle and infinite if there is none.
+        """
         nearest = math.inf
         for name, (centre_x, centre_y, radius) in self._circles.items():
             distance = math.hypot(x - centre_x, y - centre_y)

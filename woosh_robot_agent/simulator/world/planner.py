@@ -1,4 +1,4 @@
-"""Paths through a map's free floor: A* on a lattice, then straightened."""
+"""Path planner: A* on a lattice of the map's free floor, then a straightening of the path."""
 
 from __future__ import annotations
 
@@ -10,79 +10,86 @@ from functools import lru_cache, partial
 from woosh_robot_agent.simulator.world.geometry import Point, Wall
 from woosh_robot_agent.simulator.world.maps import Map
 
-_CELL_M = 0.2
-#: A cell this near to an end of the path, and in sight of it, is as good as that end.
-_REACH_M = 0.6
-#: What has to stay free even around a start that is closer to something than the radius, in m.
-_LEAST_M = 1e-3
-#: A second or so on an ordinary machine, enough to search all of 100 x 100 m.
-MOST_EFFORT = 300_000
-#: What a look along a line costs, and how many walls or points of it cost one unit more.
-_LOOK_EFFORT, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
-#: What the side of an obstacle costs.
-_OBSTACLE_EFFORT = 20
-#: By how much a diagonal step is longer than a straight one, as a share of that.
-_DIAGONAL = math.sqrt(2.0) - 1.0
+_SPACING = 0.2
+"""Distance between neighbouring places of the lattice, in metres."""
+
+_REACH = 0.6
+"""Maximum distance at which the ends of a path are connected to the lattice, in metres."""
+
+_MIN_CLEARANCE = 1e-3
+"""Clearance that even a start close to a wall needs, in metres."""
+
+_DEFAULT_BUDGET = 300_000
+"""About a second of computation, enough to search 100 x 100 m."""
+
+_LINE_COST, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
+"""Cost of a line-of-sight check: the base cost, and the walls and grid points per further unit."""
+
+_OBSTACLE_COST = 20
+"""Cost of blocking the places around one side of an obstacle."""
+
+_DIAGONAL_EXTRA = math.sqrt(2.0) - 1.0
+"""Extra length of a diagonal step, as a fraction of a straight one."""
 
 
-class TooMuchEffortError(Exception):
-    """A way was not found with the effort that its planning may take."""
+class SearchBudgetError(Exception):
+    """The computation time for planning a path is used up."""
 
 
-class Effort:
-    """What the planning of one way may still cost: everything else waits for it.
+class SearchBudget:
+    """Limit of the computation for one path. The simulator does nothing else meanwhile.
 
     Args:
-        units: Each is what a search takes for one place, some microseconds.
+        units: Units to spend. The search of one place costs one unit, some microseconds.
     """
 
-    def __init__(self, units: int = MOST_EFFORT) -> None:
+    def __init__(self, units: int = _DEFAULT_BUDGET) -> None:
         self._left = units
 
     def spend(self, units: int) -> None:
-        """Use some of it up.
+        """Spend some units.
 
         Raises:
-            TooMuchEffortError: There is less than that.
+            SearchBudgetError: The budget is used up.
         """
         self._left -= units
         if self._left < 0:
-            raise TooMuchEffortError
+            raise SearchBudgetError
 
 
 class Lattice:
-    """The places of a map that a search steps through, in rows from its lower left corner on.
+    """The places of a map that a search visits, in rows from the lower left corner on.
 
-    They are numbered row by row, with a border of blocked ones that keeps a search inside.
+    They are numbered row by row. A border of blocked places keeps the search inside.
     """
 
     def __init__(self, area: Map) -> None:
         (left, bottom), (right, top) = area.low, area.high
         self._low = area.low
-        self._columns = math.floor((right - left) / _CELL_M + 1e-6)
-        self._rows = math.floor((top - bottom) / _CELL_M + 1e-6)
+        self._columns = math.floor((right - left) / _SPACING + 1e-6)
+        self._rows = math.floor((top - bottom) / _SPACING + 1e-6)
         self._width = self._columns + 2
-        # The differences to the numbers of the neighbours, and how far those are in m.
+        # For each neighbour: the difference of the place numbers, and the distance in metres.
         self._steps = tuple(
-            (dx + dy * self._width, _CELL_M * math.hypot(dx, dy))
+            (dx + dy * self._width, _SPACING * math.hypot(dx, dy))
             for dx in (-1, 0, 1)
             for dy in (-1, 0, 1)
             if (dx, dy) != (0, 0)
         )
 
     def blocked(self, area: Map, radius: float) -> bytearray:
-        """For each place whether the map has something nearer to it than `radius` (m)."""
+        """Return 1 for each place with a wall or cell of the map within `radius` (m), else 0."""
         rows: Iterable[bytes] = [bytes(self._columns)] * self._rows
         if area.grid:
-            first = self._low[0] + 0.5 * _CELL_M, self._low[1] + 0.5 * _CELL_M
-            rows = area.grid.cramped(first, _CELL_M, self._columns, self._rows, radius)
+            first = self._low[0] + 0.5 * _SPACING, self._low[1] + 0.5 * _SPACING
+            rows = area.grid.blocked_rows(first, _SPACING, self._columns, self._rows, radius)
         border = b"\1" * self._width
         places = bytearray(b"".join((border, *(b"\1" + row + b"\1" for row in rows), border)))
         self.block(places, area.walls, radius)
         return places
 
     def block(self, places: bytearray, walls: Iterable[Wall], radius: float) -> None:
-        """Block the places that are nearer to one of `walls` than `radius` (m)."""
+        """Block the places that have one of `walls` within `radius` (m)."""
         for wall in walls:
             reach = (
                 min(wall.x1, wall.x2) - radius,
@@ -95,11 +102,11 @@ class Lattice:
                     places[place] = 1
 
     def around(self, point: Point) -> Iterator[tuple[int, Point]]:
-        """The places within reach of a point, with their middles."""
+        """Return the places within reach of a point, with their positions in metres."""
         x, y = point
-        for place in self._within(x - _REACH_M, y - _REACH_M, x + _REACH_M, y + _REACH_M):
+        for place in self._within(x - _REACH, y - _REACH, x + _REACH, y + _REACH):
             centre = self.centre(place)
-            if math.dist(centre, point) <= _REACH_M:
+            if math.dist(centre, point) <= _REACH:
                 yield place, centre
 
     def search(
@@ -108,31 +115,31 @@ class Lattice:
         last: set[int],
         goal: Point,
         blocked: bytearray,
-        effort: Effort,
+        budget: SearchBudget,
     ) -> list[int] | None:
-        """The shortest way from a place to another by A*, or None if there is none.
+        """Return the shortest path found by A*, or None if there is none.
 
         Args:
-            first: Where it can start, and how far in m it was to get there.
-            last: Where it can end.
-            goal: Where it is to go from there.
-            blocked: The places that it cannot pass, as from `blocked`.
-            effort: What it may cost.
+            first: Places where the path can start, with their distances from its start in metres.
+            last: Places where the path can end.
+            goal: Position of the goal, in metres.
+            blocked: Places that the path must avoid, as from `blocked`.
+            budget: Limit of the search.
 
         Raises:
-            TooMuchEffortError: There may be a way, but further off.
+            SearchBudgetError: The budget was used up before the search ended.
         """
         width, steps = self._width, self._steps
-        goal_column = (goal[0] - self._low[0]) / _CELL_M + 0.5
-        goal_row = (goal[1] - self._low[1]) / _CELL_M + 0.5
+        goal_column = (goal[0] - self._low[0]) / _SPACING + 0.5
+        goal_row = (goal[1] - self._low[1]) / _SPACING + 0.5
 
         def to_go(place: int) -> float:
-            """The length of the shortest way in straight and diagonal steps."""
+            """Return the length of the shortest path of straight and diagonal steps."""
             row, column = divmod(place, width)
             along, across = abs(goal_column - column), abs(goal_row - row)
             if along < across:
                 along, across = across, along
-            return _CELL_M * (along + _DIAGONAL * across)
+            return _SPACING * (along + _DIAGONAL_EXTRA * across)
 
         costs = dict(first)
         frontier = [(cost + to_go(place), cost, place) for place, cost in first.items()]
@@ -142,7 +149,7 @@ class Lattice:
             _, cost, place = heapq.heappop(frontier)
             if cost > costs[place]:
                 continue
-            effort.spend(1)
+            budget.spend(1)
             if place in last:
                 path = [place]
                 while path[-1] in came_from:
@@ -160,9 +167,9 @@ class Lattice:
         return None
 
     def centre(self, place: int) -> Point:
-        """The middle of a place, in m."""
+        """Return the position of a place, in metres."""
         row, column = divmod(place, self._width)
-        return self._low[0] + (column - 0.5) * _CELL_M, self._low[1] + (row - 0.5) * _CELL_M
+        return self._low[0] + (column - 0.5) * _SPACING, self._low[1] + (row - 0.5) * _SPACING
 
     def _within(self, left: float, bottom: float, right: float, top: float) -> Iterator[int]:
         columns = self._span(left - self._low[0], right - self._low[0], self._columns)
@@ -172,11 +179,13 @@ class Lattice:
 
     @staticmethod
     def _span(low: float, high: float, count: int) -> range:
-        return range(max(0, math.floor(low / _CELL_M)), min(count, math.floor(high / _CELL_M) + 1))
+        return range(
+            max(0, math.floor(low / _SPACING)), min(count, math.floor(high / _SPACING) + 1)
+        )
 
 
 class Planner:
-    """Plans on one map for a robot that keeps `radius` (m) away from whatever is not free."""
+    """Plans paths on one map with a clearance of `radius` (m)."""
 
     def __init__(self, area: Map, radius: float) -> None:
         self._map = area
@@ -189,59 +198,59 @@ class Planner:
         start: Point,
         goal: Point,
         obstacles: Sequence[Wall] = (),
-        effort: Effort | None = None,
+        budget: SearchBudget | None = None,
     ) -> list[Point] | None:
-        """The corners of a free path, or None if there is none.
+        """Return the corners of a free path, or None if there is none.
 
         Args:
-            start: Where it starts, in m; it is not one of the corners.
-            goal: Where it ends, in m; it is the last corner.
-            obstacles: Walls to keep away from besides what the map has.
-            effort: What it may cost; several legs of a way share one.
+            start: Start of the path, in metres. It is not one of the corners.
+            goal: End of the path, in metres. It is the last corner.
+            obstacles: Walls to avoid in addition to those of the map.
+            budget: Limit of the computation. The legs of one path share it.
 
         Raises:
-            TooMuchEffortError: It would cost more.
+            SearchBudgetError: The budget was used up before a path was found.
         """
-        effort = effort or Effort()
+        budget = budget or SearchBudget()
         walls = (*self._map.walls, *obstacles)
 
         def free(here: Point, there: Point, radius: float) -> bool:
             points = 0
             if self._map.grid:
                 points = int(math.dist(here, there) / self._map.grid.resolution)
-            effort.spend(_LOOK_EFFORT + len(walls) // _WALLS_PER_UNIT + points // _POINTS_PER_UNIT)
+            budget.spend(_LINE_COST + len(walls) // _WALLS_PER_UNIT + points // _POINTS_PER_UNIT)
             return self._free(here, there, radius, walls)
 
         if not (self._map.contains(*goal) and free(goal, goal, self._radius)):
             return None
-        # A robot that was driven closer to something than it would plan may leave from there.
-        leaving = self._leaving(start, walls)
-        if leaving < _LEAST_M:
+        # A robot that was driven closer to a wall than `radius` may leave from there.
+        start_clearance = self._start_clearance(start, walls)
+        if start_clearance < _MIN_CLEARANCE:
             return None
-        if free(start, goal, leaving):
+        if free(start, goal, start_clearance):
             return [goal]
         blocked = self._blocked
         if obstacles:
             blocked = blocked.copy()
-            effort.spend(_OBSTACLE_EFFORT * len(obstacles))
+            budget.spend(_OBSTACLE_COST * len(obstacles))
             self._lattice.block(blocked, obstacles, self._radius)
         first = {
             place: math.dist(start, there)
             for place, there in self._lattice.around(start)
-            if not blocked[place] and free(start, there, leaving)
+            if not blocked[place] and free(start, there, start_clearance)
         }
         last = {
             place
             for place, there in self._lattice.around(goal)
             if not blocked[place] and free(goal, there, self._radius)
         }
-        places = self._lattice.search(first, last, goal, blocked, effort)
+        places = self._lattice.search(first, last, goal, blocked, budget)
         if places is None:
             return None
         corners = [start, *map(self._lattice.centre, places), goal]
 
         def in_sight(here: int, there: int) -> bool:
-            return free(corners[here], corners[there], self._radius if here else leaving)
+            return free(corners[here], corners[there], self._radius if here else start_clearance)
 
         path: list[Point] = []
         here = 0
@@ -250,19 +259,19 @@ class Planner:
             path.append(corners[here])
         return path
 
-    def _leaving(self, start: Point, walls: Sequence[Wall]) -> float:
-        """How far in m a path can keep away from things at its start."""
+    def _start_clearance(self, start: Point, walls: Sequence[Wall]) -> float:
+        """Return the clearance in metres that a path can keep at its start."""
         room = min((wall.distance(*start) for wall in walls), default=self._radius)
         if self._map.grid:
             room = min(room, self._map.grid.line_room(start, start))
         return min(self._radius, room - 1e-6)
 
     def _free(self, start: Point, end: Point, radius: float, walls: Sequence[Wall]) -> bool:
-        """Whether nothing is nearer to the line from `start` to `end` than `radius` (m)."""
+        """Return True if the line from `start` to `end` has a clearance of `radius` (m)."""
         left, right = min(start[0], end[0]) - radius, max(start[0], end[0]) + radius
         bottom, top = min(start[1], end[1]) - radius, max(start[1], end[1]) + radius
         for wall in walls:
-            # Most walls are far off, which is quickly seen.
+            # Most walls are far away, which the comparison of coordinates tells quickly.
             if (
                 (wall.x1 > left or wall.x2 > left)
                 and (wall.x1 < right or wall.x2 < right)
@@ -275,9 +284,10 @@ class Planner:
 
 
 def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
-    """The last number up to `last` that fits if all before it do, by ever wider steps, then halves.
+    """Return a number from `good` to `last` that fits, usually the last one.
 
-    Where they don't, it is another one that fits; `good` is taken to fit.
+    It is the last one if all fitting numbers are contiguous. The search doubles its steps until
+    one does not fit, then bisects. `good` must fit.
     """
     step = 1
     bad = last + 1
@@ -299,5 +309,5 @@ def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=16)
 def planner(area: Map, radius: float) -> Planner:
-    """The planner for a map and a radius (m); its lattice is made once."""
+    """Return the planner for a map and a clearance of `radius` (m), created once."""
     return Planner(area, radius)

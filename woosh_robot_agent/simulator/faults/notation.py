@@ -1,68 +1,40 @@
-"""Faults by schedule: from the command line and from YAML files."""
+"""Reads faults and scenarios as people write them: on the command line and in YAML files."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
 from woosh_robot_agent.simulator.faults.table import find
+from woosh_robot_agent.simulator.scenario import Scenario, Step
 
-_AT = Parameter("at", float, 0.0, "when it happens", unit="simulated s", low=0.0)
-
-
-@dataclass(frozen=True)
-class Step:
-    """One fault at its time.
-
-    Attributes:
-        at: Simulated s after the start.
-        name: That of the fault.
-        arguments: All of its arguments, by name.
-    """
-
-    at: float
-    name: str
-    arguments: Mapping[str, Any]
+_AT = Parameter("at", float, 0.0, "when it begins", unit="simulated s", low=0.0)
 
 
-@dataclass(frozen=True)
-class Scenario:
-    """Faults that happen by themselves.
+def make_step(name: str, **arguments: object) -> Step:
+    """Return a step of a scenario, with all defaults filled in.
 
-    Attributes:
-        steps: In any order; those of one time happen in the order in which they stand here.
-    """
-
-    steps: tuple[Step, ...] = ()
-
-    def __add__(self, other: Scenario) -> Scenario:
-        """The faults of both."""
-        return Scenario(self.steps + other.steps)
-
-
-def step(name: str, **arguments: object) -> Step:
-    """A fault with its arguments, `at` among them.
+    Args:
+        name: Name of the fault.
+        arguments: Arguments of the fault, and `at`.
 
     Raises:
-        FaultError: There is none of this name, or an argument is wrong.
+        FaultError: There is no such fault, or an argument is invalid.
     """
     resolved = find(name).resolve(arguments, also=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
 
 
 def parse_fault(text: str) -> Step:
-    """A fault as it is written on the command line: `NAME key=value ... at=5 for=10`.
+    """Parse a fault of the command line: `NAME key=value ... at=5 for=10`.
 
-    Values with spaces stand in quotes, as in a shell.
+    Values with spaces are quoted as in a shell.
 
     Raises:
-        FaultError: There is none of this name, or an argument is wrong.
+        FaultError: There is no such fault, or an argument is invalid.
     """
     try:
         words = shlex.split(text)
@@ -76,18 +48,18 @@ def parse_fault(text: str) -> Step:
         if not equals:
             raise FaultError(f"{name}: {word!r} is not of the form key=value")
         if key in arguments:
-            raise FaultError(f"{name}: {key} is said twice")
-        # An unknown one is complained of below, as everywhere.
+            raise FaultError(f"{name}: {key} is given twice")
+        # `make_step` rejects unknown keys.
         arguments[key] = parameters[key].parse(value) if key in parameters else value
-    return step(name, **arguments)
+    return make_step(name, **arguments)
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """The faults of a YAML file: a list of `{at: SECONDS, do: NAME, ...}`.
+    """Read a scenario from a YAML file: a list of `{at: SECONDS, do: NAME, ...}`.
 
     Raises:
         OSError: The file cannot be read.
-        FaultError: It is not such a list; the text says which entry is wrong, and why.
+        FaultError: The file is not such a list. The text names the invalid entry and the reason.
     """
     try:
         entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -109,10 +81,10 @@ def _entry(entry: object) -> Step:
         raise FaultError(f"{entry!r} is not of the form {{at: SECONDS, do: NAME}}")
     arguments = dict(entry)
     name = arguments.pop("do", None)
-    if name is False:  # YAML takes the word off for that
+    if name is False:  # YAML reads the unquoted word `off` as False
         name = "off"
     if not isinstance(name, str):
-        raise FaultError("`do` has to name a fault")
+        raise FaultError("`do` must name a fault")
     if "at" not in arguments:
-        raise FaultError(f"{name}: `at` has to say when, in simulated s after the start")
-    return step(name, **arguments)
+        raise FaultError(f"{name}: `at` is missing: give the simulated seconds since the start")
+    return make_step(name, **arguments)

@@ -15,7 +15,7 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, Grid
 from woosh_robot_agent.simulator.world.maps import Map
-from woosh_robot_agent.simulator.world.planner import Effort, Planner, TooMuchEffortError
+from woosh_robot_agent.simulator.world.planner import Planner, SearchBudget, SearchBudgetError
 
 RADIUS = 0.5
 
@@ -55,19 +55,19 @@ def test_a_winding_way_takes_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_way_that_is_too_long_is_given_up() -> None:
-    with pytest.raises(TooMuchEffortError):
-        Planner(serpentine(400), RADIUS).plan((1.0, 1.0), (19.0, 19.0), effort=Effort(1000))
+    with pytest.raises(SearchBudgetError):
+        Planner(serpentine(400), RADIUS).plan((1.0, 1.0), (19.0, 19.0), budget=SearchBudget(1000))
 
 
 def test_legs_share_the_effort() -> None:
-    planner, effort = Planner(serpentine(400), RADIUS), Effort(8000)
-    assert planner.plan((1.0, 1.0), (19.0, 19.0), effort=effort)
-    with pytest.raises(TooMuchEffortError):
-        planner.plan((19.0, 19.0), (1.0, 1.0), effort=effort)
+    planner, budget = Planner(serpentine(400), RADIUS), SearchBudget(8000)
+    assert planner.plan((1.0, 1.0), (19.0, 19.0), budget=budget)
+    with pytest.raises(SearchBudgetError):
+        planner.plan((19.0, 19.0), (1.0, 1.0), budget=budget)
 
 
 def test_a_navigation_that_is_too_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Effort.__init__, "__defaults__", (10,))
+    monkeypatch.setattr(SearchBudget.__init__, "__defaults__", (10,))
     chassis = Chassis(SimulatorConfig())
     progress = Navigate(Pose(-9.5, -4.0, math.pi)).tick(chassis, 0.05)
     assert progress.done
