@@ -11,8 +11,8 @@ import pytest
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorConfig, faults, load_scenario
-from woosh_robot_agent.simulator.__main__ import _parser
 from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.command_line import make_parser
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -32,7 +32,7 @@ def options_table(parser: argparse.ArgumentParser) -> str:
 
 
 def test_the_simulators_options() -> None:
-    assert options_table(_parser()) in (DOCS / "simulator.md").read_text()
+    assert options_table(make_parser()) in (DOCS / "simulator.md").read_text()
 
 
 def test_the_simulators_faults() -> None:
@@ -60,7 +60,7 @@ def test_the_simulators_examples(tmp_path: Path) -> None:
     for line in lines:
         words = shlex.split(line, comments=True)
         if words[:4] == ["ros2", "run", "woosh_robot_agent", "simulator"]:
-            _parser().parse_args(words[4:])
+            make_parser().parse_args(words[4:])
         else:
             assert words[0] == "python3" or words[0].startswith("scripts/"), line
     injected = re.findall(r'\.inject\(\s*"(\w+)"', text)
@@ -105,7 +105,7 @@ def update() -> None:
     """Write the tables of docs/simulator.md anew."""
     page = DOCS / "simulator.md"
     text = page.read_text()
-    for name, table in (("options", options_table(_parser())), ("faults", faults.markdown())):
+    for name, table in (("options", options_table(make_parser())), ("faults", faults.markdown())):
         before, begin, rest = re.split(rf"(<!-- {name}\b[^\n]*-->\n)", text)
         text = f"{before}{begin}{table}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
     page.write_text(text)

@@ -76,7 +76,7 @@ def test_it_stays_where_it_is_unless_that_is_allowed(
     assert begun(client)["type"] == CHARGE
     client.ask("woosh.robot.setting.AutoCharge", {"allow": False})
     end = client.push(PROC)
-    assert (end["state"], end["msg"]) == (CANCELED, "automatic charging is not allowed any more")
+    assert (end["state"], end["msg"]) == (CANCELED, "automatic charging is no longer allowed")
 
 
 @pytest.mark.parametrize(

@@ -198,7 +198,7 @@ def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None
 @pytest.mark.parametrize(
     ("name", "arguments", "complaint"),
     [
-        ("dorp", {}, "no fault 'dorp'; there are: drop, "),
+        ("dorp", {}, "unknown fault 'dorp': use one of drop, "),
         ("delay", {"second": 1}, "delay has no argument 'second'; its arguments are: seconds, "),
         ("delay", {"seconds": "1"}, "delay: seconds: '1' is not a number from 0 to 86400 real s"),
         ("delay", {"seconds": -1}, "seconds: -1 is not"),
@@ -211,8 +211,8 @@ def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None
         ("delay", {"frames": "some"}, "frames: 'some' is not answers or pushes or all"),
         ("refuse", {"text": 5}, "text: 5 is not a text"),
         ("refuse", {"type": "woosh.robot.Speek"}, "no message has the type 'woosh.robot.Speek'"),
-        ("drop", {"for_": 1}, "drop is momentary: it takes no `for`"),
-        ("obstacle", {"x": 1.0}, "x and y go together"),
+        ("drop", {"for_": 1}, "drop is momentary: leave out `for`"),
+        ("obstacle", {"x": 1.0}, "give both x and y"),
         ("burst", {"type": "woosh.robot.Speak"}, "is not one of"),
     ],
 )

@@ -66,7 +66,7 @@ def test_files_are_read(scenario: Path) -> None:
         ("- {at: 1}", "entry 1: `do` must name a fault"),
         ("- {at: -1, do: drop}", "entry 1: drop: at: -1 is not a number from 0 simulated s"),
         ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
-        ("- {at: 1, do: dorp}", "entry 1: no fault 'dorp'; there are: drop, "),
+        ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of drop, "),
         ("- {at: 1, do: delay, secs: 3}", "entry 1: delay has no argument 'secs'"),
         ("- {at: 1, do: drop, for: 3}", "entry 1: drop is momentary"),
         ("- {at: 1, do: off, for: }", "entry 1: off: for: None is not a number"),
@@ -97,7 +97,7 @@ def test_the_command_lines_form() -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "no fault ''; there are: "),
+        ("", "unknown fault '': use one of "),
         ("'", "No closing quotation"),
         ("delay 3", "delay: '3' is not of the form key=value"),
         ("delay seconds=1 seconds=2", "delay: seconds is given twice"),

@@ -97,7 +97,7 @@ def test_warns_when_not_local() -> None:
         assert process.stdout.readline().startswith("simulated chassis ready on ws://0.0.0.0:")
         process.terminate()
         _, err = process.communicate(timeout=20.0)
-    assert err.startswith("warning: anybody who reaches 0.0.0.0")
+    assert err.startswith("warning: everybody who can reach 0.0.0.0")
 
 
 @pytest.fixture

@@ -71,11 +71,11 @@ def test_a_navigation_that_is_too_long_says_so(monkeypatch: pytest.MonkeyPatch) 
     chassis = Chassis(SimulatorConfig())
     progress = Navigate(Pose(-9.5, -4.0, math.pi)).tick(chassis, 0.05)
     assert progress.done
-    assert "too long or too winding to plan at once: choose a nearer goal" in progress.failure
+    assert "too long or too winding to plan: choose a nearer goal" in progress.failure
 
 
 def test_steps_are_limited(client: JsonClient) -> None:
     steps = [{"mode": 1, "value": 0.001}] * 1001
     control = {"stepControl": {"steps": steps, "action": 1}}
     text = client.refused("woosh.ros.CallAction", control)
-    assert text == "StepControl has 1001 steps, more than 1000: send them in several requests"
+    assert text == "StepControl has 1001 steps, more than 1000: split it into several requests"

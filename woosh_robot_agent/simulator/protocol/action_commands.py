@@ -1,4 +1,4 @@
-"""`woosh.ros.CallAction`: starts, pauses, resumes and cancels single actions."""
+"""Handler of `woosh.ros.CallAction`, which starts, pauses, resumes and cancels actions."""
 
 from __future__ import annotations
 
@@ -26,10 +26,14 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 _MAX_STEPS = 1000
-_STEP_SPEED_MPS = 0.5
-_STEP_SPEED_RADPS = 0.5
-_LEAST_SPEED = 0.01  # m/s or rad/s
-_LEAST_LIFT_SPEED_MPS = 0.001
+_STEP_SPEED = 0.5
+"""Default speed of steps, in m/s or rad/s."""
+
+_MIN_SPEED = 0.01
+"""Minimum speed of steps and navigation, in m/s or rad/s."""
+
+_MIN_LIFT_SPEED = 0.001
+"""Minimum speed of the lift, in m/s."""
 
 _StepMode = action_pb2.StepControl.Step
 _Lift3 = action_pb2.LiftControl3
@@ -70,15 +74,13 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
     if command.mode not in modes:
-        raise RefusedError(
-            f"unknown navigation mode {command.mode}: the known ones are {list(modes)}"
-        )
+        raise RefusedError(f"unknown navigation mode {command.mode}: the known ones: {list(modes)}")
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
         mode=mode,
         wait_timeout=max(0, int(command.wait_time)),
-        max_speed=usable_speed(command.max_speed, _LEAST_SPEED),
+        max_speed=usable_speed(command.max_speed, _MIN_SPEED),
     )
     if chassis.ownership.navigation is None:
         return "no effect: a navigation mode counts only while a task is navigating"
@@ -91,7 +93,7 @@ def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
         raise RefusedError("StepControl has no steps: give at least one")
     if len(command.steps) > _MAX_STEPS:
         raise RefusedError(
-            f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: send them in "
+            f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: split it into "
             "several requests"
         )
     steps = [_step(chassis, step) for step in command.steps]
@@ -99,9 +101,9 @@ def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
 
 
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
-    speed = usable_speed(step.speed, _LEAST_SPEED)
+    speed = usable_speed(step.speed, _MIN_SPEED)
     if step.mode == _StepMode.kRotate:
-        return Turn(step.value, min(speed or _STEP_SPEED_RADPS, MAX_TURN_RATE))
+        return Turn(step.value, min(speed or _STEP_SPEED, MAX_TURN_RATE))
     directions = {
         _StepMode.kStraight: 0.0,
         _StepMode.kLateral: math.pi / 2,
@@ -113,9 +115,9 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
         )
     if step.mode != _StepMode.kStraight and not chassis.omnidirectional:
         raise RefusedError(
-            "a differential base cannot move sideways: use straight and rotating steps"
+            "a differential base cannot move sideways: use step modes 1 (straight) and 2 (rotate)"
         )
-    return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED_MPS, MAX_SPEED))
+    return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED, MAX_SPEED))
 
 
 def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
@@ -132,7 +134,7 @@ def _lift_control2(chassis: Chassis, command: action_pb2.LiftControl2) -> Job:
 
 def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
     column, mode = chassis.column, command.execute_mode
-    speed = usable_speed(command.speed, _LEAST_LIFT_SPEED_MPS)
+    speed = usable_speed(command.speed, _MIN_LIFT_SPEED)
     if mode == _Lift3.kQuery:
         return MoveLift(column, column.height)
     if mode == _Lift3.kAbsolute:
@@ -152,7 +154,7 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
 def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
     if command.execute_mode == action_pb2.ChargeControl.kAuto:
         if not chassis.at_charger():
-            raise RefusedError("robot is not at a charger: send it there by a charge task")
+            raise RefusedError("robot is not at a charger: start a charge task instead")
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:
         return EndCharge()
@@ -162,7 +164,7 @@ def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
 def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
     way = poses(command.poses)
     target = pose(command.target_pose)
-    # A client may send an empty target along with the poses that it means.
+    # Some clients send an empty target together with the poses.
     if command.HasField("target_pose") and (target != Pose() or not way):
         if way and way[-1] == target:
             way.pop()

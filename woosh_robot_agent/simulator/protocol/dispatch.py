@@ -1,4 +1,4 @@
-"""From a request's type to what is done with it."""
+"""Dispatches each request to its handler."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import (
     action_commands,
-    commands,
+    drive_commands,
+    map_commands,
     queries,
     settings,
+    state_commands,
     task_commands,
 )
 from woosh_robot_agent.simulator.protocol.handlers import Handler, non_finite
@@ -22,13 +24,13 @@ SUCCESS = "Request succeed"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the chassis answers.
+    """The answer to a request.
 
     Attributes:
-        type: The protobuf full name of the body, or `error`.
-        body: None for an empty one.
-        ok: The chassis did what was asked.
-        msg: A text for people; if it was refused, why.
+        type: Full protobuf name of the body, or `error`.
+        body: Body, None for an empty one.
+        ok: The request was executed.
+        msg: Text for people; the reason if the request was refused.
     """
 
     type: str
@@ -43,15 +45,20 @@ def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
 
 _QUERIES = _by_name(queries.HANDLERS)
 _COMMANDS = _by_name(
-    commands.HANDLERS, task_commands.HANDLERS, action_commands.HANDLERS, settings.HANDLERS
+    state_commands.HANDLERS,
+    map_commands.HANDLERS,
+    drive_commands.HANDLERS,
+    task_commands.HANDLERS,
+    action_commands.HANDLERS,
+    settings.HANDLERS,
 )
 
-#: What handles each request, by the protobuf full name of the request.
 HANDLERS: dict[str, Handler] = {**_QUERIES, **_COMMANDS}
+"""Handlers by the full protobuf name of the request."""
 
 
 def dispatch(chassis: Chassis, request: Message) -> Answer:
-    """Do what `request` asks, which must be of a type in `HANDLERS`."""
+    """Execute a request, whose type must be in `HANDLERS`, and return the answer."""
     name = request.DESCRIPTOR.full_name
     try:
         number = non_finite(request)
@@ -71,5 +78,5 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
 
 
 def refusal(name: str, reason: str) -> Answer:
-    """The answer to a request that was not even looked at."""
+    """Return the answer to a request that is refused without calling its handler."""
     return Answer(name if name in HANDLERS else "error", None, False, reason)

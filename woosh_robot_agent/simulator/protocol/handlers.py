@@ -1,4 +1,4 @@
-"""What a request's handler is, and helpers that several of them need."""
+"""Types of request handlers, and helpers for handlers."""
 
 from __future__ import annotations
 
@@ -13,57 +13,58 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
-#: The answer's body, or a text that goes with an empty one, or None for just an empty one.
 Result = Message | str | None
+"""Body of the answer, or the text of an answer with an empty body, or None for neither."""
 
-#: Takes the chassis and the request, which is of the type that it is registered for; raises
-#: `RefusedError` if the chassis does not do it.
 Handler = Callable[[Chassis, Any], Result]
+"""Executes a request of the type for which it is registered. Raises `RefusedError` to refuse."""
 
-#: Handlers by the message class of the request.
 Handlers = dict[type[Message], Handler]
+"""Handlers by the message class of the request."""
 
-#: Poses that one request may have: each leg may need a search of the whole map.
 MAX_POSES = 200
+"""Maximum number of poses in a request. Each may need a search of the whole map."""
 
 
 def pose(message: common_pb2.Pose2D) -> Pose:
-    """A pose from a message."""
+    """Convert a message to a pose."""
     return Pose(message.x, message.y, message.theta)
 
 
 def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
-    """Poses from messages.
+    """Convert messages to poses.
 
     Raises:
-        RefusedError: There are too many to plan with.
+        RefusedError: There are more than `MAX_POSES`.
     """
     found = [pose(message) for message in messages]
     if len(found) > MAX_POSES:
-        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: give fewer")
+        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: send fewer")
     return found
 
 
-def usable_speed(speed: float, least: float) -> float:
-    """The size of a speed that a client asks for; 0 stands for the usual one.
+def usable_speed(speed: float, minimum: float) -> float:
+    """Return the absolute value of a requested speed, where 0 stands for the default.
 
     Raises:
-        RefusedError: It is so slow that nothing would ever be done.
+        RefusedError: The speed is less than `minimum`.
     """
-    if 0.0 < abs(speed) < least:
-        raise RefusedError(f"speed {speed:g} is too slow: {least:g} is the least, 0 the usual one")
+    if 0.0 < abs(speed) < minimum:
+        raise RefusedError(
+            f"speed {speed:g} is too slow: use at least {minimum:g}, or 0 for the default"
+        )
     return abs(speed)
 
 
-def copied(message: Message) -> Message:
-    """A copy, so that the state cannot be changed through an answer."""
+def copy_of(message: Message) -> Message:
+    """Return a copy of a message of the state, as an answer that later changes do not affect."""
     copy = type(message)()
     copy.CopyFrom(message)
     return copy
 
 
 def non_finite(message: Message, path: str = "") -> str:
-    """The path of a number in `message` that is NaN or infinite, empty if there is none."""
+    """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
     for field, value in message.ListFields():
         name = f"{path}.{field.name}" if path else field.name
         many = hasattr(value, "append") or hasattr(value, "extend")

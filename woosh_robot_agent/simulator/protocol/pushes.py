@@ -1,4 +1,4 @@
-"""Which messages clients can subscribe to, and when a state has changed."""
+"""The topics that clients can subscribe to, and the detection of changed states."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from woosh_robot_agent.simulator.protocol.reports import STATES
 _STATES = {cls.DESCRIPTOR.full_name: report for cls, report in STATES.items()}
 _POSE_SPEED = robot_pb2.PoseSpeed.DESCRIPTOR.full_name
 
-#: Messages of which each one is pushed, whether or not it differs from the one before.
 _EVENTS = {
     cls.DESCRIPTOR.full_name
     for cls in (robot_pb2.TaskProc, robot_count_pb2.StatusCode, ros_pack_pb2.Feedbacks)
 }
+"""Messages that are pushed each time they are emitted, even if nothing has changed."""
 
-#: Everything that a subscription can name.
 TOPICS = frozenset(_STATES) | _EVENTS
+"""Full protobuf names of all messages that a client can subscribe to."""
 
 
 class StateWatch:
-    """Finds out which of the watched states changed since they were last looked at."""
+    """Detects which of the watched states have changed since the last call."""
 
     def __init__(self, chassis: Chassis) -> None:
         self._chassis = chassis
         self._last: dict[str, bytes] = {}
 
     def watch(self, topics: set[str]) -> None:
-        """Watch these topics from now on, and no others; what they are now is not news."""
+        """Watch these topics only. Their current states do not count as changes."""
         self._last = {
             topic: self._last.get(topic) or _STATES[topic](self._chassis).SerializeToString()
             for topic in _STATES
@@ -38,10 +38,10 @@ class StateWatch:
         }
 
     def changed(self, *, while_moving: bool) -> list[Message]:
-        """The states that changed, each of them once.
+        """Return the states that have changed since the last call.
 
         Args:
-            while_moving: Include the pose, which changes with every step of a moving robot.
+            while_moving: Include PoseSpeed, which changes with every step of a moving robot.
         """
         found = []
         for topic, last in self._last.items():

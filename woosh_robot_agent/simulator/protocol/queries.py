@@ -1,4 +1,4 @@
-"""Requests that ask: the message itself, empty, is the question."""
+"""Handlers of queries: requests that ask for a state by sending its message empty."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
-from woosh_robot_agent.simulator.protocol.handlers import Handler, Handlers, Result, copied
+from woosh_robot_agent.simulator.protocol.handlers import Handler, Handlers, Result, copy_of
 
 
 def _answering(report: Callable[[Chassis], Message]) -> Handler:
@@ -24,11 +24,11 @@ def _answering(report: Callable[[Chassis], Message]) -> Handler:
 
 
 def _repeat_tasks(chassis: Chassis) -> Message:
-    return copied(chassis.scene.predefined)
+    return copy_of(chassis.scene.predefined)
 
 
 def _call_tasks(chassis: Chassis) -> Message:
-    return copied(chassis.scene.calls)
+    return copy_of(chassis.scene.calls)
 
 
 def _feedbacks(chassis: Chassis) -> Message:
@@ -37,7 +37,7 @@ def _feedbacks(chassis: Chassis) -> Message:
 
 def _status_code(chassis: Chassis) -> Message:
     recent = chassis.codes.recent
-    return copied(recent[-1]) if recent else robot_count_pb2.StatusCode(robot_id=chassis.robot_id)
+    return copy_of(recent[-1]) if recent else robot_count_pb2.StatusCode(robot_id=chassis.robot_id)
 
 
 HANDLERS: Handlers = {

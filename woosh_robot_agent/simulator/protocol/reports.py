@@ -1,4 +1,4 @@
-"""What the chassis says about itself: each message made from the one state."""
+"""Reports: messages that describe the state of the robot."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _Bit = robot_pb2.DeviceState
 
 
 def pose2d(pose: Pose) -> common_pb2.Pose2D:
-    """A pose as a message."""
+    """Convert a pose to a message."""
     return common_pb2.Pose2D(x=pose.x, y=pose.y, theta=pose.theta)
 
 
 def general(chassis: Chassis) -> robot_pb2.General:
-    """What is fixed about the robot."""
+    """Return the model and the versions of the robot."""
     return robot_pb2.General(
         robot_id=chassis.robot_id,
         type=util_robot_pb2.kBaseRobot_200,
@@ -43,25 +43,25 @@ def general(chassis: Chassis) -> robot_pb2.General:
 
 
 def setting(chassis: Chassis) -> robot_pb2.Setting:
-    """The settings."""
+    """Return the settings."""
     copy = robot_pb2.Setting()
     copy.CopyFrom(chassis.setting)
     return copy
 
 
 def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
-    """What it is doing."""
+    """Return the state of the robot."""
     return robot_pb2.RobotState(robot_id=chassis.robot_id, state=chassis.state)
 
 
 def mode(chassis: Chassis) -> robot_pb2.Mode:
-    """Its control and work mode."""
+    """Return control and work mode."""
     readiness = chassis.readiness
     return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.control, work=readiness.work)
 
 
 def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
-    """Where it is and how it moves."""
+    """Return pose, velocity and odometer."""
     base = chassis.base
     return robot_pb2.PoseSpeed(
         robot_id=chassis.robot_id,
@@ -73,7 +73,7 @@ def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
 
 
 def battery(chassis: Chassis) -> robot_pb2.Battery:
-    """The battery."""
+    """Return charge and state of charging."""
     return robot_pb2.Battery(
         robot_id=chassis.robot_id,
         charge_state=chassis.battery.charging,
@@ -82,14 +82,14 @@ def battery(chassis: Chassis) -> robot_pb2.Battery:
 
 
 def network(chassis: Chassis) -> robot_pb2.Network:
-    """The network."""
+    """Return address and Wi-Fi."""
     return robot_pb2.Network(
         robot_id=chassis.robot_id, robot_ip="172.20.254.63", wifi=chassis.wifi.state()
     )
 
 
 def scene(chassis: Chassis) -> robot_pb2.Scene:
-    """The scene and map in use."""
+    """Return the current scene and map."""
     return robot_pb2.Scene(
         robot_id=chassis.robot_id,
         scene_name=chassis.scene.name,
@@ -100,19 +100,19 @@ def scene(chassis: Chassis) -> robot_pb2.Scene:
 
 
 def task_proc(chassis: Chassis) -> robot_pb2.TaskProc:
-    """The current or last task."""
+    """Return the state of the current or last task."""
     proc = robot_pb2.TaskProc(robot_id=chassis.robot_id)
     proc.MergeFrom(chassis.tasks.proc)
     return proc
 
 
 def task_history(chassis: Chassis) -> robot_pb2.TaskHistory:
-    """The finished tasks."""
+    """Return the ended tasks."""
     return robot_pb2.TaskHistory(tes=chassis.tasks.history)
 
 
 def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
-    """Buttons and switches as bits."""
+    """Return buttons and flags as bits."""
     software = (
         (chassis.readiness.located, _Bit.kLocation),
         (chassis.jack.raised, _Bit.kGoodsState),
@@ -128,7 +128,7 @@ def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
 
 
 def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
-    """The devices' health."""
+    """Return the health of the devices."""
     normal = _Hardware.kNormal
     stopped = chassis.readiness.emergency_stop
     return robot_pb2.HardwareState(
@@ -144,7 +144,7 @@ def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
 
 
 def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
-    """Whether it can take a task, and what its navigation meets."""
+    """Return whether the robot accepts tasks, and whether an obstacle is in its way."""
     state = robot_pb2.OperationState
     return state(
         robot_id=chassis.robot_id,
@@ -154,7 +154,7 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
 
 
 def model(chassis: Chassis) -> robot_pb2.Model:
-    """The outline in use."""
+    """Return the current footprint."""
     outline = FOOTPRINTS[chassis.footprint]
     return robot_pb2.Model(
         robot_id=chassis.robot_id,
@@ -164,17 +164,17 @@ def model(chassis: Chassis) -> robot_pb2.Model:
 
 
 def status_codes(chassis: Chassis) -> robot_count_pb2.StatusCodes:
-    """What happened lately."""
+    """Return the last status codes."""
     return robot_count_pb2.StatusCodes(robot_id=chassis.robot_id, scs=chassis.codes.recent)
 
 
 def abnormal_codes(chassis: Chassis) -> robot_count_pb2.AbnormalCodes:
-    """What is wrong now."""
+    """Return the status codes of the current problems."""
     return robot_count_pb2.AbnormalCodes(robot_id=chassis.robot_id, scs=chassis.codes.abnormal)
 
 
 def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
-    """The path it navigates along, empty if it does not."""
+    """Return the path of the navigation, empty if there is none."""
     path = navigation_pb2.Path()
     if chassis.ownership.navigation:
         path.poses.extend(map(pose2d, chassis.ownership.navigation.path))
@@ -182,7 +182,7 @@ def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
 
 
 def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
-    """The planned path with its target, none if it does not navigate."""
+    """Return the path of the navigation with its target, empty if there is none."""
     plan = robot_pb2.PlanPath(robot_id=chassis.robot_id)
     if chassis.ownership.navigation:
         plan.plan_path.add(
@@ -195,7 +195,7 @@ def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
 
 
 def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
-    """Everything about the robot in one message."""
+    """Return all states of the robot in one message."""
     return robot_pb2.RobotInfo(
         robot_id=chassis.robot_id,
         genral=general(chassis),
@@ -218,7 +218,7 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
 
 
 def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
-    """One scan of the laser."""
+    """Return one scan of the laser."""
     laser = chassis.laser
     return robot_pb2.ScannerData(
         robot_id=chassis.robot_id,
@@ -235,7 +235,7 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
 
 
 def scene_data_easy(chassis: Chassis) -> map_pack_pb2.SceneDataEasy:
-    """The scene's maps with their marks."""
+    """Return the maps of the scene with their marks."""
     return map_pack_pb2.SceneDataEasy(
         name=chassis.scene.name,
         maps=[
@@ -252,7 +252,7 @@ def scene_data_easy(chassis: Chassis) -> map_pack_pb2.SceneDataEasy:
 
 
 def scene_data(chassis: Chassis) -> map_pack_pb2.SceneData:
-    """The scene's maps with their pictures, marks and tasks.
+    """Return the maps of the scene with their pictures and marks, and the tasks of the scene.
 
     In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
     """
@@ -265,7 +265,7 @@ def scene_data(chassis: Chassis) -> map_pack_pb2.SceneData:
 
 
 def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
-    """The names of all scenes and maps."""
+    """Return the names of all scenes and maps."""
     return map_pack_pb2.SceneList(
         scenes=[
             map_pack_pb2.SceneList.Scene(name=each.name, maps=[area.name for area in each.maps])
@@ -275,7 +275,7 @@ def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
 
 
 def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
-    # numpy and Pillow take a while to come: only who asks for pictures waits for them.
+    # numpy and Pillow load slowly, and only pictures need them.
     from woosh_robot_agent.simulator.world.picture import draw
 
     drawn = draw(area)
@@ -297,7 +297,7 @@ def _mark_data(mark: Mark) -> mark_pb2.Storage:
     base = _storage(mark)
     storage = mark_pb2.Storage(identity=base.identity, pose=base.pose)
     if mark.kind is not MarkKind.BASE:
-        # The groups of Storages are the plurals of the categories of Storage.
+        # The values of MarkKind are plurals, the fields of Storage are singulars.
         getattr(storage, mark.kind.value.removesuffix("s")).SetInParent()
     return storage
 
@@ -307,7 +307,7 @@ def _storages(area: Map) -> mark_pb2.Storages:
         kind.value: [_storage(mark) for mark in area.marks.values() if mark.kind is kind]
         for kind in MarkKind
     }
-    return mark_pb2.Storages(**groups)  # the kinds are its fields
+    return mark_pb2.Storages(**groups)  # its fields are the values of MarkKind
 
 
 def _storage(mark: Mark) -> mark_pb2.Storages.Base:
@@ -318,7 +318,6 @@ def _storage(mark: Mark) -> mark_pb2.Storages.Base:
     )
 
 
-#: The state messages that are pushed when they change.
 STATES: dict[type[Message], Callable[[Chassis], Message]] = {
     robot_pb2.Setting: setting,
     robot_pb2.RobotState: robot_state,
@@ -335,3 +334,4 @@ STATES: dict[type[Message], Callable[[Chassis], Message]] = {
     robot_pb2.NavPath: nav_path,
     robot_pb2.PlanPath: plan_path,
 }
+"""Reports that are pushed when they change, by their message class."""

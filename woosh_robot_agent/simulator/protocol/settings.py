@@ -1,15 +1,15 @@
-"""Requests that change the settings; each is answered with what it set."""
+"""Handlers of requests that change the settings. Each answer contains the new setting."""
 
 from __future__ import annotations
 
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.errors import RefusedError
-from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, copied
+from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, copy_of
 
-_LONGEST_NAME = 100
-#: As long as the name of a host can be.
-_LONGEST_HOST = 253
+_MAX_NAME = 100
+_MAX_HOST = 253
+"""Maximum length of a host name."""
 
 
 def _check_length(field: str, text: str, most: int) -> None:
@@ -18,18 +18,18 @@ def _check_length(field: str, text: str, most: int) -> None:
 
 
 def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
-    _check_length("name", request.name, _LONGEST_NAME)
+    _check_length("name", request.name, _MAX_NAME)
     chassis.setting.identity.name = request.name
-    return copied(chassis.setting.identity)
+    return copy_of(chassis.setting.identity)
 
 
 def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     if request.port > 65535:
         raise RefusedError(f"port {request.port} is not within 0 to 65535")
-    _check_length("ip", request.ip, _LONGEST_HOST)
+    _check_length("ip", request.ip, _MAX_HOST)
     chassis.setting.server.ip = request.ip
     chassis.setting.server.port = request.port
-    return copied(chassis.setting.server)
+    return copy_of(chassis.setting.server)
 
 
 def _auto_charge(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
@@ -51,11 +51,11 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
         raise RefusedError(
-            f"power levels {levels} do not rise from alarm to full, at most 100: sort them"
+            f"power levels {levels} must rise from alarm to full, which must be at most 100"
         )
     power = chassis.setting.power
     power.alarm, power.low, power.idle, power.full = levels
-    return copied(power)
+    return copy_of(power)
 
 
 def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
@@ -63,7 +63,7 @@ def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
         raise RefusedError(f"volume {request.volume} is not within 0 to 100")
     chassis.setting.sound.mute = request.mute
     chassis.setting.sound.volume = request.volume
-    return copied(chassis.setting.sound)
+    return copy_of(chassis.setting.sound)
 
 
 HANDLERS: Handlers = {

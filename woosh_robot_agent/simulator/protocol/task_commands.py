@@ -1,4 +1,4 @@
-"""Requests about tasks and the navigation of tasks."""
+"""Handlers of requests about tasks and their navigation."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
 _MAX_REPEATS = 100
-_LEAST_SPEED_MPS = 0.01
+_MIN_SPEED = 0.01
+"""Minimum speed limit of a navigation, in m/s."""
 
 
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
-    # A mark counts for more than a path, and a path for more than a pose: clients may send all
-    # three, those that they don't mean empty.
+    # Clients may send all three targets, with the unused ones empty: a mark takes precedence over
+    # a path, and a path over a pose.
     chassis.readiness.require_ready()
     kind, direction = request.type, request.direction
     jobs: list[Job]
@@ -58,9 +59,8 @@ def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
         if repeat.task_set.base.id == request.task_set_id:
             times = min(max(1, repeat.times), _MAX_REPEATS)
             bases = [task.base for _ in range(times) for task in repeat.task_set.tasks]
-            chassis.ownership.start_tasks(
-                [_of_set(chassis, request.task_set_id, base) for base in bases]
-            )
+            orders = [_of_set(chassis, request.task_set_id, base) for base in bases]
+            chassis.ownership.start_tasks(orders)
             return None
     known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
     raise RefusedError(f"unknown task set {request.task_set_id}: RepeatTasks has these: {known}")
@@ -82,15 +82,12 @@ def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
             f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
         )
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise RefusedError(f"mark {number} is not a charger: give one that is")
+        raise RefusedError(f"mark {number} is not a charger: choose one that is")
     return mark
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
-    """The poses of a path that a client gives, and whether it wants them kept to strictly.
-
-    A segment whose path has one pose, or only a target, is for the robot to plan.
-    """
+    """Return the poses of a path, and True if the robot must drive straight between them."""
     strict = all(segment.optimal == navigation_pb2.PlanPath.kStrict for segment in path.plan_path)
     route: list[Pose] = []
     for segment in path.plan_path:
@@ -119,7 +116,7 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     elif order == util_action_pb2.kTmCtrl:
         tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl)
     elif order == util_action_pb2.kStart:
-        raise RefusedError("order 1 (start) is out of use: a task starts by itself")
+        raise RefusedError("order 1 (start) is not supported: a task starts by itself")
     else:
         raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
     return None
@@ -128,7 +125,7 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
 def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     navigation = chassis.ownership.navigation
     if navigation is None:
-        raise RefusedError("nothing is navigating: start a task first")
+        raise RefusedError("no navigation is running: start a task first")
     via, strict = _route(request.paths)
     if via[-1] == navigation.goal:
         via.pop()
@@ -141,9 +138,9 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
         return "no effect: a navigation mode counts only while a task is navigating"
     if request.nav_mode.max_speed < 0.0:
         raise RefusedError(
-            f"max_speed {request.nav_mode.max_speed:g} is negative: give 0 for the usual one"
+            f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
         )
-    usable_speed(request.nav_mode.max_speed, _LEAST_SPEED_MPS)
+    usable_speed(request.nav_mode.max_speed, _MIN_SPEED)
     chassis.ownership.navigation.change_mode(request.nav_mode)
     return None
 

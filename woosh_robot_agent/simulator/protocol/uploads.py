@@ -1,8 +1,8 @@
 """Files of a scene that a client uploads with SwitchMap.
 
-They are kept in memory, never on disk. If they describe a scene as `scene_files` knows it, together
-with what was uploaded for it before, the scene becomes what they say; files of other formats are
-just kept. An upload that cannot be used changes nothing.
+They are kept in memory, never on disk. If all files of a scene together describe a scene or maps in
+a format of `scenes.files`, the scene is replaced. Other files are only kept. An invalid upload
+changes nothing.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from woosh_robot_agent.simulator.world.maps import Map
 
 _MAX_FILES = 100
 _MAX_BYTES = 32 * 1024 * 1024
-_LONGEST_NAME = 255
+_MAX_NAME = 255
 
 
-def described(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene | None:
-    """A scene as it is after an upload: each map one version further.
+def updated_scene(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene | None:
+    """Return a scene after an upload, with the version of each map increased.
 
     Args:
-        name: The scene's name.
-        before: The scene as it was, None if it is new.
-        files: All files of the scene, as from `checked`.
+        name: Name of the scene.
+        before: The scene before the upload, None if it is new.
+        files: All files of the scene, as from `merge_files`.
 
     Returns:
-        None if the scene is new and its files do not say what it looks like.
+        The scene, or None if the scene is new and no file describes it.
 
     Raises:
-        RefusedError: A file cannot be used.
+        RefusedError: A file is invalid.
     """
     try:
         scene = read_scene(name, files, _reader(files))
@@ -57,37 +57,39 @@ def described(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
-    """The name of the first map that came as a map of map_server; empty if none did."""
+    """Return the name of the first uploaded map of map_server, empty if there is none."""
     stems = {PurePosixPath(file.name).stem for file in upload}
     if SCENE_FILE in scene.files:
         return ""
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
 
 
-def checked(before: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]) -> dict[str, bytes]:
-    """The files of a scene together with new ones.
+def merge_files(
+    before: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
+) -> dict[str, bytes]:
+    """Return the files of a scene with those of an upload.
 
     Raises:
-        RefusedError: A name is not a plain one, or they are too many or too large.
+        RefusedError: A file name is invalid, or the files are too many or too large.
     """
     new: dict[str, bytes] = {}
     for file in upload:
         name = file.name
-        # Nobody's path, whatever the system: nothing is written, and nothing will be by mistake.
+        # Nothing is written to disk, but a name must not be a path on any system.
         plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
-        if not plain or name in ("", "..") or not name.isprintable() or len(name) > _LONGEST_NAME:
+        if not plain or name in ("", "..") or not name.isprintable() or len(name) > _MAX_NAME:
             raise RefusedError(
-                f"file {name[:_LONGEST_NAME]!r}: a plain name without folders is needed, of at "
-                f"most {_LONGEST_NAME} characters"
+                f"file {name[:_MAX_NAME]!r}: the name must be a plain file name of at most "
+                f"{_MAX_NAME} characters"
             )
         if name in new:
-            raise RefusedError(f"file {name} is there twice")
+            raise RefusedError(f"file {name} is uploaded twice")
         new[name] = file.data
     files = {**before, **new}
     size = sum(map(len, files.values()))
     if len(files) > _MAX_FILES or size > _MAX_BYTES:
         raise RefusedError(
-            f"{len(files)} files of {size} bytes are more than a scene can have: {_MAX_FILES} "
+            f"{len(files)} files of {size} bytes are more than the limit of a scene: {_MAX_FILES} "
             f"files, {_MAX_BYTES} bytes"
         )
     return files
@@ -98,13 +100,13 @@ def _reader(files: Mapping[str, bytes]) -> Callable[[str], bytes]:
         try:
             return files[name]
         except KeyError:
-            raise SceneError(f"{name}: not among the uploaded files: upload it too") from None
+            raise SceneError(f"{name}: the file is missing: upload it too") from None
 
     return read
 
 
 def _merged(before: list[Map], pictures: list[Map]) -> list[Map]:
-    """Maps with those of an upload put in: where there was one, its marks stay."""
+    """Return the maps of a scene with those of an upload. A replaced map keeps its marks."""
     maps = {each.name: each for each in before}
     free_id = max(each.id for each in before) + 1
     for each in pictures:

@@ -1,4 +1,4 @@
-"""One connected client: what it subscribed to, and what waits to be sent to it."""
+"""A connected client: its subscriptions and its queue of outgoing frames."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ PROTOBUF: Codec = ProtobufCodec()
 
 
 def codec_of(data: str | bytes) -> Codec:
-    """The codec of a frame: text is JSON, bytes are protobuf."""
+    """Return the codec of a frame: JSON for text, protobuf for bytes."""
     return JSON if isinstance(data, str) else PROTOBUF
 
 
 _MAX_BYTES = 64 * 1024 * 1024
-"""Bytes that may wait for a client when one more frame comes, be they few frames or many."""
+"""Maximum number of queued bytes with which a client still gets another frame."""
 
 
 class _Delayed(NamedTuple):
@@ -38,18 +38,18 @@ class Client:
 
     Args:
         transport: The open connection.
-        max_outbox: How many frames may wait before the client is dropped as too slow.
+        max_outbox: Maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
-        topics: What it subscribed to, each with the codec of the subscription.
-        spoke: It has sent something since it connected.
-        waiting: How many of its requests wait, to be done or for their answers to be let go.
+        topics: Its subscriptions: topics with the codecs in which it subscribed.
+        has_sent: It has sent something since it connected.
+        waiting: Number of its requests that wait to be executed, or whose answers are held back.
     """
 
     def __init__(self, transport: Transport, max_outbox: int) -> None:
         self.transport = transport
         self.topics: dict[str, Codec] = {}
-        self.spoke = False
+        self.has_sent = False
         self.waiting = 0
         self._max_outbox = max_outbox
         self._outbox: deque[Encoded] = deque()
@@ -61,18 +61,18 @@ class Client:
 
     @property
     def backlog(self) -> int:
-        """How many frames wait to be written."""
+        """Number of frames that wait to be written."""
         return len(self._outbox)
 
     def send(self, frame: Encoded) -> None:
-        """Queue a frame; never waits."""
+        """Queue a frame without waiting."""
         if self._room():
             self._outbox.append(frame)
             self._outbox_bytes += _size(frame)
             self._filled.set()
 
     def send_as(self, frame: Outgoing, data: Encoded) -> None:
-        """Queue the encoded `frame` when its `hold` and then its `delay` let it go."""
+        """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
         if not frame.hold:
             self._send_after(frame, data)
         elif self._room():
@@ -81,23 +81,23 @@ class Client:
             frame.hold(self, partial(self._let_go, frame, data))
 
     def release(self) -> None:
-        """Queue at once what is delayed, in the order in which it would have come."""
+        """Queue all delayed frames at once, in the order of their times."""
         for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
             self._delayed[key].timer.cancel()
             self._due(key)
 
     @property
     def unsent(self) -> int:
-        """What is not sent yet: frames in the queue, and bytes that the network has not taken."""
+        """Frames in the queue plus bytes in the buffer of the transport."""
         return len(self._outbox) + self.transport.backlog()
 
     def drop(self) -> None:
-        """End the connection at once, as a broken cable would."""
+        """Abort the connection, as a broken cable would."""
         self.forget()
         self.transport.abort()
 
     def forget(self) -> None:
-        """Send nothing any more."""
+        """Discard all queued frames, and send nothing further."""
         self._open = False
         self._outbox.clear()
         self._outbox_bytes = 0
@@ -106,7 +106,7 @@ class Client:
         self._delayed.clear()
 
     async def write(self, running: asyncio.Event) -> None:
-        """Send what is queued, for as long as the connection lasts and `running` is set."""
+        """Send queued frames until the connection ends, while `running` is set."""
         with contextlib.suppress(TransportClosedError):
             while self._open:
                 await self._filled.wait()
@@ -123,7 +123,7 @@ class Client:
         self._open = False
 
     def _room(self) -> bool:
-        """Whether one more frame may wait; a client for which none may is dropped."""
+        """Return True if another frame may be queued. Otherwise drop the client."""
         waiting = self._held + len(self._delayed) + len(self._outbox)
         if self._open and (waiting >= self._max_outbox or self._outbox_bytes > _MAX_BYTES):
             self.drop()
@@ -150,5 +150,5 @@ class Client:
 
 
 def _size(frame: Encoded) -> int:
-    """About how many bytes a frame takes; what a fault writes by itself takes none."""
+    """Return the approximate size of a frame in bytes; 0 for one that a fault writes itself."""
     return 0 if callable(frame) else len(frame)

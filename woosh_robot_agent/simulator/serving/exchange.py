@@ -1,4 +1,4 @@
-"""The conversation with all clients: requests in, answers and pushes out. No sockets, no clock."""
+"""The exchange of messages with all clients, without sockets and without a clock."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
 
 _LOG = logging.getLogger(__name__)
 
-_RECEIVED_KEPT = 10_000
-_RECEIVED_BYTES = 64 * 1024 * 1024
+_MAX_RECEIVED = 10_000
+_MAX_RECEIVED_BYTES = 64 * 1024 * 1024
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
 
 
 class Received(NamedTuple):
-    """A message that a client sent; the type of a subscription is `woosh.Subscription`."""
+    """A message from a client. The type of a subscription is `woosh.Subscription`."""
 
     type: str
     message: Message
@@ -36,15 +36,15 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Request:
-    """A frame of a client that could be read.
+    """A decoded frame of a client.
 
     Attributes:
-        client: Who sent it.
-        codec: That of its frame, and so of its answer.
-        type: What the frame says its body is.
-        sn: Its number.
-        message: The body, None where it could not be read.
-        objection: Why it cannot be done; empty if nothing is known against it.
+        client: The client.
+        codec: Codec of the frame and of its answer.
+        type: Type of the body in the frame's envelope.
+        sn: Serial number.
+        message: Body, None if it could not be decoded.
+        objection: Reason to refuse the request without executing it; empty if there is none.
     """
 
     client: Client
@@ -56,18 +56,18 @@ class _Request:
 
 
 class Exchange:
-    """What goes between a chassis and its clients.
+    """The exchange of messages between the robot and its clients.
 
     Args:
-        chassis: What does the requests.
-        max_waiting: How many requests of one client may wait, to be done or to be answered.
+        chassis: Executes the requests.
+        max_waiting: Maximum number of requests of one client that wait to be executed or answered.
 
     Attributes:
-        clients: Those that are connected.
-        hooks: What is to go otherwise than usual.
-        received: What clients sent, oldest first; the last ten thousand, or 64 MiB of them.
-        counts: How many messages of each type they sent since the start.
-        bad_frames: How many frames could not be read.
+        clients: Connected clients.
+        hooks: Hooks of faults and tests.
+        received: The last messages from clients, oldest first: at most 10,000 and 64 MiB.
+        counts: Number of messages from clients since the start, by type.
+        bad_frames: Number of frames that could not be decoded.
     """
 
     def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
@@ -82,21 +82,21 @@ class Exchange:
         self._max_waiting = max_waiting
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
-        self._hung = False
+        self._frozen = False
         self._queue: deque[_Request] = deque()
 
     def join(self, client: Client) -> None:
-        """Talk to a new client."""
+        """Add a client."""
         self.clients.add(client)
 
     def leave(self, client: Client) -> None:
-        """Forget a client and its subscriptions."""
+        """Remove a client and its subscriptions."""
         client.forget()
         self.clients.discard(client)
         self._watch_subscribed()
 
     def receive(self, client: Client, data: str | bytes) -> None:
-        """Deal with a frame, in the encoding in which it came."""
+        """Handle a frame from a client. The answer has the same encoding."""
         codec = codec_of(data)
         try:
             request = self._read(client, codec, data)
@@ -106,32 +106,32 @@ class Exchange:
         if request.message is not None:
             self._record(request.type, request.message)
         subscribes = request.type == SUBSCRIPTION_TYPE
-        if client.waiting >= self._max_waiting and (self._hung or not subscribes):
-            self._turn_down(request)
-        elif self._hung:
+        if client.waiting >= self._max_waiting and (self._frozen or not subscribes):
+            self._refuse_excess(request)
+        elif self._frozen:
             client.waiting += 1
             self._queue.append(request)
         else:
-            self._do(request)
+            self._execute(request)
 
     def skip(self, client: Client, error: FrameError) -> None:
-        """Count a frame that nobody can read; there is nothing that an answer could refer to."""
+        """Count an unreadable frame. It cannot be answered because its number is unknown."""
         self.bad_frames += 1
         _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
-    def hang(self, hung: bool) -> None:
-        """Only queue what clients send from now on, or do all that is queued and go on."""
-        self._hung = hung
-        while self._queue and not self._hung:
+    def freeze(self, frozen: bool) -> None:
+        """Only queue requests from now on, or execute all queued ones and continue."""
+        self._frozen = frozen
+        while self._queue and not self._frozen:
             request = self._queue.popleft()
             request.client.waiting -= 1
             try:
-                self._do(request)
-            except Exception:  # an interceptor's fault, say: the others are served on
-                _LOG.exception("a frame of %s failed", request.client.transport.peer)
+                self._execute(request)
+            except Exception:  # from a test's interceptor, for example
+                _LOG.exception("cannot handle a frame of %s", request.client.transport.peer)
 
     def push(self, message: Message) -> None:
-        """Push a message to everybody who subscribed to its type."""
+        """Push a message to all subscribers of its type."""
         name = message.DESCRIPTOR.full_name
         for client in list(self.clients):
             codec = client.topics.get(name)
@@ -139,17 +139,17 @@ class Exchange:
                 self._send(client, codec, Outgoing(name, message))
 
     def report_changes(self, *, while_moving: bool) -> None:
-        """Push what happened and what changed since the last time.
+        """Push all events and changed states since the last call.
 
         Args:
-            while_moving: Include the pose, which changes with every step of a moving robot.
+            while_moving: Include PoseSpeed, which changes with every step of a moving robot.
         """
         self._push_events()
         for message in self._watch.changed(while_moving=while_moving):
             self.push(message)
 
     async def arrived(self, type_name: str, count: int) -> None:
-        """Wait until clients have sent `count` messages of a type since the start."""
+        """Wait until clients have sent `count` messages of a type since the start of the run."""
         while self.counts[type_name] < count:
             await self._arrival.wait()
 
@@ -173,12 +173,12 @@ class Exchange:
             objection = f"unknown message type {name}"
         return _Request(client, codec, name, envelope.sn, message, objection)
 
-    def _do(self, request: _Request) -> None:
+    def _execute(self, request: _Request) -> None:
         if isinstance(request.message, Subscription):
             self._subscribe(request.client, request.codec, request.message)
             return
         answer = self._answer(request)
-        # What a request ended is said before its answer, what it changed after it.
+        # Events are pushed before the answer of the request that caused them, changes after it.
         self._push_events()
         out = Outgoing(
             answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
@@ -195,18 +195,18 @@ class Exchange:
             return refusal(name, reason)
         try:
             return dispatch(self._chassis, request.message)
-        except Exception:  # a fault of ours must not end the client's connection
-            _LOG.exception("%s failed", name)
+        except Exception:  # a bug in a handler must not end the client's connection
+            _LOG.exception("cannot execute %s", name)
             return refusal(name, "internal error of the simulator: see its log")
 
-    def _turn_down(self, request: _Request) -> None:
-        """Refuse a request at once: an answer that had to wait itself would be no limit."""
+    def _refuse_excess(self, request: _Request) -> None:
+        """Refuse a request beyond the limit at once. This answer is not held back by faults."""
         text = (
-            f"{self._max_waiting} requests of this connection wait already: "
+            f"{self._max_waiting} requests of this connection are waiting: "
             "wait for their answers first"
         )
         if request.type == SUBSCRIPTION_TYPE:  # which has no answer
-            _LOG.warning("%s dropped: %s", request.client.transport.peer, text)
+            _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
             return
         answer = refusal(request.type, text)
@@ -214,7 +214,7 @@ class Exchange:
         request.client.send(self._encoded(request.codec, frame))
 
     def _subscribe(self, client: Client, codec: Codec, subscription: Subscription) -> None:
-        # What changed before is not for the new subscriber.
+        # A new subscriber must not get changes from before its subscription.
         self.report_changes(while_moving=False)
         for topic in subscription.topics:
             if topic in TOPICS and subscription.sub:
@@ -231,7 +231,7 @@ class Exchange:
         self.received.append(Received(type_name, message))
         self._received_sizes.append(message.ByteSize())
         self._received_bytes += self._received_sizes[-1]
-        while len(self.received) > _RECEIVED_KEPT or self._received_bytes > _RECEIVED_BYTES:
+        while len(self.received) > _MAX_RECEIVED or self._received_bytes > _MAX_RECEIVED_BYTES:
             self.received.popleft()
             self._received_bytes -= self._received_sizes.popleft()
         self._arrival.set()

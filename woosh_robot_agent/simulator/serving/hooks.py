@@ -1,4 +1,4 @@
-"""Where faults and tests reach in: connections, requests, and every frame that goes out."""
+"""Hooks by which faults and tests intercept connections, requests and outgoing frames."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link.codecs.frames import Codec
 from woosh_robot_agent.link.transports import Transport
 
-#: Writes something to a connection where an ordinary frame would be sent.
 Write = Callable[[Transport], Awaitable[None]]
-#: An encoded frame, or what writes one that could not be sent in the ordinary way.
+"""Writes to a connection in place of an ordinary frame."""
+
 Encoded = str | bytes | Write
-#: Makes what goes out of an encoded frame.
+"""An encoded frame, or a function that writes what cannot be sent as an ordinary frame."""
+
 Damage = Callable[[Codec, str | bytes], Encoded]
-#: Sends a frame that was held back.
+"""Returns the damaged form of an encoded frame."""
+
 Release = Callable[[], None]
+"""Sends a frame that was held back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,16 +29,16 @@ class Outgoing:
     """A frame before it is encoded.
 
     Attributes:
-        type: What the frame says its body is.
-        body: None for an empty one.
-        sn: The number of the request it answers; 0 for a push.
-        ok: Whether the request was done; None for a push.
-        msg: The text of an answer.
-        request: The type of the request it answers; empty for a push.
-        delay: Seconds of real time to hold it back.
-        hold: Is given for which client it is, and what sends it, instead of its being sent; the
-            delay begins after that.
-        damage: What is done to the frame once it is encoded.
+        type: Type of the body in the frame's envelope.
+        body: Body, None for an empty one.
+        sn: Serial number of the request that it answers; 0 for a push.
+        ok: True if the request was executed, False if it was refused; None for a push.
+        msg: Text of an answer.
+        request: Type of the request that it answers; empty for a push.
+        delay: Real time to delay the frame, in seconds.
+        hold: Called with the client and a send function instead of sending the frame. The delay
+            starts when the send function is called.
+        damage: Applied to the encoded frame.
     """
 
     type: str
@@ -50,58 +53,61 @@ class Outgoing:
 
     @property
     def is_answer(self) -> bool:
-        """Whether it is an answer; else it is a push."""
+        """True for an answer, False for a push."""
         return self.ok is not None
 
 
-#: Gives what shall go out instead of a frame: the same, another, several or none.
 Interceptor = Callable[[Outgoing], Iterable[Outgoing]]
-#: Why a request of this type is refused, None if it is not.
-Objector = Callable[[str], "str | None"]
-#: Whether a new connection is served.
-Screen = Callable[[], bool]
-#: Takes a hook away again.
+"""Returns the frames to send instead of a frame: the same one, others, or none."""
+
+Refuse = Callable[[str], "str | None"]
+"""Returns the reason to refuse a request of the given type, or None."""
+
+Admit = Callable[[], bool]
+"""Returns False to drop a new connection."""
+
 Remove = Callable[[], None]
+"""Removes a hook."""
 
 _T = TypeVar("_T")
 
 
 class Hooks:
-    """What is to go otherwise than usual."""
+    """The registered hooks. Each method that adds one returns a function that removes it."""
 
     def __init__(self) -> None:
-        self._screens: list[Screen] = []
-        self._objectors: list[Objector] = []
+        self._admissions: list[Admit] = []
+        self._refusals: list[Refuse] = []
         self._faults: list[Interceptor] = []
         self._interceptors: list[Interceptor] = []
 
-    def screen(self, screen: Screen) -> Remove:
-        """Ask `screen` about each new connection."""
-        return _add(self._screens, screen)
+    def add_admission(self, admit: Admit) -> Remove:
+        """Call `admit` for each new connection."""
+        return _add(self._admissions, admit)
 
-    def object(self, objector: Objector) -> Remove:
-        """Ask `objector` about each request before it is done."""
-        return _add(self._objectors, objector)
+    def add_refusal(self, refuse: Refuse) -> Remove:
+        """Call `refuse` for each request before it is executed."""
+        return _add(self._refusals, refuse)
 
-    def tamper(self, interceptor: Interceptor) -> Remove:
-        """Let all frames through `interceptor`, before those of `intercept`."""
+    def add_fault(self, interceptor: Interceptor) -> Remove:
+        """Pass all outgoing frames through `interceptor`, before those of `intercept`."""
         return _add(self._faults, interceptor)
 
     def intercept(self, interceptor: Interceptor) -> Remove:
-        """Let all frames through `interceptor`; the returned function takes it away again."""
+        """Pass all outgoing frames through `interceptor`."""
         return _add(self._interceptors, interceptor)
 
     def admits(self) -> bool:
-        """Whether a new connection is served."""
-        return all(screen() for screen in list(self._screens))
+        """Return False if a new connection must be dropped."""
+        return all(admit() for admit in list(self._admissions))
 
     def refusal(self, type_name: str) -> str | None:
-        """Why a request of a type is refused, by the last who objects; None if nobody does."""
-        reasons = (objector(type_name) for objector in reversed(list(self._objectors)))
+        """Return the reason to refuse a request of a type, or None. The latest hook wins."""
+        reasons = (refuse(type_name) for refuse in reversed(list(self._refusals)))
         return next((reason for reason in reasons if reason is not None), None)
 
     def outgoing(self, frame: Outgoing) -> list[Outgoing]:
-        """What goes out in place of `frame`."""
+        """Return the frames to send in place of `frame`."""
         frames = [frame]
         for interceptor in [*self._faults, *self._interceptors]:
             frames = [out for each in frames for out in interceptor(each)]

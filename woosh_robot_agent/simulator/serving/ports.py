@@ -1,4 +1,4 @@
-"""The ports at which a simulated chassis takes clients, while it is switched on."""
+"""The ports on which clients connect. They can be closed and opened again."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _LOG = logging.getLogger(__name__)
 
 
 class Ports:
-    """A WebSocket and a TCP port that can be closed and come back with the same numbers.
+    """A WebSocket and a TCP port that can be closed and opened again with the same numbers.
 
     Args:
-        config: Says where to listen.
+        config: The address and the ports.
         serve: Serves one connection.
-        before: Is waited for before a WebSocket's handshake is answered.
+        before: Awaited before the handshake of a WebSocket is answered.
 
     Attributes:
-        port: The WebSocket port, once listening.
-        tcp_port: The TCP port, once listening.
+        port: WebSocket port, valid once it listens.
+        tcp_port: TCP port, valid once it listens.
     """
 
     def __init__(
@@ -41,26 +41,26 @@ class Ports:
         self._switching: asyncio.Task[None] | None = None
 
     async def listen(self) -> None:
-        """Take clients.
+        """Start listening.
 
         Raises:
-            OSError: A port is taken.
+            OSError: A port is in use.
         """
         async with self._changing:
             if not self._listeners:
                 await self._open()
 
     async def close(self, *, reserve: bool) -> None:
-        """Take no clients.
+        """Stop listening.
 
         Args:
-            reserve: Keep others from taking the ports meanwhile.
+            reserve: Keep the ports reserved, so that no other program can take them.
         """
         async with self._changing:
             await self._close(reserve)
 
     def switch(self, on: bool) -> None:
-        """Begin to take clients or to take none; what fails is logged."""
+        """Start or stop listening in the background. Failures are logged."""
         before = self._switching
 
         async def change() -> None:
@@ -69,12 +69,12 @@ class Ports:
             try:
                 await (self.listen() if on else self.close(reserve=True))
             except OSError as error:
-                _LOG.error("cannot listen again: %s", error)
+                _LOG.error("cannot listen again on %s: %s", self._config.host, error)
 
         self._switching = asyncio.ensure_future(change())
 
     async def settle(self) -> None:
-        """Wait until what `switch` began is done."""
+        """Wait until `switch` has finished."""
         if self._switching:
             await asyncio.wait({self._switching})
 
@@ -87,7 +87,7 @@ class Ports:
                 self.port,
                 max_size=config.max_frame,
                 before=self._before,
-                # any page in this machine's browser could connect; beyond it there is no telling
+                # Otherwise any web page in a browser on this machine could connect.
                 local_pages_only=config.local,
             )
             self._listeners.append(websocket)
@@ -110,19 +110,20 @@ class Ports:
                 self._reserve(family, address)
 
     def _reserve(self, family: int, address: tuple[str, int]) -> None:
-        """Hold a port without listening: connections to it are refused, as they have to be.
+        """Bind a port without listening, so that connections to it are refused.
 
-        Else the kernel might give it away, even to a client as the near end of its connection.
+        Otherwise the kernel might assign it to another program, or to the local end of a client's
+        connection.
         """
-        place = socket.socket(family)
-        self._reserved.append(place)
-        place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        reserved = socket.socket(family)
+        self._reserved.append(reserved)
+        reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family == socket.AF_INET6:
-            place.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        with contextlib.suppress(OSError):  # already gone: to listen again says so
-            place.bind(address)
+            reserved.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        with contextlib.suppress(OSError):  # already taken: listening again will report it
+            reserved.bind(address)
 
     def _free(self) -> None:
-        for place in self._reserved:
-            place.close()
+        for reserved in self._reserved:
+            reserved.close()
         self._reserved.clear()
