@@ -256,6 +256,7 @@ PERMITTED = {
     ("convert/json_values.py", "ctypes"): "c_float rounds a number to 32 bits",
     ("services.py", "importlib.import_module"): "the ROS types of the table",
     ("protos.py", "importlib.import_module"): "the package's own protobuf modules",
+    ("simulator/__init__.py", "importlib.import_module"): "the package's own modules, by a table",
     ("link/json_mapping.py", "ctypes"): "c_float rounds a number to 32 bits",
     ("memory.py", "ctypes"): "mallopt of the C library, with two constants",
     ("simulator/scenes/yaml_fields.py", "yaml.load"): "with a loader derived from SafeLoader",

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,6 +57,43 @@ def test_runs_and_ends(number: signal.Signals) -> None:
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
         tcp.close()
+
+
+def test_further_signals_change_nothing() -> None:
+    # As from `ros2 launch`: a terminal sends SIGINT to all programs, and launch sends it again.
+    with running() as (process, port, _):
+        client = JsonClient(port)
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.001)  # for the process to get on, not for something to happen
+        out, err = process.communicate()
+        assert (process.returncode, out, err) == (0, "", "")
+        client.close()
+
+
+SIGNAL_ON_IMPORT = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+from woosh_robot_agent.simulator.__main__ import main
+sys.meta_path.insert(0, Finder())
+sys.exit(main(["--port", "0", "--tcp-port", "0"]))
+"""
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["asyncio", "woosh_robot_agent.protos", "woosh_robot_agent.simulator.server"],
+)
+def test_a_signal_while_it_starts_ends_it(module: str) -> None:
+    command = [sys.executable, "-c", SIGNAL_ON_IMPORT, module]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
 def test_needs_no_ros() -> None:

@@ -373,7 +373,7 @@ def test_a_scene_of_ones_own(tmp_path: Path) -> None:
         ["A1", "17"],
     )
     assert [task.base.type for task in repeat.task_set.tasks] == [4, 1]
-    (call,) = chassis.calls.call_tasks
+    (call,) = chassis.scene.calls.call_tasks
     assert call.call_info.events[0].caller.key_id == 2
 
 
