@@ -200,12 +200,16 @@ def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None
     [
         ("dorp", {}, "unknown fault 'dorp': use one of drop, "),
         ("delay", {"second": 1}, "delay has no argument 'second'; its arguments are: seconds, "),
-        ("delay", {"seconds": "1"}, "delay: seconds: '1' is not a number from 0 to 86400 real s"),
+        (
+            "delay",
+            {"seconds": "1"},
+            "delay: seconds: '1' is not a number from 0 to 86400 in s of real time",
+        ),
         ("delay", {"seconds": -1}, "seconds: -1 is not"),
         ("delay", {"seconds": float("nan")}, "seconds: nan is not"),
         ("delay", {"seconds": 10**400}, "is not a number from 0 to 86400"),
         ("delay", {"count": 10**400}, "is not an integer from 0"),
-        ("delay", {"for_": float("inf")}, "for: inf is not a number from 0 simulated s"),
+        ("delay", {"for_": float("inf")}, "for: inf is not a number from 0 in s of simulated time"),
         ("delay", {"count": 1.5}, "count: 1.5 is not an integer from 0"),
         ("delay", {"count": True}, "count: True is not an integer"),
         ("delay", {"frames": "some"}, "frames: 'some' is not answers or pushes or all"),

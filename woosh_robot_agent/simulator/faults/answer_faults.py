@@ -141,13 +141,15 @@ FAULTS = (
         "answers are delayed; later ones may overtake them",
         on_frames(_delay),
         (
-            Parameter("seconds", float, 1.0, "the delay", unit="real s", low=0.0, high=86400.0),
+            Parameter(
+                "seconds", float, 1.0, "the delay", unit="s of real time", low=0.0, high=86400.0
+            ),
             Parameter(
                 "jitter",
                 float,
                 0.0,
                 "maximum of a random additional delay",
-                unit="real s",
+                unit="s of real time",
                 low=0.0,
                 high=86400.0,
             ),
@@ -167,7 +169,7 @@ FAULTS = (
                 float,
                 0.2,
                 "maximum time for which an answer is kept",
-                unit="real s",
+                unit="s of real time",
                 low=0.0,
                 high=3600.0,
             ),

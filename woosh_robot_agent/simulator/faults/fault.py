@@ -66,7 +66,7 @@ Begin = Callable[[Target, "Injection"], "End | None"]
 """Begins a fault. Returns the function that ends it, or None for a momentary fault."""
 
 FOR = Parameter(
-    "for", float, 0.0, "time after which it ends; 0: no limit", unit="simulated s", low=0.0
+    "for", float, 0.0, "time after which it ends; 0: no limit", unit="s of simulated time", low=0.0
 )
 
 

@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
 from woosh_robot_agent.simulator.faults.table import find
 from woosh_robot_agent.simulator.scenario import Scenario, Step
 
-_AT = Parameter("at", float, 0.0, "when it begins", unit="simulated s", low=0.0)
+_AT = Parameter("at", float, 0.0, "when it begins", unit="s of simulated time", low=0.0)
 
 
 def make_step(name: str, **arguments: object) -> Step:

@@ -87,7 +87,7 @@ class Parameter:
             text += f" from {_number(self.low)}"
         if math.isfinite(self.high):
             text += f" to {_number(self.high)}"
-        return f"{text} {self.unit}".rstrip()
+        return f"{text} in {self.unit}" if self.unit else text
 
     def _wrong(self, value: object) -> FaultError:
         return FaultError(f"{self.name}: {value!r} is not {_article(self.allowed)}")

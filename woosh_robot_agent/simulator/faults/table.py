@@ -44,9 +44,9 @@ def markdown() -> str:
 def _argument(parameter: Parameter) -> str:
     default = parameter.default
     if default is None:
-        said = "left out"
+        text = "none"
     elif isinstance(default, float):
-        said = f"{default:g}"
+        text = f"{default:g}"
     else:
-        said = str(default) or "empty"
-    return f"`{parameter.name}` ({parameter.allowed}, default {said}): {parameter.description}"
+        text = str(default) or "empty"
+    return f"`{parameter.name}` ({parameter.allowed}, default {text}): {parameter.description}"
