@@ -42,7 +42,6 @@ def put(name: str, x: float, y: float) -> Do:
 
 STEPS = [{"mode": 1, "value": 0.5}, {"mode": 2, "value": 1.57}, {"mode": 3, "value": 0.3}]
 
-#: What happens at which simulated second.
 SCRIPT: list[tuple[float, Do]] = [
     (1.0, ask("woosh.robot.ExecTask", taskId=11, type=4, direction=1, markNo="K10")),
     (30.0, ask("woosh.ros.CallAction", stepControl={"action": 1, "steps": STEPS})),
@@ -71,6 +70,7 @@ SCRIPT: list[tuple[float, Do]] = [
     (310.0, lambda chassis: setattr(chassis.battery, "level", 50.0)),
     (311.0, ask("woosh.robot.SetOccupancy", occupy=True)),
 ]
+"""Requests, by the simulated second at which they are sent."""
 END_S = 312.0
 
 

@@ -1,1 +1,1 @@
-"""What the robot does over time: tasks, actions and the jobs that they consist of."""
+"""Behaviour over time: jobs, the tasks and actions that consist of them, and their devices."""

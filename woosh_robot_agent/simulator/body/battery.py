@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from woosh_robot_agent.pb.robot import robot_pb2
 
-_IDLE_PERCENT_PER_S = 1.0 / 3600.0
-_DRIVING_PERCENT_PER_M = 0.005
-_CHARGING_PERCENT_PER_S = 60.0 / 3600.0
+_IDLE_DRAIN = 1.0 / 3600.0
+"""Discharge with time, in percent per second."""
+
+_DRIVING_DRAIN = 0.005
+"""Discharge with distance, in percent per metre."""
+
+_CHARGING_RATE = 60.0 / 3600.0
+"""Rate of charging, in percent per second."""
 
 
 class Battery:
@@ -33,7 +38,7 @@ class Battery:
 
     def tick(self, dt: float, driven: float) -> None:
         """Update the charge after `dt` seconds in which the base drove `driven` metres."""
-        change = -_IDLE_PERCENT_PER_S * dt - _DRIVING_PERCENT_PER_M * driven
+        change = -_IDLE_DRAIN * dt - _DRIVING_DRAIN * driven
         if self.charges:
-            change += _CHARGING_PERCENT_PER_S * dt
+            change += _CHARGING_RATE * dt
         self.level = min(100.0, max(0.0, self.level + change))

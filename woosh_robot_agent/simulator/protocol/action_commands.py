@@ -74,7 +74,7 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
     if command.mode not in modes:
-        raise RefusedError(f"unknown navigation mode {command.mode}: the known ones: {list(modes)}")
+        raise RefusedError(f"unknown navigation mode {command.mode}: use one of {list(modes)}")
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,

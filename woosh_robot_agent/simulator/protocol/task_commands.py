@@ -63,7 +63,7 @@ def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
             chassis.ownership.start_tasks(orders)
             return None
     known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
-    raise RefusedError(f"unknown task set {request.task_set_id}: RepeatTasks has these: {known}")
+    raise RefusedError(f"unknown task set {request.task_set_id}: RepeatTasks lists {known}")
 
 
 def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
@@ -95,7 +95,7 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
         if not segment.path.poses and segment.HasField("target"):
             route.append(pose(segment.target))
         if len(route) > MAX_POSES:
-            raise RefusedError(f"the path has more than {MAX_POSES} poses: give fewer")
+            raise RefusedError(f"the path has more than {MAX_POSES} poses: send fewer")
     if not route:
         raise RefusedError("the path has no poses: give at least one pose or target")
     return route, strict

@@ -152,7 +152,7 @@ class Grid:
         x, y = self._in_cells(*origin)
         dx, dy = (np.where(abs(d) < 1e-12, 1e-12, d) for d in (np.cos(angles), np.sin(angles)))
         rows, columns = self.cells.shape
-        # From where a ray enters the grid to where it leaves it or is given up.
+        # Lengths at which each ray enters the grid, and leaves it or ends.
         x_ends = np.sort((np.array([[0.0], [columns]]) - x) / dx, axis=0)
         y_ends = np.sort((np.array([[0.0], [rows]]) - y) / dy, axis=0)
         gone = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _OVERSHOOT, 0.0)
