@@ -103,13 +103,20 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
         signals.callback = None  # the loop is about to be closed
 
 
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the default of each option that has one."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return super()._get_help_string(action) if action.default else action.help
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     default = SimulatorConfig()
     parser = argparse.ArgumentParser(
         prog="simulator",
         description="A simulated Woosh chassis that speaks the chassis link.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=_HelpFormatter,
     )
     parser.add_argument("--host", default=default.host, help="address to listen on")
     parser.add_argument(
@@ -131,7 +138,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--seed",
         type=int,
         default=default.seed,
-        help="makes runs repeatable: laser noise, clock, random choices of faults",
+        help="make runs repeatable: laser noise, clock, random choices of faults",
     )
     parser.add_argument(
         "--scene",

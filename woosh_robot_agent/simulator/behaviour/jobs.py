@@ -64,7 +64,7 @@ class Wait:
         self._left -= dt
         if self._left == math.inf:
             return Progress(text="waiting for the order to continue")
-        return Progress(done=self._left <= 0.0, text=f"waiting for {max(0.0, self._left):.0f} s")
+        return Progress(done=self._left <= 0.0, text=f"{max(0.0, self._left):.0f} s left to wait")
 
     def suspend(self, robot: Robot) -> None:
         """Do nothing: the remaining time is kept."""
