@@ -66,7 +66,7 @@ class Client:
 
     def send(self, frame: Encoded) -> None:
         """Queue a frame without waiting."""
-        if self._room():
+        if self._has_room():
             self._outbox.append(frame)
             self._outbox_bytes += _size(frame)
             self._filled.set()
@@ -75,16 +75,16 @@ class Client:
         """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
         if not frame.hold:
             self._send_after(frame, data)
-        elif self._room():
+        elif self._has_room():
             self._held += 1
             self.waiting += frame.is_answer
-            frame.hold(self, partial(self._let_go, frame, data))
+            frame.hold(self, partial(self._release, frame, data))
 
     def release(self) -> None:
         """Queue all delayed frames at once, in the order of their times."""
         for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
             self._delayed[key].timer.cancel()
-            self._due(key)
+            self._queue_delayed(key)
 
     @property
     def unsent(self) -> int:
@@ -122,14 +122,14 @@ class Client:
                     await self.transport.send(frame)
         self._open = False
 
-    def _room(self) -> bool:
+    def _has_room(self) -> bool:
         """Return True if another frame may be queued. Otherwise drop the client."""
         waiting = self._held + len(self._delayed) + len(self._outbox)
         if self._open and (waiting >= self._max_outbox or self._outbox_bytes > _MAX_BYTES):
             self.drop()
         return self._open
 
-    def _let_go(self, frame: Outgoing, data: Encoded) -> None:
+    def _release(self, frame: Outgoing, data: Encoded) -> None:
         self._held -= 1
         self.waiting -= frame.is_answer
         self._send_after(frame, data)
@@ -137,13 +137,13 @@ class Client:
     def _send_after(self, frame: Outgoing, data: Encoded) -> None:
         if not frame.delay:
             self.send(data)
-        elif self._room():
+        elif self._has_room():
             self.waiting += frame.is_answer
             key = object()
-            timer = asyncio.get_running_loop().call_later(frame.delay, self._due, key)
+            timer = asyncio.get_running_loop().call_later(frame.delay, self._queue_delayed, key)
             self._delayed[key] = _Delayed(timer, frame, data)
 
-    def _due(self, key: object) -> None:
+    def _queue_delayed(self, key: object) -> None:
         delayed = self._delayed.pop(key)
         self.waiting -= delayed.frame.is_answer
         self.send(delayed.data)
