@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
+from woosh_robot_agent.simulator.chassis import TIME_STEP
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
 PROC, MODE = "woosh.robot.TaskProc", "woosh.robot.Mode"
 OPERATION, STATE = "woosh.robot.OperationState", "woosh.robot.RobotState"
@@ -221,16 +223,19 @@ def test_twist_must_be_repeated(client: JsonClient) -> None:
     assert max(after) == 800
 
 
-def test_an_explicit_zero_stops_at_once(client: JsonClient) -> None:
+def test_an_explicit_zero_stops_at_once(simulator: SimulatorThread, client: JsonClient) -> None:
+    def stop_while_it_drives(simulator: SimulatedChassis) -> tuple[bool, Velocity]:
+        # Without the clock, which runs the command into its timeout.
+        chassis = simulator.chassis
+        dispatch(chassis, Twist(linear=0.5, angular=0.5))
+        for _ in range(5):
+            chassis.tick(TIME_STEP)
+        moving = chassis.base.moving
+        dispatch(chassis, Twist())
+        return moving, chassis.base.velocity
+
     client.subscribe("woosh.robot.PoseSpeed")
-    client.ask("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5})
-    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.0)
-    client.ask("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5})
-    stopped = client.request("woosh.robot.Twist")
-    assert client.ask("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
-    client.pushes = deque(
-        each for each in client.pushes if each.get("timestamp", 0) > stopped["timestamp"]
-    )
+    assert simulator.call(stop_while_it_drives) == (True, STANDSTILL)
     assert client.push("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
 
 
