@@ -10,8 +10,8 @@ import pytest
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorConfig, faults, load_scenario
-from woosh_robot_agent.simulator.__main__ import _parser
 from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.command_line import make_parser
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -38,7 +38,7 @@ def test_the_simulators_examples(tmp_path: Path) -> None:
     for line in lines:
         words = shlex.split(line, comments=True)
         if words[:4] == ["ros2", "run", "woosh_robot_agent", "simulator"]:
-            _parser().parse_args(words[4:])
+            make_parser().parse_args(words[4:])
         else:
             assert words[0] == "python3" or words[0].startswith("scripts/"), line
     injected = re.findall(r'\.inject\(\s*"(\w+)"', text)

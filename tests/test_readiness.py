@@ -20,7 +20,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.readiness import is_located, is_taskable, objections
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.reports import robot_info
+from woosh_robot_agent.simulator.protocol.reports import robot_info
 
 
 def ready() -> RobotInfo:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from woosh_robot_agent import endpoints, parameters, security
 from woosh_robot_agent.simulator import faults
-from woosh_robot_agent.simulator.__main__ import _parser as simulator_parser
+from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.standard import endpoints as standard_endpoints
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -21,7 +21,7 @@ from woosh_robot_agent.link.codecs.json_writer import to_json
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.reports import pose_speed, robot_info
+from woosh_robot_agent.simulator.protocol.reports import pose_speed, robot_info
 
 _ITEMS = 3
 """Number of items in a list that is filled."""

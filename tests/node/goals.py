@@ -16,7 +16,7 @@ from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_ros_msgs.action import LiftControl, LiftControl3, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep

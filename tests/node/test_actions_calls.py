@@ -33,7 +33,7 @@ from woosh_common_msgs.msg import Pose2D
 from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 from woosh_robot_msgs.srv import RobotState
 from woosh_ros_msgs.action import MoveBase, StepControl
 
@@ -300,7 +300,7 @@ def test_repeated_end_of_an_earlier_goal_is_ignored_at_first(
 
 
 def dispatched(sim: object, request: CallAction) -> None:
-    from woosh_robot_agent.simulator.dispatch import dispatch
+    from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
     dispatch(sim.chassis, request)  # type: ignore[attr-defined]
 

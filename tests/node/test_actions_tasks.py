@@ -29,7 +29,7 @@ from tests.node.goals import (
 )
 from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.srv import SwitchControlMode
 

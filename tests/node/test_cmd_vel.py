@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
 from woosh_robot_agent.pb.util import task_pb2 as util_task
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_msgs.msg import TaskProc
 
 TWIST = "woosh.robot.Twist"

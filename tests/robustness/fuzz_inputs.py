@@ -15,7 +15,7 @@ from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_types
-from woosh_robot_agent.simulator.dispatch import HANDLERS
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
 
 DOCUMENTED = (
     '{"type":"woosh.robot.PoseSpeed","body":{},"sn":7,"timestamp":1700000000000}',

@@ -34,7 +34,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.protos import full_name, message_types
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
-from woosh_robot_agent.simulator.pushes import TOPICS
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
 
 try:
     from tests.type_pairs import PAIRS

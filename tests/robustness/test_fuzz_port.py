@@ -8,7 +8,7 @@ import pytest
 
 from tests.robustness.fuzz import fuzz
 from tests.robustness.fuzz_targets import ACCEPTED, Requests
-from woosh_robot_agent.simulator.geometry import Pose
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 SEED = 1
 

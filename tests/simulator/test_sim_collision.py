@@ -10,12 +10,12 @@ import pytest
 
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.collision import hull
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.dispatch import Answer, dispatch
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS
-from woosh_robot_agent.simulator.geometry import Pose, Wall
+from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.hull import hull
 
 ORIGINAL = FOOTPRINTS[util_robot_pb2.kOriginal]
 
@@ -30,9 +30,9 @@ def do(chassis: Chassis, name: str, **fields: Any) -> Answer:
 
 
 def drive(chassis: Chassis, seconds: float, **twist: float) -> None:
-    for _ in range(round(seconds / STEP_S)):
+    for _ in range(round(seconds / TIME_STEP)):
         do(chassis, "woosh.robot.Twist", **twist)
-        chassis.tick(STEP_S)
+        chassis.tick(TIME_STEP)
 
 
 def corners(pose: Pose) -> list[Pose]:

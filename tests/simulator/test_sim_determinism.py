@@ -13,11 +13,11 @@ from google.protobuf import json_format
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.client import Client
-from woosh_robot_agent.simulator.dispatch import dispatch
-from woosh_robot_agent.simulator.exchange import Exchange
-from woosh_robot_agent.simulator.pushes import TOPICS
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.serving.client import Client
+from woosh_robot_agent.simulator.serving.exchange import Exchange
 
 Do = Callable[[Chassis], None]
 
@@ -42,7 +42,6 @@ def put(name: str, x: float, y: float) -> Do:
 
 STEPS = [{"mode": 1, "value": 0.5}, {"mode": 2, "value": 1.57}, {"mode": 3, "value": 0.3}]
 
-#: What happens at which simulated second.
 SCRIPT: list[tuple[float, Do]] = [
     (1.0, ask("woosh.robot.ExecTask", taskId=11, type=4, direction=1, markNo="K10")),
     (30.0, ask("woosh.ros.CallAction", stepControl={"action": 1, "steps": STEPS})),
@@ -71,6 +70,7 @@ SCRIPT: list[tuple[float, Do]] = [
     (310.0, lambda chassis: setattr(chassis.battery, "level", 50.0)),
     (311.0, ask("woosh.robot.SetOccupancy", occupy=True)),
 ]
+"""Requests, by the simulated second at which they are sent."""
 END_S = 312.0
 
 
@@ -109,7 +109,7 @@ def in_lock_step() -> list[Json]:
     exchange.receive(recorder, json.dumps(subscription))
     while chassis.elapsed < END_S:
         player.play(chassis)
-        chassis.tick(STEP_S)
+        chassis.tick(TIME_STEP)
         exchange.report_changes(while_moving=True)
     return recorder.frames
 

@@ -201,7 +201,7 @@ def test_requests_that_wait_are_limited() -> None:
         assert [answer["sn"] for answer in refused] == [4, 5]
         for answer in refused:
             assert (answer["type"], answer["ok"]) == (OCCUPY, False)
-            assert "3 requests of this connection wait already" in answer["msg"]
+            assert "3 requests of this connection are waiting" in answer["msg"]
         assert simulator.counts[OCCUPY] == 5
         other.send(packed(MODE, sn=1))  # it has a limit of its own
         simulator.wait_received(MODE)

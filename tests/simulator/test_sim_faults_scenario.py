@@ -62,15 +62,18 @@ def test_files_are_read(scenario: Path) -> None:
         ("", "not a list"),
         ("- drop", "entry 1: 'drop' is not of the form {at: SECONDS, do: NAME}"),
         ("- {at: 1, 5: drop}", "entry 1: "),
-        ("- {at: 1, do: drop}\n- {do: drop}", "entry 2: drop: `at` has to say when"),
-        ("- {at: 1}", "entry 1: `do` has to name a fault"),
-        ("- {at: -1, do: drop}", "entry 1: drop: at: -1 is not a number from 0 simulated s"),
+        ("- {at: 1, do: drop}\n- {do: drop}", "entry 2: drop: `at` is missing"),
+        ("- {at: 1}", "entry 1: `do` must name a fault"),
+        (
+            "- {at: -1, do: drop}",
+            "entry 1: drop: at: -1 is not a number from 0 in s of",
+        ),
         ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
-        ("- {at: 1, do: dorp}", "entry 1: no fault 'dorp'; there are: drop, "),
+        ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of drop, "),
         ("- {at: 1, do: delay, secs: 3}", "entry 1: delay has no argument 'secs'"),
         ("- {at: 1, do: drop, for: 3}", "entry 1: drop is momentary"),
         ("- {at: 1, do: off, for: }", "entry 1: off: for: None is not a number"),
-        ("- {at: 1, do: on}", "entry 1: `do` has to name a fault"),
+        ("- {at: 1, do: on}", "entry 1: `do` must name a fault"),
     ],
 )
 def test_wrong_files_say_what_is_right(tmp_path: Path, text: str, complaint: str) -> None:
@@ -97,11 +100,14 @@ def test_the_command_lines_form() -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "no fault ''; there are: "),
+        ("", "unknown fault '': use one of "),
         ("'", "No closing quotation"),
         ("delay 3", "delay: '3' is not of the form key=value"),
-        ("delay seconds=1 seconds=2", "delay: seconds is said twice"),
-        ("delay seconds=x", "delay: seconds: 'x' is not a number from 0 to 86400 real s"),
+        ("delay seconds=1 seconds=2", "delay: seconds is given twice"),
+        (
+            "delay seconds=x",
+            "delay: seconds: 'x' is not a number from 0 to 86400 in s of",
+        ),
         ("delay count=1.5", "delay: count: '1.5' is not an integer from 0"),
         ("delay what=1", "delay has no argument 'what'; its arguments are: seconds, "),
     ],

@@ -10,7 +10,8 @@ import pytest
 
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, server
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.serving import connections
 
 MODE = "woosh.robot.Mode"
 MIB = 1024 * 1024
@@ -128,7 +129,7 @@ def test_web_pages_are_not_refused_where_everybody_is_let_in() -> None:
 def test_a_socket_that_says_nothing_makes_room_for_others(
     monkeypatch: pytest.MonkeyPatch, simulator: SimulatorThread
 ) -> None:
-    monkeypatch.setattr(server, "_SILENCE_S", 2.0)
+    monkeypatch.setattr(connections, "_FIRST_FRAME_TIMEOUT", 2.0)
     speaking, silent = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
     assert speaking.request(MODE).ok
     with pytest.raises((AssertionError, ConnectionError)):
@@ -151,4 +152,4 @@ def test_clients_that_are_too_many_are_logged_once(caplog: pytest.LogCaptureFixt
         first.close()
     refused = [each.message for each in caplog.records if "refused" in each.message]
     assert len(refused) == 1
-    assert refused[0].endswith("1 clients already; so are further ones until one has left")
+    assert refused[0].endswith("until one disconnects")

@@ -42,5 +42,5 @@ def test_waiting_requests_are_limited() -> None:
             client.send({"type": MODE, "sn": sn})
         answer = client.receive()
         assert (answer["sn"], answer["ok"]) == (3, False)
-        assert "2 requests of this connection wait already" in answer["msg"]
+        assert "2 requests of this connection are waiting" in answer["msg"]
         client.close()

@@ -9,22 +9,22 @@ from typing import Any
 import pytest
 
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator.base import (
-    ACCELERATION_MPS2,
-    MAX_SPEED_MPS,
-    MAX_TURN_RADPS,
+from woosh_robot_agent.simulator.body.base import (
+    ACCELERATION,
+    MAX_SPEED,
+    MAX_TURN_RATE,
     STANDSTILL,
     Base,
     Velocity,
     approach,
 )
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.dispatch import Answer, dispatch
-from woosh_robot_agent.simulator.geometry import Pose, wrap
-from woosh_robot_agent.simulator.planner import planner
+from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.world.geometry import Pose, wrap
+from woosh_robot_agent.simulator.world.planner import planner
 
-STEPS_PER_S = round(1 / STEP_S)
+STEPS_PER_S = round(1 / TIME_STEP)
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def do(chassis: Chassis, name: str, **fields: Any) -> Answer:
 def run(chassis: Chassis, seconds: float) -> list[Velocity]:
     velocities = []
     for _ in range(round(seconds * STEPS_PER_S)):
-        chassis.tick(STEP_S)
+        chassis.tick(TIME_STEP)
         velocities.append(chassis.base.velocity)
     return velocities
 
@@ -52,15 +52,15 @@ def open_floor(pose: Pose) -> float:
 def test_approach_stops_exactly_and_within_limits(distance: float) -> None:
     position = speed = 0.0
     for _ in range(400):
-        wanted = approach(distance - position, 0.8, 1.0, STEP_S)
+        wanted = approach(distance - position, 0.8, 1.0, TIME_STEP)
         # Never slower down than the base can brake, so never beyond the goal.
-        assert abs(wanted) >= abs(speed) - STEP_S * 1.0 - 1e-9
+        assert abs(wanted) >= abs(speed) - TIME_STEP * 1.0 - 1e-9
         speed = (
             wanted
             if abs(wanted) < abs(speed)
-            else math.copysign(min(abs(wanted), abs(speed) + STEP_S * 1.0), wanted)
+            else math.copysign(min(abs(wanted), abs(speed) + TIME_STEP * 1.0), wanted)
         )
-        position += speed * STEP_S
+        position += speed * TIME_STEP
         assert abs(position) <= abs(distance) + 1e-9
     assert position == pytest.approx(distance, abs=1e-9)
 
@@ -71,11 +71,11 @@ def test_base_integrates_an_arc_exactly() -> None:
     steps = 100
     for _ in range(steps):
         base.drive(Velocity(0.5, 0.0, 0.5))
-        base.tick(STEP_S, open_floor)
-    angle = 0.5 * steps * STEP_S
+        base.tick(TIME_STEP, open_floor)
+    angle = 0.5 * steps * TIME_STEP
     assert base.pose.point == pytest.approx((math.sin(angle), 1.0 - math.cos(angle)))
     assert base.pose.theta == pytest.approx(wrap(angle))
-    assert base.odometer == pytest.approx(0.5 * steps * STEP_S)
+    assert base.odometer == pytest.approx(0.5 * steps * TIME_STEP)
 
 
 def test_base_keeps_its_limits() -> None:
@@ -83,15 +83,15 @@ def test_base_keeps_its_limits() -> None:
     before = STANDSTILL
     for _ in range(40):
         base.drive(Velocity(3.0, -4.0, -9.0))
-        base.tick(STEP_S, open_floor)
+        base.tick(TIME_STEP, open_floor)
         change = math.hypot(
             base.velocity.forward - before.forward, base.velocity.left - before.left
         )
-        assert change <= ACCELERATION_MPS2 * STEP_S + 1e-9
+        assert change <= ACCELERATION * TIME_STEP + 1e-9
         before = base.velocity
-    assert base.velocity.speed == pytest.approx(MAX_SPEED_MPS)
+    assert base.velocity.speed == pytest.approx(MAX_SPEED)
     assert base.velocity.left / base.velocity.forward == pytest.approx(-4 / 3)
-    assert base.velocity.turn == pytest.approx(-MAX_TURN_RADPS)
+    assert base.velocity.turn == pytest.approx(-MAX_TURN_RATE)
 
 
 def test_twist_moves_then_ramps_to_zero(chassis: Chassis) -> None:
@@ -106,7 +106,7 @@ def test_twist_moves_then_ramps_to_zero(chassis: Chassis) -> None:
     held = speeds.index(next(speed for speed in speeds if speed < 0.5))
     assert held == round(0.4 * STEPS_PER_S)
     ramp = speeds[held:]
-    assert all(0.0 <= a - b <= ACCELERATION_MPS2 * STEP_S + 1e-9 for a, b in pairwise(ramp))
+    assert all(0.0 <= a - b <= ACCELERATION * TIME_STEP + 1e-9 for a, b in pairwise(ramp))
     assert len([speed for speed in ramp if speed > 0.0]) >= 5
     assert speeds[-1] == 0.0
     moved = start.distance(chassis.base.pose.point)

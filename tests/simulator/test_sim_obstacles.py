@@ -7,11 +7,11 @@ import math
 import pytest
 
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.dispatch import dispatch
-from woosh_robot_agent.simulator.geometry import Pose
-from woosh_robot_agent.simulator.obstacles import Obstacles
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 
 @pytest.fixture
@@ -22,9 +22,9 @@ def chassis() -> Chassis:
 
 
 def drive(chassis: Chassis, seconds: float, linear: float = 0.5) -> None:
-    for _ in range(round(seconds / STEP_S)):
+    for _ in range(round(seconds / TIME_STEP)):
         dispatch(chassis, message_type("woosh.robot.Twist")(linear=linear))
-        chassis.tick(STEP_S)
+        chassis.tick(TIME_STEP)
 
 
 def ahead(chassis: Chassis) -> float:
@@ -67,7 +67,7 @@ def test_equal_seeds_meet_obstacles_alike() -> None:
                 chassis.obstacles.put("a", 2.0, -0.8, 0.2)
             if step == 120:
                 chassis.obstacles.remove("b")
-            drive(chassis, STEP_S)
+            drive(chassis, TIME_STEP)
             seen.append((chassis.base.pose, chassis.base.blocked))
             if step % 40 == 0:
                 seen.append(chassis.scan())

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +18,9 @@ import pytest
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, subscription
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scenes
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
+from woosh_robot_agent.simulator.scenes import library as scenes
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
 READY = re.compile(
@@ -55,6 +57,43 @@ def test_runs_and_ends(number: signal.Signals) -> None:
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
         tcp.close()
+
+
+def test_further_signals_change_nothing() -> None:
+    # As from `ros2 launch`: a terminal sends SIGINT to all programs, and launch sends it again.
+    with running() as (process, port, _):
+        client = JsonClient(port)
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.001)  # for the process to get on, not for something to happen
+        out, err = process.communicate()
+        assert (process.returncode, out, err) == (0, "", "")
+        client.close()
+
+
+SIGNAL_ON_IMPORT = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+from woosh_robot_agent.simulator.__main__ import main
+sys.meta_path.insert(0, Finder())
+sys.exit(main(["--port", "0", "--tcp-port", "0"]))
+"""
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["asyncio", "woosh_robot_agent.protos", "woosh_robot_agent.simulator.server"],
+)
+def test_a_signal_while_it_starts_ends_it(module: str) -> None:
+    command = [sys.executable, "-c", SIGNAL_ON_IMPORT, module]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
 def test_needs_no_ros() -> None:
@@ -96,13 +135,13 @@ def test_warns_when_not_local() -> None:
         assert process.stdout.readline().startswith("simulated chassis ready on ws://0.0.0.0:")
         process.terminate()
         _, err = process.communicate(timeout=TIMEOUT)
-    assert err.startswith("warning: anybody who reaches 0.0.0.0")
+    assert err.startswith("warning: everybody who can reach 0.0.0.0")
 
 
 @pytest.fixture
 def hall(tmp_path: Path) -> Path:
     """A scene whose map is a picture."""
-    picture = Path(scenes.__file__).parent / "data" / "wooshmap" / "wooshmap.yaml"
+    picture = Path(scenes.__file__).parents[1] / "data" / "wooshmap" / "wooshmap.yaml"
     (tmp_path / "scene.yaml").write_text(
         "name: hall\n"
         "start: {pose: [4.0, -6.5, 0.0]}\n"

@@ -69,22 +69,22 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
         ("woosh.robot.ActionOrder", {"order": 4}, "no task is running"),
         ("woosh.robot.ActionOrder", {"order": 6}, "no task is waiting"),
         ("woosh.robot.ActionOrder", {"order": 99}, "unknown order 99"),
-        ("woosh.robot.ActionOrder", {"order": 1}, "out of use"),
-        ("woosh.robot.ChangeNavPath", {"paths": {}}, "nothing is navigating"),
+        ("woosh.robot.ActionOrder", {"order": 1}, "not supported"),
+        ("woosh.robot.ChangeNavPath", {"paths": {}}, "no navigation is running"),
         ("woosh.robot.SwitchControlMode", {"mode": 0}, "unknown control mode 0"),
         ("woosh.robot.SwitchWorkMode", {"mode": 9}, "unknown work mode 9"),
-        ("woosh.robot.SwitchFootPrint", {"type": 9}, "unknown foot print 9"),
+        ("woosh.robot.SwitchFootPrint", {"type": 9}, "unknown footprint 9"),
         ("woosh.robot.SwitchMap", {"sceneName": "moon"}, "unknown scene moon"),
         ("woosh.robot.SwitchMap", {"mapName": "attic"}, "unknown map attic"),
         ("woosh.robot.InitRobot", {"pose": {"x": -5, "y": -6}}, "inside a wall"),
-        ("woosh.robot.InitRobot", {"pose": {"x": 99}}, "outside of map"),
+        ("woosh.robot.InitRobot", {"pose": {"x": 99}}, "outside map"),
         ("woosh.robot.Twist", {"linear": "NaN"}, "linear is not a finite number"),
         ("woosh.robot.SetRobotPose", {"pose": {"y": "Infinity"}}, "pose.y is not a finite"),
         ("woosh.robot.Twist", {"linear": "fast"}, "unreadable body"),
-        ("woosh.robot.setting.Power", {"alarm": 90, "full": 80}, "do not rise"),
+        ("woosh.robot.setting.Power", {"alarm": 90, "full": 80}, "must rise"),
         ("woosh.robot.setting.Sound", {"volume": 101}, "not within 0 to 100"),
         ("woosh.robot.RobotWiFi", {"order": 2, "content": "e30="}, "no"),
-        ("woosh.robot.RobotWiFi", {"order": 4, "content": "eA=="}, "WiFi x is not known"),
+        ("woosh.robot.RobotWiFi", {"order": 4, "content": "eA=="}, "network x is not known"),
         ("woosh.ros.CallAction", {}, "names no action"),
         ("woosh.ros.CallAction", {"anyAction": {"type": "x"}}, "unknown action x"),
         ("woosh.ros.CallAction", {"stepControl": {"action": 1}}, "no steps"),
@@ -197,4 +197,4 @@ def test_known_networks_are_limited(client: JsonClient) -> None:
         client.ask("woosh.robot.RobotWiFi", _wifi(2, f"network {number}"))
     client.ask("woosh.robot.RobotWiFi", _wifi(2, "network 0"))
     text = client.refused("woosh.robot.RobotWiFi", _wifi(2, "one more"))
-    assert text == "100 networks are known already: forget one first"
+    assert text == "100 networks are already known: forget one first"

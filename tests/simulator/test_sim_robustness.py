@@ -11,12 +11,7 @@ import pytest
 
 from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
-from woosh_robot_agent.simulator import (
-    Outgoing,
-    SimulatedChassis,
-    SimulatorConfig,
-    SimulatorThread,
-)
+from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorConfig, SimulatorThread
 
 GARBAGE: list[str | bytes] = [
     "",

@@ -16,19 +16,21 @@ from PIL import Image
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, scene_files, scenes
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.dispatch import dispatch
-from woosh_robot_agent.simulator.geometry import Pose, Wall
-from woosh_robot_agent.simulator.map_images import picture
-from woosh_robot_agent.simulator.maps import MarkKind
-from woosh_robot_agent.simulator.obstacles import Obstacles
-from woosh_robot_agent.simulator.planner import Planner
-from woosh_robot_agent.simulator.scene_files import load_scene
-from woosh_robot_agent.simulator.yaml_fields import SceneError
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.scenes import files as scene_files
+from woosh_robot_agent.simulator.scenes import library as scenes
+from woosh_robot_agent.simulator.scenes.files import load_scene
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
+from woosh_robot_agent.simulator.world.picture import draw
+from woosh_robot_agent.simulator.world.planner import Planner
 
-SHIPPED = Path(scenes.__file__).parent / "data"
+SHIPPED = Path(scenes.__file__).parents[1] / "data"
 
 NAV2 = """
 image: {image}
@@ -107,7 +109,7 @@ def test_scenes_of_two_chassis_are_apart() -> None:
 def test_the_shipped_picture_shows_the_walls() -> None:
     """The PNG is what drawing the scene gives; its YAML says where it lies."""
     area = load_scene(SHIPPED / "wooshmap").maps[0]
-    drawn = picture(area)
+    drawn = draw(area)
     with (
         Image.open(SHIPPED / "wooshmap" / "wooshmap.png") as shipped,
         Image.open(io.BytesIO(drawn.png)) as made,
@@ -142,7 +144,7 @@ def test_laser_and_base_meet_the_same_in_the_picture_as_in_the_walls() -> None:
             chassis.base.place(Pose(2.0, 3.0, heading))
             for _ in range(800):
                 dispatch(chassis, message_type("woosh.robot.Twist")(linear=0.5))
-                chassis.tick(STEP_S)
+                chassis.tick(TIME_STEP)
             assert chassis.base.blocked
             stops.append(chassis.base.pose)
             chassis.base.halt()
@@ -279,7 +281,7 @@ def test_unknown_floor_is_seen_through_but_not_driven_on(tmp_path: Path) -> None
     answer = dispatch(
         chassis, message_type("woosh.robot.InitRobot")(pose={"x": 2.5, "y": 0.0, "theta": 0.0})
     )
-    assert (answer.ok, "outside of map" in answer.msg) == (False, True)
+    assert (answer.ok, "outside map" in answer.msg) == (False, True)
 
 
 def test_a_grid_without_walls_shows_nothing(tmp_path: Path) -> None:
@@ -365,13 +367,13 @@ def test_a_scene_of_ones_own(tmp_path: Path) -> None:
     assert ranges[middle + 140] > 1.5 / math.cos(0.7)
     answer = dispatch(chassis, message_type("woosh.robot.ExecPreTask")(task_set_id=12))
     assert "mark 17" not in answer.msg
-    (repeat,) = chassis.predefined.repeat_tasks
+    (repeat,) = chassis.scene.predefined.repeat_tasks
     assert (repeat.times, [task.base.mark_no for task in repeat.task_set.tasks]) == (
         2,
         ["A1", "17"],
     )
     assert [task.base.type for task in repeat.task_set.tasks] == [4, 1]
-    (call,) = chassis.calls.call_tasks
+    (call,) = chassis.scene.calls.call_tasks
     assert call.call_info.events[0].caller.key_id == 2
 
 
@@ -387,39 +389,43 @@ def test_several_scenes_start_in_the_first(tmp_path: Path) -> None:
 
 
 BROKEN = [
-    ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; known are name, start, maps, tasks"),
+    ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of name, start, maps, tasks"),
     ("name: ground\n", "floor: x\n", "scene.yaml: maps[0]: name is missing"),
-    ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is there already"),
-    ("id: 9", "id: 0", "maps[1]: id 0 is there already"),
-    ("id: 9", "id: -1", "maps[1].id: a whole number from 0 to 4294967295 is needed, not -1"),
-    ("version: 5", "version: true", "maps[1].version: a whole number"),
+    ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is used twice"),
+    ("id: 9", "id: 0", "maps[1]: id 0 is used twice"),
+    ("id: 9", "id: -1", "maps[1].id: must be a whole number from 0 to 4294967295, not -1"),
+    ("version: 5", "version: true", "maps[1].version: must be a whole number"),
     ("image: room.yaml", "image: attic.yaml", "attic.yaml"),
     ("image: room.yaml", "image: room.png", "room.png: not readable as YAML"),
-    ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 3.0]", "maps[1].walls[0]: [x1, y1, x2, y2] is needed"),
-    ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, .nan, 1.0]", "maps[1].walls[0][2]: a number is needed"),
+    ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 3.0]", "maps[1].walls[0]: must be [x1, y1, x2, y2]"),
+    ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, .nan, 1.0]", "maps[1].walls[0][2]: must be a number"),
     ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 9.0e+9, 1.0]", "is not within 0 to 500 m"),
     (
         "walls: [[0, 0, 8, 0, 8, 6, 0, 6, 0, 0]]",
         "floor: x",
         "maps[0]: a map needs an image or walls",
     ),
-    ("type: rack", "type: shelf", "maps[0].marks[0].type: 'shelf' is none of base, rack,"),
-    ("[4.0, 3.0, 1.5]", "[4.0, 3.0]", "marks[0].pose: [x, y, theta] is needed, not [4.0, 3.0]"),
+    ("type: rack", "type: shelf", "maps[0].marks[0].type: 'shelf' is not one of base, rack,"),
+    ("[4.0, 3.0, 1.5]", "[4.0, 3.0]", "marks[0].pose: must be [x, y, theta], not [4.0, 3.0]"),
     (
         '"17", pose',
         "17, pose",
-        "marks[1].number: a text is needed, not 17; put numbers into quotes",
+        "marks[1].number: must be a text, not 17; put numbers into quotes",
     ),
-    ('"17", pose', "A1, pose", "marks[1]: number A1 is there already"),
-    ("map: upstairs, pose", "map: attic, pose", "start.map: 'attic' is none of ground, upstairs"),
+    ('"17", pose', "A1, pose", "marks[1]: number A1 is used twice"),
+    (
+        "map: upstairs, pose",
+        "map: attic, pose",
+        "start.map: 'attic' is not one of ground",
+    ),
     ("mark: A1}]}", "mark: Z9}]}", "calls[0].steps[0].mark: no map of the scene has a mark Z9"),
-    ("type: carry", "type: fly", "steps[0].type: 'fly' is none of pick, parking, charge, carry"),
+    ("type: carry", "type: fly", "steps[0].type: 'fly' is not one of pick, parking, charge, carry"),
     ("name: lab", "name: [", "scene.yaml: not readable as YAML"),
     ("name: lab", "name: lab\n<<: {a: 1}", "merge keys (<<) are not supported"),
     ("name: lab", "name: 2025-13-45", "scene.yaml"),
     ("name: lab", "name: " + "[" * 50000, "scene.yaml: nested more than 20 levels"),
-    ("name: lab", "name: lab #" + "x" * 300000, "are more than 262144"),
-    (SCENE, "[]", "scene.yaml: a mapping of keys to values is needed"),
+    ("name: lab", "name: lab #" + "x" * 300000, "more than 262144"),
+    (SCENE, "[]", "scene.yaml: must be a mapping of keys to values"),
     (SCENE, "maps: []", "scene.yaml: maps: a scene needs at least one map"),
 ]
 
@@ -435,11 +441,15 @@ def test_unusable_scenes_say_where_and_why(tmp_path: Path, old: str, new: str, r
 
 BROKEN_MAPS = [
     ("resolution: 0.1", "", "room.yaml: resolution is missing"),
-    ("resolution: 0.1", "resolution: 0", "resolution: the side of a pixel must be within"),
-    ("0.0]", "0.5]", "origin: the map must not be turned"),
-    ("negate: 0", "negate: 2", "negate: 0 or 1 is needed"),
-    ("trinary", "color", "mode: 'color' is none of trinary, scale, raw"),
-    ("free_thresh: 0.196", "free_thresh: 0.9", "0 <= free_thresh < occupied_thresh (0.65) <= 1"),
+    ("resolution: 0.1", "resolution: 0", "resolution: must be within"),
+    ("0.0]", "0.5]", "origin: a rotated map is not supported"),
+    ("negate: 0", "negate: 2", "negate: must be 0 or 1"),
+    ("trinary", "color", "mode: 'color' is not one of trinary, scale, raw"),
+    (
+        "free_thresh: 0.196",
+        "free_thresh: 0.9",
+        "free_thresh: must be at least 0 and less than",
+    ),
     ("room.png", "none.png", "none.png: No such file or directory"),
     ("room.png", "room.yaml", "room.yaml: not readable as a PNG or PGM picture"),
 ]
@@ -478,9 +488,9 @@ def test_unusable_pictures_say_why(tmp_path: Path) -> None:
 
 
 def test_too_many_pixels_altogether(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_files, "_MOST_PIXELS", 2 * 60 * 40)
+    monkeypatch.setattr(scene_files, "_MAX_PIXELS", 2 * 60 * 40)
     maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
-    with pytest.raises(SceneError, match=r"maps\[2\]: the scene's pictures have more than 4800"):
+    with pytest.raises(SceneError, match=r"maps\[2\]: the pictures of the scene have"):
         load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
 
 
@@ -502,7 +512,7 @@ def test_the_program_takes_scenes_and_says_what_is_wrong(
     assert out == ""
     first, second = err.splitlines()
     assert first.startswith(f"error: {tmp_path}")
-    assert "neither a folder with scene.yaml or a map of nav2's map_server" in second
+    assert "not a scene: give a scene.yaml" in second
 
 
 # On the wire

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.simulator import (
+    Outgoing,
+    SimulatedChassis,
+    SimulatorConfig,
+    SimulatorThread,
+)
+from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
+from woosh_robot_agent.simulator.chassis import TIME_STEP
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
 PROC, MODE = "woosh.robot.TaskProc", "woosh.robot.Mode"
 OPERATION, STATE = "woosh.robot.OperationState", "woosh.robot.RobotState"
@@ -16,7 +23,7 @@ AUTO, MANUAL, MAINTAIN = 1, 2, 3
 UNINIT, IDLE, FAULT, FOLLOWING = 1, 2, 6, 7
 PAUSED = 4
 TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-KEY = "key switch stands at manual: turn it to automatic first"
+KEY = "key switch is at manual: turn it to automatic first"
 
 
 def test_key_switch_overrules_the_mode(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -25,7 +32,7 @@ def test_key_switch_overrules_the_mode(simulator: SimulatorThread, client: JsonC
     client.push(PROC, lambda body: body["state"] == 3)
     simulator.set_key_switch(True)
     paused = client.push(PROC)
-    assert (paused["state"], paused["msg"]) == (PAUSED, "key switch stands at manual")
+    assert (paused["state"], paused["msg"]) == (PAUSED, "key switch is at manual")
     assert client.push(MODE)["ctrl"] == MANUAL
     assert client.push(OPERATION)["robot"] == 0
     for mode in (AUTO, MAINTAIN):
@@ -78,7 +85,7 @@ def test_lost_localisation(simulator: SimulatorThread, client: JsonClient) -> No
     assert info["operationState"]["robot"] == 0
     assert info["deviceState"]["software"] & 1 == 0
     assert [each["msg"] for each in info["abnormalCodes"]["scs"]] == ["localisation lost"]
-    reason = "robot has lost its localisation: InitRobot or SetRobotPose first"
+    reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
     assert client.refused(*TASK) == reason
     client.pushes.clear()
     client.ask("woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 2}})
@@ -97,7 +104,7 @@ def test_a_chassis_that_was_just_switched_on_wants_to_be_initialised() -> None:
         info = client.ask("woosh.robot.RobotInfo")
         assert (info["state"], info["operationState"]["robot"]) == (UNINIT, 0)
         assert info["deviceState"]["software"] & 1 == 0
-        assert client.refused(*TASK) == "robot is not initialised: InitRobot first"
+        assert client.refused(*TASK) == "robot is not initialised: send InitRobot first"
         client.ask("woosh.robot.InitRobot", {"isRecord": True})
         assert client.push(STATE)["state"] == IDLE
         assert client.push(OPERATION)["robot"] == 1
@@ -224,16 +231,19 @@ def test_twist_must_be_repeated(client: JsonClient) -> None:
         assert found == pytest.approx(speed, abs=1e-6), stamp - sent[-1]
 
 
-def test_an_explicit_zero_stops_at_once(client: JsonClient) -> None:
+def test_an_explicit_zero_stops_at_once(simulator: SimulatorThread, client: JsonClient) -> None:
+    def stop_while_it_drives(simulator: SimulatedChassis) -> tuple[bool, Velocity]:
+        # Without the clock, which runs the command into its timeout.
+        chassis = simulator.chassis
+        dispatch(chassis, Twist(linear=0.5, angular=0.5))
+        for _ in range(5):
+            chassis.tick(TIME_STEP)
+        moving = chassis.base.moving
+        dispatch(chassis, Twist())
+        return moving, chassis.base.velocity
+
     client.subscribe("woosh.robot.PoseSpeed")
-    client.ask("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5})
-    client.push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.0)
-    client.ask("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5})
-    stopped = client.request("woosh.robot.Twist")
-    assert client.ask("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
-    client.pushes = deque(
-        each for each in client.pushes if each.get("timestamp", 0) > stopped["timestamp"]
-    )
+    assert simulator.call(stop_while_it_drives) == (True, STANDSTILL)
     assert client.push("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
 
 

@@ -15,8 +15,9 @@ from PIL import Image
 
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.util.common_pb2 import FileData
-from woosh_robot_agent.simulator import SimulatorThread, uploads
-from woosh_robot_agent.simulator.refused import Refused
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.protocol import uploads
 
 NAV2 = b"""
 image: floor.png
@@ -152,28 +153,34 @@ def test_a_robot_that_cannot_be_there_is_lost(client: JsonClient) -> None:
 
 
 BAD: list[tuple[dict[str, bytes], str]] = [
-    ({"floor_yaml": NAV2}, "floor.png: not among the uploaded files: upload it too"),
+    ({"floor_yaml": NAV2}, "floor.png: the file is missing: upload it too"),
     ({"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"}, "floor.png: not readable as a PNG or PGM"),
     ({"floor_yaml": b"image: [", "floor_png": floor_png()}, "floor.yaml: not readable as YAML"),
     ({"floor_yaml": b"image: floor.png"}, "floor.yaml: resolution is missing"),
-    ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: a list is needed"),
-    ({"scene_yaml": SCENE}, "floor.yaml: not among the uploaded files"),
-    ({"floor_yaml": NAV2.replace(b"floor.png", b"/etc/hostname")}, "/etc/hostname: not among"),
-    ({"floor_yaml": NAV2.replace(b"floor.png", b"../floor.png")}, "../floor.png: not among"),
+    ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: must be a list"),
+    ({"scene_yaml": SCENE}, "floor.yaml: the file is missing"),
+    (
+        {"floor_yaml": NAV2.replace(b"floor.png", b"/etc/hostname")},
+        "hostname: the file is missing",
+    ),
+    (
+        {"floor_yaml": NAV2.replace(b"floor.png", b"../floor.png")},
+        "./floor.png: the file is missing",
+    ),
     ({"floor_yaml": b"x: " + b"[" * 60000}, "floor.yaml: nested more than"),
     (
         {"floor_yaml": NAV2, "floor_yml": NAV2, "floor_png": floor_png()},
-        "there are two files of a map floor",
+        "another file has the map name floor too",
     ),
-    ({"../floor_png": b""}, "'../floor.png': a plain name without folders is needed"),
-    ({"/floor_png": b""}, "a plain name without folders"),
-    ({"a\\b_png": b""}, "a plain name without folders"),
-    ({"C:b_png": b""}, "a plain name without folders"),
-    ({"": b""}, "a plain name without folders"),
-    ({"..": b""}, "a plain name without folders"),
-    ({"a\n_png": b""}, "a plain name without folders"),
+    ({"../floor_png": b""}, "'../floor.png': the name must be a plain file name"),
+    ({"/floor_png": b""}, "must be a plain file name"),
+    ({"a\\b_png": b""}, "must be a plain file name"),
+    ({"C:b_png": b""}, "must be a plain file name"),
+    ({"": b""}, "must be a plain file name"),
+    ({"..": b""}, "must be a plain file name"),
+    ({"a\n_png": b""}, "must be a plain file name"),
     ({"a" * 300: b""}, "at most 255 characters"),
-    ({f"{number}_png": b"" for number in range(101)}, "more than a scene can have: 100 files"),
+    ({f"{number}_png": b"" for number in range(101)}, "more than the limit of a scene: 100 files"),
 ]
 
 
@@ -204,10 +211,10 @@ def test_bad_uploads_change_nothing(
 
 def test_too_much_is_refused() -> None:
     big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
-    files = uploads.checked({}, big)
-    assert list(uploads.checked(files, big)) == ["big.bin"]
-    with pytest.raises(Refused, match="2 files of 41943040 bytes are more than a scene can have"):
-        uploads.checked(files, [FileData(name="more.bin", data=big[0].data)])
+    files = uploads.merge_files({}, big)
+    assert list(uploads.merge_files(files, big)) == ["big.bin"]
+    with pytest.raises(RefusedError, match="2 files of 41943040 bytes are more"):
+        uploads.merge_files(files, [FileData(name="more.bin", data=big[0].data)])
 
 
 def test_a_bad_second_upload_leaves_the_first(client: JsonClient) -> None:
@@ -226,7 +233,7 @@ def test_a_bad_second_upload_leaves_the_first(client: JsonClient) -> None:
 def test_a_name_twice_is_refused(client: JsonClient) -> None:
     files = [{"name": "a.bin", "data": ""}, {"name": "a.bin", "data": "AA=="}]
     request = {"sceneName": "new", "fileDatas": files}
-    assert client.refused("woosh.robot.SwitchMap", request) == "file a.bin is there twice"
+    assert client.refused("woosh.robot.SwitchMap", request) == "file a.bin is uploaded twice"
 
 
 def test_nothing_is_written(

@@ -1,23 +1,42 @@
-"""A chassis on your laptop: the other end of the link, as a program and as a library.
+"""A simulated chassis: the other end of the link, as a program and as a library.
 
-`python -m woosh_robot_agent.simulator` runs it; no ROS is needed. In a test:
+`python3 -m woosh_robot_agent.simulator` runs it. It does not need ROS. In a test:
 
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20)) as simulator:
         ...  # connect to ws://127.0.0.1:{simulator.port}
 
-The model (`chassis` and what it imports) is pure: it is stepped in simulated time and knows neither
-sockets nor asyncio. `dispatch` maps each request to its handler, `exchange` holds the conversation
-with the clients, `server` puts that on ports, `faults` is what can go wrong with it all.
+The packages and modules, each of which imports only those before it:
+
+- `errors`, `scenario`, `config`: the error of a refused request, a schedule of faults, the options.
+- `world`: geometry, maps, obstacles, collisions, laser and path planner.
+- `body`: the parts of the robot. `scenes`: maps with marks and tasks, read from files.
+- `behaviour`: what the robot does over time. `behaviour.ownership` decides which job owns which
+  device.
+- `chassis`: the model of the robot. It has no sockets and no clock: simulated time is advanced
+  step by step.
+- `protocol`: requests, reports and pushes.
+- `serving`: clients and connections.
+- `faults`: everything that can go wrong.
+- `server`, `thread`, `command_line`: the simulated chassis in an event loop, in a thread, as a
+  program.
 """
 
-import woosh_robot_agent.protos  # noqa: F401 - says what to do where nothing is compiled yet
-from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.exchange import Received
-from woosh_robot_agent.simulator.faults import FaultError, Injection, Scenario, load_scenario
-from woosh_robot_agent.simulator.hooks import Interceptor, Outgoing
-from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.simulator.snapshot import Snapshot
-from woosh_robot_agent.simulator.thread import SimulatorThread
+import importlib
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from woosh_robot_agent.simulator.config import SimulatorConfig
+    from woosh_robot_agent.simulator.faults import (
+        FaultError,
+        Injection,
+        Scenario,
+        load_scenario,
+    )
+    from woosh_robot_agent.simulator.server import SimulatedChassis
+    from woosh_robot_agent.simulator.serving.exchange import Received
+    from woosh_robot_agent.simulator.serving.hooks import Interceptor, Outgoing
+    from woosh_robot_agent.simulator.snapshot import Snapshot
+    from woosh_robot_agent.simulator.thread import SimulatorThread
 
 __all__ = [
     "FaultError",
@@ -32,3 +51,29 @@ __all__ = [
     "Snapshot",
     "load_scenario",
 ]
+
+_MODULES = {
+    "FaultError": "faults",
+    "Injection": "faults",
+    "Interceptor": "serving.hooks",
+    "Outgoing": "serving.hooks",
+    "Received": "serving.exchange",
+    "Scenario": "faults",
+    "SimulatedChassis": "server",
+    "SimulatorConfig": "config",
+    "SimulatorThread": "thread",
+    "Snapshot": "snapshot",
+    "load_scenario": "faults",
+}
+"""Modules of the public names. They are imported on first use, because the program must handle
+signals before it imports anything slow."""
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # Imported first: it tells what to do if the protobuf modules are not compiled.
+    importlib.import_module("woosh_robot_agent.protos")
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value

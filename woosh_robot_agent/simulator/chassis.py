@@ -1,4 +1,4 @@
-"""The simulated chassis itself: one state, stepped in simulated time."""
+"""The simulated robot: one consistent state, advanced in simulated time."""
 
 from __future__ import annotations
 
@@ -8,54 +8,57 @@ from collections import deque
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
-from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import scenes
-from woosh_robot_agent.simulator.actions import Actions
-from woosh_robot_agent.simulator.base import Base
-from woosh_robot_agent.simulator.battery import Battery
-from woosh_robot_agent.simulator.codes import (
+from woosh_robot_agent.simulator.behaviour.actions import Actions
+from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
+from woosh_robot_agent.simulator.behaviour.following import Follower
+from woosh_robot_agent.simulator.behaviour.ownership import Ownership
+from woosh_robot_agent.simulator.behaviour.tasks import Tasks
+from woosh_robot_agent.simulator.behaviour.teleop import Teleop
+from woosh_robot_agent.simulator.body.base import Base
+from woosh_robot_agent.simulator.body.battery import Battery
+from woosh_robot_agent.simulator.body.codes import (
     BATTERY_LOW,
     EMERGENCY_STOP,
-    IMPEDED,
-    KEY_AT_MANUAL,
+    KEY_SWITCH_MANUAL,
     LOCALISATION_LOST,
+    OBSTACLE_IN_THE_WAY,
     Codes,
 )
-from woosh_robot_agent.simulator.collision import Bumper
+from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.body.lift import Lift
+from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.errands import Errands
-from woosh_robot_agent.simulator.follow import Follower
-from woosh_robot_agent.simulator.footprints import FOOTPRINTS
-from woosh_robot_agent.simulator.geometry import Pose, Wall
-from woosh_robot_agent.simulator.jobs import Device
-from woosh_robot_agent.simulator.laser import Laser
-from woosh_robot_agent.simulator.lift import Lift
-from woosh_robot_agent.simulator.maps import Map, MarkKind, Scene
-from woosh_robot_agent.simulator.navigation import Navigate
-from woosh_robot_agent.simulator.obstacles import Obstacles
-from woosh_robot_agent.simulator.readiness import Readiness
-from woosh_robot_agent.simulator.refused import Refused
-from woosh_robot_agent.simulator.tasks import TaskOrder, Tasks
-from woosh_robot_agent.simulator.teleop import Teleop
-from woosh_robot_agent.simulator.wifi import WiFi
-from woosh_robot_agent.simulator.yaml_fields import SceneError
+from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.scenes import library
+from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.world.collision import CollisionDetector
+from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.laser import Laser
+from woosh_robot_agent.simulator.world.maps import Map, MarkKind
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
-#: Simulated seconds per step, and so the period of PoseSpeed pushes while moving.
-STEP_S = 0.05
+TIME_STEP = 0.05
+"""Simulated time per step, in seconds. A moving robot pushes PoseSpeed once per step."""
 
-_CHARGER_REACH_M = 0.3
-_SPOKEN_KEPT = 50
+_CHARGER_DISTANCE = 0.3
+"""Distance to a charger at which the robot can charge, in metres."""
+
+_MAX_SPOKEN = 50
+"""Number of spoken texts that are kept."""
 
 _Level = robot_count_pb2.StatusCode
 
 
 class Chassis:
-    """Everything a chassis knows and does.
+    """The model of the robot, without sockets and without a clock of its own.
 
-    It has neither sockets nor a clock of its own: `tick` moves simulated time on, requests change
-    the state between ticks, and whatever must be reported message by message is in `take_events`.
+    `tick` advances the simulated time. Requests change the state between ticks. Messages of which
+    each one must be pushed are collected, and `take_events` returns them.
 
     Args:
         config: The options.
@@ -64,12 +67,20 @@ class Chassis:
         SceneError: A file of a scene cannot be used.
 
     Attributes:
-        time: Simulated Unix time in s.
-        elapsed: Simulated time since the start in s.
+        elapsed: Simulated time since the start, in seconds.
+        scenes: Known scenes, by name.
+        scene: Current scene.
+        map: Current map.
+        obstacles: Obstacles that are not in the map.
+        base: The driven base.
+        jack: The lift of LiftControl, which carries goods.
+        column: The lift of LiftControl2 and LiftControl3.
+        readiness: Modes and conditions.
+        occupied: A client has reserved the robot.
         footprint: The `woosh.robot.FootPrint` in use.
-        obstacles: What stands in the way without being in the map.
-        setting: The settings, as the getter reports them.
-        spoken: What it was told to say lately.
+        setting: Settings, as reported to clients.
+        spoken: The last texts that the robot was told to say.
+        ownership: Starts and resumes jobs.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -79,25 +90,24 @@ class Chassis:
         self._start_time = config.start_time()
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
         self._events: list[Message] = []
-        self._last_task_id = 0
 
-        self.scenes, self.scene = scenes.known_scenes(config.scenes)
-        self.map, start = scenes.start(self.scene)
+        self.scenes, self.scene = library.known_scenes(config.scenes)
+        self.map, start = library.start(self.scene)
         self.obstacles = Obstacles()
-        self._bumper = Bumper()
+        self._collisions = CollisionDetector()
 
         self.base = Base(start, odometer=1204.0)
         self.laser = Laser()
         self.battery = Battery(93.0)
-        self.jack = Lift("lift", Device.JACK, travel=0.06, usual_speed=0.02)
-        self.column = Lift("lift column", Device.COLUMN, travel=1.0, usual_speed=0.2)
+        self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
+        self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
         self.wifi = WiFi()
         self.readiness = Readiness(initialised=config.initialised, located=config.initialised)
         self.occupied = False
         self.call_muted = False
         self.program_muted = False
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
-        self.spoken: deque[str] = deque(maxlen=_SPOKEN_KEPT)
+        self.spoken: deque[str] = deque(maxlen=_MAX_SPOKEN)
         self.setting = robot_pb2.Setting(
             robot_id=self.robot_id,
             identity=robot_setting_pb2.Identity(name=str(self.robot_id)),
@@ -107,12 +117,15 @@ class Chassis:
             allow=robot_pb2.Setting.Allow(auto_charge=True, auto_park=True, goods_check=True),
         )
 
+        self.codes = Codes(self._publish_code)
         self.teleop = Teleop()
         self.follower = Follower()
-        self.errands = Errands(config.charge_after, config.park_after)
-        self.codes = Codes(self._stamp)
         self.tasks = Tasks(self)
         self.actions = Actions(self)
+        self.ownership = Ownership(self, self.tasks, self.actions, self.follower, self.teleop)
+        self.auto_tasks = AutoTasks(
+            self, self.tasks, self.ownership, config.charge_after, config.park_after
+        )
 
         if not self._fits(start):
             raise SceneError(
@@ -122,42 +135,12 @@ class Chassis:
 
     @property
     def time(self) -> float:
-        """Simulated Unix time in s."""
+        """Simulated Unix time, in seconds."""
         return self._start_time + self.elapsed
 
     @property
-    def taskable(self) -> bool:
-        """Whether it would take a task now."""
-        return not self.readiness.objections()
-
-    @property
-    def predefined(self) -> woosh_task_pb2.RepeatTasks:
-        """The task sets of the scene that ExecPreTask can start."""
-        return self.scene.predefined
-
-    @property
-    def calls(self) -> woosh_task_pb2.CallTasks:
-        """The task sets of the scene that call buttons start."""
-        return self.scene.calls
-
-    @property
-    def driver(self) -> str:
-        """The task or the action that uses the wheels now, empty if none does."""
-        if self.tasks.uses(Device.WHEELS):
-            return f"task {self.tasks.proc.robot_task_id}"
-        return self.actions.user(Device.WHEELS)
-
-    @property
-    def navigation(self) -> Navigate | None:
-        """The navigation of what drives, or of a paused task or action if nothing drives."""
-        job = self.tasks.job
-        if self.tasks.paused and self.actions.user(Device.WHEELS):
-            return self.actions.navigation
-        return job if isinstance(job, Navigate) else self.actions.navigation
-
-    @property
     def impeded(self) -> bool:
-        """Whether an obstacle stands in the way of what drives now."""
+        """True if an obstacle blocks the task or action that drives."""
         return self.tasks.impeded or self.actions.impeded
 
     @property
@@ -167,7 +150,7 @@ class Chassis:
 
     @property
     def state(self) -> util_robot_pb2.State:
-        """What the chassis says it is doing."""
+        """State of the robot, as reported to clients."""
         readiness = self.readiness
         if readiness.emergency_stop or (readiness.initialised and not readiness.located):
             return util_robot_pb2.kFault
@@ -183,114 +166,61 @@ class Chassis:
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def tick(self, dt: float) -> None:
-        """Let `dt` seconds pass."""
-        # Rounded, so that summing up leaves no dust: whole seconds stay whole.
+        """Advance the simulated time by `dt` seconds."""
+        # Rounded so that errors do not add up: whole seconds stay whole.
         self.elapsed = round(self.elapsed + dt, 6)
-        self._watch()
-        self.errands.tick(self, dt)
+        self._check_conditions()
+        self.auto_tasks.tick(dt)
         self.teleop.tick(self.base, dt)
         self.follower.tick(self, dt)
-        self.tasks.tick(dt)
-        self.actions.tick(dt)
-        driven = self.base.odometer
+        self.ownership.tick(dt)
+        odometer = self.base.odometer
         self.base.tick(dt, self.gap)
-        self.battery.tick(dt, self.base.odometer - driven)
+        self.battery.tick(dt, self.base.odometer - odometer)
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
 
     def clearance(self, x: float, y: float) -> float:
-        """How far the nearest wall or obstacle is from (x, y), in m."""
+        """Return the distance from (x, y) to the nearest wall or obstacle, in metres."""
         return min(self.map.clearance(x, y), self.obstacles.clearance(x, y))
 
     def gap(self, pose: Pose) -> float:
-        """How far in m the outline at `pose` is from touching anything; negative if it does."""
-        return self._bumper.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
+        """Return the gap in metres between the robot at `pose` and walls and obstacles.
+
+        It is negative if they overlap.
+        """
+        return self._collisions.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
 
     def emit(self, event: Message) -> None:
-        """Report a message of which each one counts; it must not change any more."""
+        """Send a message to all its subscribers. It must not be modified afterwards."""
         self._events.append(event)
 
     def take_events(self) -> list[Message]:
-        """What was emitted since the last call, in order."""
+        """Return the messages that were emitted since the last call, in order."""
         events, self._events = self._events, []
         return events
 
-    def require_ready(self) -> None:
-        """Make sure that the chassis may move by itself.
-
-        Raises:
-            Refused: It may not, with the first reason.
-        """
-        objections = self.readiness.objections()
-        if objections:
-            raise Refused(objections[0])
-
-    def claim_wheels(self, user: str) -> None:
-        """Make sure that nothing drives but following and remote control, which give way.
-
-        Args:
-            user: What wants to drive, for the report of an errand that it ends.
-
-        Raises:
-            Refused: A task or an action of a client drives.
-        """
-        self.tasks.give_way(f"replaced by {user}")
-        if self.driver:
-            raise Refused(f"{self.driver} is driving: pause or cancel it first")
-        self.follower.stop()
-
-    def stop_wheels(self, reason: str) -> None:
-        """Stop at once, whatever drives: a task or an action is paused until it is resumed."""
-        self.tasks.give_way(reason)
-        if self.tasks.uses(Device.WHEELS):
-            self.tasks.pause(reason)
-        self.actions.pause_on(Device.WHEELS, reason)
-        self.follower.stop()
-        self.teleop.release()
-        self.base.halt()
-
-    def take_tasks(self, orders: list[TaskOrder]) -> None:
-        """Start a task or those of a set, in place of whatever uses the wheels.
-
-        Raises:
-            Refused: The chassis is not ready for tasks.
-        """
-        self.require_ready()
-        self.free_wheels(f"replaced by task {orders[0].id}")
-        self.tasks.start(orders)
-
-    def free_wheels(self, reason: str) -> None:
-        """End following, remote control and every action that drives or charges."""
-        self.follower.stop()
-        self.teleop.release()
-        self.actions.clear(Device.WHEELS, reason)
-        self.actions.clear(Device.CHARGER, reason)
-
-    def fresh_task_id(self) -> int:
-        """An id for a task that came without one: the time in s, and never the same twice."""
-        self._last_task_id = max(int(self.time), self._last_task_id + 1)
-        return self._last_task_id
-
     def localise(self, pose: Pose) -> None:
-        """Take `pose` for where it is.
+        """Set the pose of the robot in the map.
 
         Raises:
-            Refused: It cannot be there.
+            RefusedError: The pose is outside the map, or the robot would overlap a wall.
         """
         if not self.map.contains(pose.x, pose.y):
-            raise Refused(f"pose {pose} is outside of map {self.map.name}: choose one inside")
+            raise RefusedError(f"pose {pose} is outside map {self.map.name}: choose one inside")
         if self.gap(pose) < 0.0:
-            raise Refused(
+            raise RefusedError(
                 f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
             )
         self.base.place(pose)
         self.readiness.located = True
-        if self.navigation:
-            self.navigation.replan()
+        navigation = self.ownership.navigation
+        if navigation:
+            navigation.replan()
 
     def enter(self, scene: Scene, area: Map) -> None:
-        """Work in another scene or map, at the same coordinates, while there is no task."""
+        """Switch to another scene or map while there is no task. The coordinates stay the same."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
         if not self._fits(self.base.pose):
@@ -298,42 +228,42 @@ class Chassis:
         self.tasks.forget_failed()
 
     def at_charger(self) -> bool:
-        """Whether it stands at a charger."""
+        """Return True if the robot stands at a charger."""
         pose = self.base.pose
         return any(
-            mark.kind is MarkKind.CHARGER and pose.distance(mark.pose.point) <= _CHARGER_REACH_M
+            mark.kind is MarkKind.CHARGER and pose.distance(mark.pose.point) <= _CHARGER_DISTANCE
             for mark in self.map.marks.values()
         )
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
         self.readiness.emergency_stop = pressed
-        self._watch()
+        self._check_conditions()
 
     def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
         if manual and not self.readiness.key_manual:
-            self.codes.report(KEY_AT_MANUAL, _Level.kTips)
+            self.codes.report(KEY_SWITCH_MANUAL, _Level.kTips)
         self.readiness.key_manual = manual
-        self._watch()
+        self._check_conditions()
 
     def lose_localisation(self) -> None:
-        """Forget where it is, as after having been carried away: it has to be told."""
+        """Lose the localisation. A client must then send the pose."""
         self.readiness.located = False
-        self._watch()
+        self._check_conditions()
 
     def scan(self) -> list[float]:
-        """One scan of the laser, in m."""
-        # Noise by time, not by how often somebody asked: equal seeds see equal scans.
+        """Return the ranges of one scan of the laser, in metres."""
+        # The noise depends on the time, not on the number of scans: equal seeds give equal scans.
         rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
         return self.laser.scan(self.base.pose, self.walls, rng, self.map.grid)
 
     def _fits(self, pose: Pose) -> bool:
-        """Whether the robot can stand there."""
+        """Return True if the robot can stand at `pose`."""
         return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 
-    def _watch(self) -> None:
-        """Notice what is wrong, and stop what must not go on."""
+    def _check_conditions(self) -> None:
+        """Report problems, and stop jobs that must not continue."""
         readiness = self.readiness
         readiness.battery_empty = self.battery.level <= 0.0
         self.codes.watch(EMERGENCY_STOP, _Level.kFault, present=readiness.emergency_stop)
@@ -341,20 +271,15 @@ class Chassis:
         self.codes.watch(LOCALISATION_LOST, _Level.kFault, present=lost)
         low = self.battery.percent <= self.setting.power.alarm
         self.codes.watch(BATTERY_LOW, _Level.kWarn, present=low)
-        self.codes.watch(IMPEDED, _Level.kWarn, present=self.impeded)
+        self.codes.watch(OBSTACLE_IN_THE_WAY, _Level.kWarn, present=self.impeded)
         if readiness.emergency_stop:
             self.base.halt()
             self.teleop.release()
         objections = readiness.objections()
         if objections:
-            reason = objections[0].partition(":")[0]
-            self.follower.stop()
-            self.actions.abort(reason)
-            self.tasks.give_way(reason)
-            if self.tasks.active:
-                self.tasks.pause(reason)
+            self.ownership.suspend_all(objections[0].partition(":")[0])
 
-    def _stamp(self, status: robot_count_pb2.StatusCode) -> None:
+    def _publish_code(self, status: robot_count_pb2.StatusCode) -> None:
         status.robot_id = self.robot_id
         status.time = round(self.time * 1000)
         status.state = self.state

@@ -1,4 +1,4 @@
-"""What a simulated chassis can be told at its start."""
+"""Options of a simulated chassis."""
 
 from __future__ import annotations
 
@@ -6,40 +6,40 @@ import ipaddress
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # faults know the chassis, which knows its configuration
-    from woosh_robot_agent.simulator.faults.scenario import Scenario
+from woosh_robot_agent.simulator.scenario import Scenario
 
-#: Where a seeded simulation's clock starts, Unix time in s: 2025-01-01 00:00 UTC.
 SEEDED_START = 1735689600.0
+"""Start of the simulated clock of a seeded run, as Unix time in seconds: 2025-01-01 00:00 UTC."""
 
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """Options of a simulated chassis; the command line has those that people need.
+    """Options of a simulated chassis. The command line has the most useful ones.
 
     Attributes:
-        host: The address to listen at.
-        port: The WebSocket port; 0 takes a free one.
-        tcp_port: The port for delimited protobuf; 0 takes a free one.
-        speed: How much faster than real time simulated time runs, 1 to 100.
-        seed: Makes runs repeatable: the laser's noise, and the simulated clock's start, which is
-            otherwise that of the machine's clock.
-        scenes: Folders or files of scenes besides the shipped ones, as for
-            `scene_files.load_scene`; the robot starts in the first.
-        robot_id: The robot's number.
-        omnidirectional: The base can move sideways too; else it is a differential one.
-        initialised: It knows where it is when it starts; else a client has to tell it (InitRobot).
-        charge_after: Simulated s without any command after which it drives to a charger, if its
-            battery is low and its settings allow that.
-        park_after: The same for a parking place, whatever the battery.
-        max_frame: Bytes of the largest frame that it takes from a client.
-        max_connections: How many clients it serves at a time.
-        max_waiting: How many requests of one client may wait, to be done or for their answers to
-            be let go; further ones are refused.
-        max_outbox: How many frames may wait for one client before it is dropped as too slow.
-        scenario: Faults, and when they happen.
+        host: Address to listen on.
+        port: WebSocket port; 0 takes a free one.
+        tcp_port: Port for length-delimited protobuf over TCP; 0 takes a free one.
+        speed: Simulated seconds per real second, 1 to 100.
+        seed: Makes runs repeatable: laser noise, random choices of faults, and the start of the
+            simulated clock. Without a seed the clock starts at the current time.
+        scenes: Paths of further scenes, as for `scenes.files.load_scene`. The robot starts in the
+            first of them, or in the first shipped scene if there is none.
+        robot_id: Number of the robot.
+        omnidirectional: True for a base that can move sideways, False for a differential one.
+        initialised: The robot knows its pose at the start. Otherwise a client must send InitRobot.
+        charge_after: Simulated time without a command before a robot with a low battery drives to
+            a charger by itself, in seconds.
+        park_after: Simulated time without a command before it drives to a parking place by itself,
+            in seconds.
+        max_frame: Largest frame accepted from a client, in bytes.
+        max_connections: Maximum number of connected clients.
+        max_waiting: Maximum number of requests of one client that wait to be executed or answered.
+            Further ones are refused.
+        max_outbox: Maximum number of frames that wait to be sent to one client. A client that
+            exceeds it is disconnected.
+        scenario: Faults that begin at given times.
     """
 
     host: str = "127.0.0.1"
@@ -75,12 +75,12 @@ class SimulatorConfig:
 
     @property
     def local(self) -> bool:
-        """Whether only programs of this machine reach it."""
+        """True if only programs on this machine can connect."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return self.host == "localhost"
 
     def start_time(self) -> float:
-        """Where the simulated clock starts, Unix time in s."""
+        """Return the start of the simulated clock, as Unix time in seconds."""
         return time.time() if self.seed is None else SEEDED_START

@@ -1,4 +1,4 @@
-"""The simulated chassis on its ports."""
+"""The simulated chassis as a server: the robot, its clients, its ports, its faults, its clock."""
 
 from __future__ import annotations
 
@@ -11,27 +11,20 @@ from types import TracebackType
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.server.base import ServerTransport
-from woosh_robot_agent.link.server.websocket import WebSocketServerTransport
-from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.simulator.chassis import STEP_S, Chassis
-from woosh_robot_agent.simulator.client import Client
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.exchange import Exchange, Received
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
-from woosh_robot_agent.simulator.hooks import Hooks, Interceptor
-from woosh_robot_agent.simulator.ports import Ports
+from woosh_robot_agent.simulator.serving.connections import Connections
+from woosh_robot_agent.simulator.serving.exchange import Exchange, Received
+from woosh_robot_agent.simulator.serving.hooks import Hooks, Interceptor
+from woosh_robot_agent.simulator.serving.ports import Ports
 from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
-_CLOSE_TIMEOUT_S = 0.3
-#: Real seconds after which a socket without a single frame makes room for others.
-_SILENCE_S = 10.0
-#: Real seconds that the simulation may lag behind before it gives up catching up.
-_MOST_LAG_S = 1.0
+_MAX_LAG = 1.0
+"""Real time that the simulation may lag behind before it skips steps, in seconds."""
 
 
 class SimulatedChassis:
@@ -41,12 +34,13 @@ class SimulatedChassis:
         async with SimulatedChassis(SimulatorConfig(port=0, tcp_port=0)) as simulator:
             ...  # connect to simulator.port
 
-    All methods belong to the loop's thread; `SimulatorThread` has them for other threads.
+    Call all methods from the thread of the event loop. `SimulatorThread` has them for other
+    threads.
 
     Attributes:
         config: The options.
-        chassis: The model.
-        speed: How much faster than real time simulated time runs; can be changed any time.
+        chassis: The model of the robot.
+        speed: Simulated seconds per real second. It can be changed at any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
@@ -57,12 +51,11 @@ class SimulatedChassis:
         seed = random.randrange(2**32) if self.config.seed is None else self.config.seed
         steps = self.config.scenario.steps if self.config.scenario else ()
         self._injector = Injector(self, seed, steps)
-        self._held = False
-        self._hung = False
-        self._crowded = False
-        self._reading = asyncio.Event()
-        self._writing = asyncio.Event()
-        self._ports = Ports(self.config, self._serve, self._reading.wait)
+        self._frozen = False
+        self._connections = Connections(
+            self._exchange, self.config.max_connections, self.config.max_outbox
+        )
+        self._ports = Ports(self.config, self._connections.serve, self._connections.readable)
         self._ticker: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> SimulatedChassis:
@@ -78,13 +71,13 @@ class SimulatedChassis:
         await self.stop()
 
     async def start(self) -> None:
-        """Listen, and let simulated time run.
+        """Start listening and start the simulated clock.
 
         Raises:
-            OSError: A port is taken.
+            OSError: A port is in use.
         """
         await self.listen()
-        self._update_gates()
+        self._connections.open()
         self._injector.advance(0.0)
         await self.settle()
         self._ticker = asyncio.ensure_future(self._tick())
@@ -93,169 +86,160 @@ class SimulatedChassis:
         """Close everything, within about a second."""
         if self._ticker:
             self._ticker.cancel()
-        self._injector.clear()  # readers and writers that it holds have to see the end too
+        self._injector.clear()  # connections that a fault pauses could not close
         await self.settle()
-        closing = [client.transport.close(_CLOSE_TIMEOUT_S) for client in self._exchange.clients]
-        await asyncio.gather(*closing, return_exceptions=True)
-        self.drop()
+        await self._connections.close()
         await self._ports.close(reserve=False)
 
     async def listen(self) -> None:
-        """Take clients, at the ports of the start.
+        """Start listening. A second call uses the same ports as the first one.
 
         Raises:
-            OSError: A port is taken.
+            OSError: A port is in use.
         """
         await self._ports.listen()
 
     async def stop_listening(self) -> None:
-        """Drop every client and take no new ones, as if switched off."""
+        """Drop all clients and refuse new ones, as if the robot were switched off."""
         self.drop()
         await self._ports.close(reserve=True)
 
     async def settle(self) -> None:
-        """Wait until the ports are as the fault `off` wants them."""
+        """Wait until the ports are open or closed as the fault `off` requires."""
         await self._ports.settle()
 
     @property
     def port(self) -> int:
-        """The WebSocket port, once started."""
+        """WebSocket port, valid once started."""
         return self._ports.port
 
     @property
     def tcp_port(self) -> int:
-        """The TCP port, once started."""
+        """TCP port, valid once started."""
         return self._ports.tcp_port
 
     # Faults
 
     @property
     def hooks(self) -> Hooks:
-        """Where connections, requests and frames can be caught."""
+        """Hooks for connections, requests and outgoing frames."""
         return self._exchange.hooks
 
     def inject(self, name: str, /, **arguments: object) -> Injection:
-        """Put a fault in; `woosh_robot_agent.simulator.faults.FAULTS` has all of them.
+        """Start a fault. `woosh_robot_agent.simulator.faults.FAULTS` lists them all.
 
-        The ports follow the fault `off` a little later: `settle` waits for them.
+        The fault `off` closes the ports in the background: `settle` waits for that.
 
         Args:
-            name: That of the fault.
-            arguments: Those of the fault, `for_` among them.
+            name: Name of the fault.
+            arguments: Arguments of the fault, and `for_`.
 
         Returns:
-            What ends it again, if it lasts.
+            The injected fault, which can be cleared.
 
         Raises:
-            FaultError: There is none of this name, or an argument is wrong.
+            FaultError: There is no such fault, or an argument is invalid.
         """
         return self._injector.inject(name, **arguments)
 
     def clear_faults(self) -> None:
-        """End all faults, and let go at once what they hold back."""
+        """End all faults, and send at once all frames that they delay."""
         self._injector.clear()
-        for client in list(self._exchange.clients):
-            client.release()
+        self._connections.release()
 
     @property
     def faults(self) -> list[Injection]:
-        """The faults that last, oldest first."""
+        """Active faults, oldest first."""
         return self._injector.active
 
     @property
     def injected(self) -> Counter[str]:
-        """How many faults of each name there were since the start."""
+        """Number of faults since the start, by name."""
         return Counter(self._injector.counts)
 
-    # What faults do
+    # Effects of faults
 
     def drop(self) -> None:
-        """End every connection at once, as a broken cable would."""
-        for client in list(self._exchange.clients):
-            client.drop()
+        """Abort all connections, as a broken cable would."""
+        self._connections.drop()
 
-    def switch(self, on: bool) -> None:
-        """Drop every client and refuse new connections; or listen again at the same ports."""
+    def set_listening(self, on: bool) -> None:
+        """Listen again on the same ports, or drop all clients and refuse new ones."""
         if not on:
             self.drop()
         self._ports.switch(on)
 
-    def hold_link(self, held: bool) -> None:
-        """Neither read nor write, but keep the connections; or go on."""
-        self._held = held
-        self._update_gates()
-        for client in self._exchange.clients:
-            if held:
-                client.transport.pause()
-            else:
-                client.transport.resume()
+    def pause_connections(self, paused: bool) -> None:
+        """Stop reading and writing without closing the connections, or continue."""
+        self._connections.pause(paused)
 
-    def hang(self, hung: bool) -> None:
-        """Let model time stand still and queue what is read; or go on."""
-        self._hung = hung
-        self._update_gates()
-        self._exchange.hang(hung)
+    def freeze(self, frozen: bool) -> None:
+        """Stop the simulated time and queue all requests, or continue."""
+        self._frozen = frozen
+        self._connections.freeze(frozen)
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
         self.chassis.set_emergency_stop(pressed)
-        self.report()
+        self.push_changes()
 
     def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
         self.chassis.set_key_switch(manual)
-        self.report()
+        self.push_changes()
 
     def lose_localisation(self) -> None:
-        """Make the chassis forget where it is."""
+        """Make the robot lose its localisation."""
         self.chassis.lose_localisation()
-        self.report()
+        self.push_changes()
 
     def push(self, message: Message) -> None:
-        """Push a message to everybody who subscribed to its type, whatever the state says."""
+        """Push a message to all subscribers of its type, without changing the state."""
         self._exchange.push(message)
 
-    def report(self) -> None:
-        """Push what changed."""
+    def push_changes(self) -> None:
+        """Push all events and changed states."""
         self._exchange.report_changes(while_moving=True)
 
+    @property
     def backlog(self) -> int:
-        """The most frames that wait for one client."""
-        return max((client.backlog for client in self._exchange.clients), default=0)
+        """Number of frames that wait for the slowest client."""
+        return self._connections.backlog
 
-    def room(self) -> int:
-        """How many frames may wait for one client."""
+    @property
+    def max_backlog(self) -> int:
+        """Number of waiting frames at which a client is dropped."""
         return self.config.max_outbox
 
-    # What tests look at
+    # Observation by tests
 
     @property
     def connections(self) -> int:
-        """How many clients are connected."""
-        return len(self._exchange.clients)
+        """Number of connected clients."""
+        return self._connections.count
 
     @property
     def state(self) -> Snapshot:
-        """What is true of the chassis now."""
+        """Current state of the robot."""
         return snapshot(self.chassis)
 
     @property
     def received(self) -> list[Received]:
-        """What clients sent, oldest first; the last ten thousand."""
+        """The last 10,000 messages from clients, oldest first."""
         return list(self._exchange.received)
 
     @property
     def counts(self) -> Counter[str]:
-        """How many messages of each type clients sent, subscriptions included."""
+        """Number of messages from clients, subscriptions included, by type."""
         return Counter(self._exchange.counts)
 
     @property
     def bad_frames(self) -> int:
-        """How many frames could not be read."""
+        """Number of frames that could not be decoded."""
         return self._exchange.bad_frames
 
     def last(self, type_name: str) -> Message | None:
-        """The last message of a type that a client sent."""
+        """Return the last message of a type from a client, None if there is none."""
         found = (each for each in reversed(self._exchange.received) if each.type == type_name)
         received = next(found, None)
         return received.message if received else None
@@ -263,7 +247,7 @@ class SimulatedChassis:
     async def wait_received(
         self, type_name: str, count: int = 1, timeout: float = 60.0
     ) -> Message | None:
-        """Wait until clients have sent `count` messages of a type since the start.
+        """Wait until clients have sent `count` messages of a type since the start of the run.
 
         Returns:
             The last of them.
@@ -274,132 +258,56 @@ class SimulatedChassis:
         await asyncio.wait_for(self._exchange.arrived(type_name, count), timeout)
         return self.last(type_name)
 
-    # What tests do
+    # Control by tests
 
     def refuse(self, type_name: str, text: str) -> None:
-        """Refuse every request of a type with `text`, without doing it."""
-        self._instead("refuse", type_name, text=text)
+        """Refuse all requests of a type with `text`, without executing them."""
+        self._replace_fault("refuse", type_name, text=text)
 
     def delay(self, type_name: str, seconds: float) -> None:
-        """Hold back every answer to a type for `seconds` of real time."""
-        self._instead("delay", type_name, seconds=seconds)
+        """Delay all answers to requests of a type by `seconds` of real time."""
+        self._replace_fault("delay", type_name, seconds=seconds)
 
     def mute(self, type_name: str) -> None:
-        """Do what requests of a type ask but never answer them."""
-        self._instead("lose_answer", type_name)
+        """Execute requests of a type without answering them."""
+        self._replace_fault("lose_answer", type_name)
 
     def answer_as(self, type_name: str, other: str) -> None:
-        """Say in every answer to a type that its body is of the type `other`."""
-        self._instead("wrong_type", type_name, other=other)
+        """Give all answers to requests of a type the wrong type `other`."""
+        self._replace_fault("wrong_type", type_name, other=other)
 
     def accept(self, type_name: str) -> None:
-        """Treat requests of a type as usual again: end every fault that is only for them."""
+        """End all faults that apply only to requests of a type."""
         for injection in self.faults:
             if injection.arguments.get("type") == type_name:
                 injection.clear()
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
-        """Let all frames through `interceptor`; the returned function takes it away again."""
+        """Pass all outgoing frames through `interceptor`, and return a function that removes it."""
         return self.hooks.intercept(interceptor)
 
     def send_raw(self, data: str | bytes) -> None:
-        """Send a frame to every client as it is."""
-        for client in list(self._exchange.clients):
-            client.send(data)
+        """Send a frame to every client unchanged."""
+        self._connections.send_raw(data)
 
-    def _instead(self, name: str, type_name: str, **arguments: object) -> None:
-        """Put in a fault for one type, in place of one of the same name."""
+    def _replace_fault(self, name: str, type_name: str, **arguments: object) -> None:
+        """Start a fault for one type, and end those of the same name for this type."""
         for injection in self.faults:
             if injection.name == name and injection["type"] == type_name:
                 injection.clear()
         self.inject(name, type=type_name, **arguments)
 
-    # Clients and time
-
-    async def _serve(self, transport: ServerTransport) -> None:
-        if self.connections >= self.config.max_connections:
-            if not self._crowded:
-                _log.warning(
-                    "%s refused: %d clients already; so are further ones until one has left",
-                    transport.peer,
-                    self.connections,
-                )
-            self._crowded = True
-            transport.abort()
-            return
-        self._crowded = False
-        if not self.hooks.admits():
-            _log.info("%s connected and is dropped by a fault", transport.peer)
-            transport.abort()
-            return
-        client = Client(transport, self.config.max_outbox)
-        self._exchange.join(client)
-        writer = asyncio.ensure_future(client.write(self._writing))
-        client.spoke = isinstance(transport, WebSocketServerTransport)  # by its handshake
-        self._expect_words(client)
-        _log.info("%s connected", transport.peer)
-        if self._held:
-            transport.pause()
-        try:
-            while True:
-                await self._read(client)
-                await asyncio.sleep(0)  # what one client sends in a burst must not starve the rest
-        except TransportClosedError as error:
-            _log.info("%s left: %s", transport.peer, error)
-        finally:
-            self._exchange.leave(client)
-            writer.cancel()
-            await transport.close(_CLOSE_TIMEOUT_S)
-
-    def _expect_words(self, client: Client) -> None:
-        """Drop a client that stays silent, which counts only while it is listened to."""
-
-        def check() -> None:
-            if client.spoke or client not in self._exchange.clients:
-                return
-            if self._held:
-                self._expect_words(client)
-                return
-            _log.warning("%s dropped: it sent no frame for %g s", client.transport.peer, _SILENCE_S)
-            client.drop()
-
-        asyncio.get_running_loop().call_later(_SILENCE_S, check)
-
-    async def _read(self, client: Client) -> None:
-        try:
-            data = await client.transport.recv()
-            client.spoke = True
-        except FrameError as error:
-            client.spoke = True
-            self._exchange.skip(client, error)
-        else:
-            await self._reading.wait()
-            try:
-                self._exchange.receive(client, data)
-            except Exception:  # an interceptor's fault, say: the others are served on
-                _log.exception("a frame of %s failed", client.transport.peer)
-
     async def _tick(self) -> None:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
-            due = max(due + STEP_S / self.speed, loop.time() - _MOST_LAG_S)
+            due = max(due + TIME_STEP / self.speed, loop.time() - _MAX_LAG)
             await asyncio.sleep(max(0.0, due - loop.time()))
             try:
-                if not self._hung:
-                    self.chassis.tick(STEP_S)
-                self._injector.advance(STEP_S)
-                if not self._hung:
-                    self.report()
-            except Exception:  # time has to go on
-                _log.exception("a step failed")
-
-    def _update_gates(self) -> None:
-        for gate, is_open in (
-            (self._reading, not self._held),
-            (self._writing, not (self._held or self._hung)),
-        ):
-            if is_open:
-                gate.set()
-            else:
-                gate.clear()
+                if not self._frozen:
+                    self.chassis.tick(TIME_STEP)
+                self._injector.advance(TIME_STEP)
+                if not self._frozen:
+                    self.push_changes()
+            except Exception:  # the clock must not stop
+                _LOG.exception("cannot complete a step of the simulation")

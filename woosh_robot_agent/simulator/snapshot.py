@@ -1,30 +1,30 @@
-"""The state at one moment, for assertions."""
+"""Snapshots of the state of the robot, for assertions in tests."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator.base import Velocity
+from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.geometry import Pose
-from woosh_robot_agent.simulator.reports import robot_info
+from woosh_robot_agent.simulator.protocol.reports import robot_info
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What is true of the simulated chassis, beyond what it reports.
+    """The state of the robot at one moment.
 
     Attributes:
-        elapsed: Simulated s since the start.
-        pose: Where it is, in m and rad in the map's frame.
-        velocity: How it moves, in m/s and rad/s.
-        odometer: m driven.
-        jack: The height of LiftControl's lift in m.
-        column: The height of LiftControl3's lift in m.
-        following: It follows somebody.
-        spoken: What it was told to say lately.
-        info: What it reports.
+        elapsed: Simulated time since the start, in seconds.
+        pose: Pose in the map's frame, in metres and radians.
+        velocity: Velocity, in m/s and rad/s.
+        odometer: Total distance driven, in metres.
+        jack: Height of the lift of LiftControl, in metres.
+        column: Height of the lift of LiftControl3, in metres.
+        following: The robot follows a leader.
+        spoken: The last texts that the robot was told to say.
+        info: All states as reported to clients.
     """
 
     elapsed: float
@@ -39,7 +39,7 @@ class Snapshot:
 
 
 def snapshot(chassis: Chassis) -> Snapshot:
-    """The state of `chassis` now."""
+    """Return the current state of `chassis`."""
     return Snapshot(
         elapsed=chassis.elapsed,
         pose=chassis.base.pose,

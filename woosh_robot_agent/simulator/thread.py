@@ -1,4 +1,4 @@
-"""The simulated chassis in a thread of its own, for programs that are not asyncio's."""
+"""The simulated chassis in its own thread, for programs without asyncio."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.exchange import Received
 from woosh_robot_agent.simulator.faults.fault import Injection
-from woosh_robot_agent.simulator.hooks import Interceptor
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.serving.exchange import Received
+from woosh_robot_agent.simulator.serving.hooks import Interceptor
 from woosh_robot_agent.simulator.snapshot import Snapshot
 
 T = TypeVar("T")
 
-_CALL_TIMEOUT_S = 10.0
+_CALL_TIMEOUT = 10.0
 
 
 class ThreadInjection:
-    """A fault that was put into a `SimulatorThread`; see `Injection`."""
+    """A fault that was injected into a `SimulatorThread`."""
 
     def __init__(
         self, injection: Injection, change: Callable[[Callable[[SimulatedChassis], Any]], Any]
@@ -34,42 +34,42 @@ class ThreadInjection:
         self._change = change
 
     def __str__(self) -> str:
-        """As on the command line, without what is at its default."""
+        """Return the fault as on the command line, without arguments at their defaults."""
         return str(self._injection)
 
     @property
     def name(self) -> str:
-        """The name of its kind."""
+        """Name of the fault."""
         return self._injection.name
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """All of them, defaults included, by name."""
+        """All arguments, defaults included, by name."""
         return self._injection.arguments
 
     @property
     def hits(self) -> int:
-        """How many answers, frames or connections it has met."""
+        """Number of answers, frames or connections that the fault has affected."""
         return self._injection.hits
 
     @property
     def active(self) -> bool:
-        """Whether it still lasts."""
+        """True until the fault ends."""
         return self._injection.active
 
     def clear(self) -> None:
-        """End it; nothing happens if it is over."""
+        """End the fault, if it has not ended."""
         self._change(lambda simulator: self._injection.clear())
 
 
 class SimulatorThread:
-    """A simulated chassis that runs beside the caller; its methods can be called from any thread.
+    """A simulated chassis in its own thread. Its methods can be called from any thread.
 
     Usage:
         with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20)) as simulator:
             ...  # connect to simulator.port
 
-    What is not here can be done with `call`.
+    Use `call` for anything that has no method here.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
@@ -92,19 +92,19 @@ class SimulatorThread:
         self.stop()
 
     def start(self) -> None:
-        """Start, and return when clients can connect.
+        """Start the thread, and return when clients can connect.
 
         Raises:
-            OSError: A port is taken.
+            OSError: A port is in use.
         """
         self._thread.start()
-        self._ready.result(_CALL_TIMEOUT_S)
+        self._ready.result(_CALL_TIMEOUT)
 
     def stop(self) -> None:
-        """Close everything, and return when that is done."""
+        """Close everything, and wait for the thread to end."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stopping.set)
-            self._thread.join(_CALL_TIMEOUT_S)
+            self._thread.join(_CALL_TIMEOUT)
 
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
         """Run `do` in the simulator's thread and return what it returns."""
@@ -117,47 +117,47 @@ class SimulatorThread:
 
     @property
     def port(self) -> int:
-        """The WebSocket port."""
+        """WebSocket port."""
         return self._simulator.port
 
     @property
     def tcp_port(self) -> int:
-        """The TCP port."""
+        """TCP port."""
         return self._simulator.tcp_port
 
     @property
     def connections(self) -> int:
-        """How many clients are connected."""
+        """Number of connected clients."""
         return self.call(lambda simulator: simulator.connections)
 
     @property
     def state(self) -> Snapshot:
-        """What is true of the chassis now."""
+        """Current state of the robot."""
         return self.call(lambda simulator: simulator.state)
 
     @property
     def received(self) -> list[Received]:
-        """What clients sent, oldest first; the last ten thousand."""
+        """The last 10,000 messages from clients, oldest first."""
         return self.call(lambda simulator: simulator.received)
 
     @property
     def counts(self) -> Counter[str]:
-        """How many messages of each type clients sent, subscriptions included."""
+        """Number of messages from clients, subscriptions included, by type."""
         return self.call(lambda simulator: simulator.counts)
 
     @property
     def bad_frames(self) -> int:
-        """How many frames could not be read."""
+        """Number of frames that could not be decoded."""
         return self.call(lambda simulator: simulator.bad_frames)
 
     def last(self, type_name: str) -> Message | None:
-        """The last message of a type that a client sent."""
+        """Return the last message of a type from a client, None if there is none."""
         return self.call(lambda simulator: simulator.last(type_name))
 
     def wait_received(
         self, type_name: str, count: int = 1, timeout: float = 60.0
     ) -> Message | None:
-        """Wait until clients have sent `count` messages of a type since the start.
+        """Wait until clients have sent `count` messages of a type since the start of the run.
 
         Returns:
             The last of them.
@@ -168,69 +168,69 @@ class SimulatorThread:
         return self._await(self._simulator.wait_received(type_name, count, timeout), timeout)
 
     def refuse(self, type_name: str, text: str) -> None:
-        """Refuse every request of a type with `text`, without doing it."""
+        """Refuse all requests of a type with `text`, without executing them."""
         self.call(lambda simulator: simulator.refuse(type_name, text))
 
     def delay(self, type_name: str, seconds: float) -> None:
-        """Hold back every answer to a type for `seconds` of real time."""
+        """Delay all answers to requests of a type by `seconds` of real time."""
         self.call(lambda simulator: simulator.delay(type_name, seconds))
 
     def mute(self, type_name: str) -> None:
-        """Do what requests of a type ask but never answer them."""
+        """Execute requests of a type without answering them."""
         self.call(lambda simulator: simulator.mute(type_name))
 
     def answer_as(self, type_name: str, other: str) -> None:
-        """Say in every answer to a type that its body is of the type `other`."""
+        """Give all answers to requests of a type the wrong type `other`."""
         self.call(lambda simulator: simulator.answer_as(type_name, other))
 
     def accept(self, type_name: str) -> None:
-        """Treat requests of a type as usual again."""
+        """End all faults that apply only to requests of a type."""
         self.call(lambda simulator: simulator.accept(type_name))
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
-        """Let all frames through `interceptor`, which runs in the simulator's thread.
+        """Pass all outgoing frames through `interceptor`, which runs in the simulator's thread.
 
         Returns:
-            What takes it away again.
+            A function that removes the interceptor.
         """
         remove = self.call(lambda simulator: simulator.intercept(interceptor))
         return lambda: self.call(lambda simulator: remove())
 
     def push(self, message: Message) -> None:
-        """Push a message to everybody who subscribed to its type, whatever the state says."""
+        """Push a message to all subscribers of its type, without changing the state."""
         self.call(lambda simulator: simulator.push(message))
 
     def send_raw(self, data: str | bytes) -> None:
-        """Send a frame to every client as it is."""
+        """Send a frame to every client unchanged."""
         self.call(lambda simulator: simulator.send_raw(data))
 
     def drop(self) -> None:
-        """End every connection at once, as a broken cable would."""
+        """Abort all connections, as a broken cable would."""
         self.call(lambda simulator: simulator.drop())
 
     def inject(self, name: str, /, **arguments: object) -> ThreadInjection:
-        """Put a fault in; `woosh_robot_agent.simulator.faults.FAULTS` has all of them.
+        """Start a fault. `woosh_robot_agent.simulator.faults.FAULTS` lists them all.
 
         Args:
-            name: That of the fault.
-            arguments: Those of the fault, `for_` among them.
+            name: Name of the fault.
+            arguments: Arguments of the fault, and `for_`.
 
         Returns:
-            What ends it again, if it lasts.
+            The injected fault, which can be cleared.
 
         Raises:
-            FaultError: There is none of this name, or an argument is wrong.
+            FaultError: There is no such fault, or an argument is invalid.
         """
         injection = self._change(lambda simulator: simulator.inject(name, **arguments))
         return ThreadInjection(injection, self._change)
 
     def clear_faults(self) -> None:
-        """End all faults, and let go at once what they hold back."""
+        """End all faults, and send at once all frames that they delay."""
         self._change(lambda simulator: simulator.clear_faults())
 
     @property
     def faults(self) -> list[ThreadInjection]:
-        """The faults that last, oldest first."""
+        """Active faults, oldest first."""
         return [
             ThreadInjection(injection, self._change)
             for injection in self.call(lambda simulator: simulator.faults)
@@ -238,7 +238,7 @@ class SimulatorThread:
 
     @property
     def injected(self) -> Counter[str]:
-        """How many faults of each name there were since the start."""
+        """Number of faults since the start, by name."""
         return self.call(lambda simulator: simulator.injected)
 
     def set_emergency_stop(self, pressed: bool) -> None:
@@ -246,23 +246,23 @@ class SimulatorThread:
         self.call(lambda simulator: simulator.set_emergency_stop(pressed))
 
     def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrules the control mode, or to automatic."""
+        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
         self.call(lambda simulator: simulator.set_key_switch(manual))
 
     def lose_localisation(self) -> None:
-        """Make the chassis forget where it is."""
+        """Make the robot lose its localisation."""
         self.call(lambda simulator: simulator.lose_localisation())
 
     def listen(self) -> None:
-        """Take clients, at the ports of the start."""
+        """Start listening again on the same ports."""
         self._await(self._simulator.listen())
 
     def stop_listening(self) -> None:
-        """Drop every client and take no new ones, as if switched off."""
+        """Drop all clients and refuse new ones, as if the robot were switched off."""
         self._await(self._simulator.stop_listening())
 
     def _change(self, do: Callable[[SimulatedChassis], T]) -> T:
-        """Run `do` in the simulator's thread, and return when the ports follow it."""
+        """Run `do` in the simulator's thread, and wait until the ports are open or closed."""
         simulator = self._simulator
 
         async def run() -> T:
@@ -274,11 +274,11 @@ class SimulatorThread:
 
     @property
     def _simulator(self) -> SimulatedChassis:
-        return self._ready.result(_CALL_TIMEOUT_S)
+        return self._ready.result(_CALL_TIMEOUT)
 
     def _await(self, coroutine: Coroutine[Any, Any, T], extra: float = 0.0) -> T:
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        return future.result(_CALL_TIMEOUT_S + extra)
+        return future.result(_CALL_TIMEOUT + extra)
 
     def _run(self) -> None:
         try:

@@ -1,12 +1,13 @@
-"""Everything that can go wrong with a chassis and its link, on demand.
+"""Faults of the robot and of its link, on demand.
 
-`FAULTS` is the table. `SimulatedChassis.inject` puts one in now, a `Scenario` does so by schedule.
+`FAULTS` lists them all. `SimulatedChassis.inject` starts one now, a `Scenario` at a given time.
 """
 
 from woosh_robot_agent.simulator.faults.fault import Fault, Injection
+from woosh_robot_agent.simulator.faults.notation import load_scenario, parse_fault
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
-from woosh_robot_agent.simulator.faults.scenario import Scenario, Step, load_scenario, parse_fault
 from woosh_robot_agent.simulator.faults.table import FAULTS, markdown
+from woosh_robot_agent.simulator.scenario import Scenario, Step
 
 __all__ = [
     "FAULTS",

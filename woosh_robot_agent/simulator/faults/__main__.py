@@ -1,4 +1,4 @@
-"""Prints the table of faults in Markdown."""
+"""Prints the table of all faults as Markdown."""
 
 from woosh_robot_agent.simulator.faults.table import markdown
 

@@ -1,4 +1,4 @@
-"""Faults of requests and their answers, whatever the encoding."""
+"""Faults of requests and answers, independent of the encoding."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from collections.abc import Callable, Iterable
 
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
 from woosh_robot_agent.simulator.faults.parameters import Parameter
-from woosh_robot_agent.simulator.hooks import Outgoing, Release
+from woosh_robot_agent.simulator.serving.hooks import Outgoing, Release
 
 _MAX_SN = 2**31 - 1
 
 TYPE = Parameter(
-    "type", str, "", "only answers to requests of this type; empty: all", is_message=True
+    "type", str, "", "affects only answers to requests of this type; empty: all", is_message=True
 )
-COUNT = Parameter("count", int, 0, "how often; 0: always", low=0)
+COUNT = Parameter("count", int, 0, "number of times; 0: no limit", low=0)
 FRAMES = Parameter(
     "frames",
     str,
     "answers",
-    "what it befalls; with pushes, `type` is theirs",
+    "frames that it affects; for pushes, `type` is the type of the push",
     choices=("answers", "pushes", "all"),
 )
 
 
-def befalls(injection: Injection, frame: Outgoing) -> bool:
-    """Whether a fault is meant for a frame, by its arguments `type` and `frames`."""
+def applies_to(injection: Injection, frame: Outgoing) -> bool:
+    """Return True if a fault affects a frame, by its arguments `type` and `frames`."""
     frames = injection.arguments.get("frames", "answers")
     name = frame.request if frame.is_answer else frame.type
     return (
@@ -39,17 +39,17 @@ def befalls(injection: Injection, frame: Outgoing) -> bool:
 def on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
 ) -> Callable[[Target, Injection], End]:
-    """A fault that puts other frames in place of those that it befalls."""
+    """Return the `begin` function of a fault that replaces the frames that it affects."""
 
     def begin(target: Target, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
-            if not befalls(injection, frame):
+            if not applies_to(injection, frame):
                 return [frame]
             frames = alter(injection, frame)
             injection.hit()
             return frames
 
-        return target.hooks.tamper(intercept)
+        return target.hooks.add_fault(intercept)
 
     return begin
 
@@ -62,7 +62,7 @@ def _refuse(target: Target, injection: Injection) -> End:
         text: str = injection["text"]
         return text
 
-    return target.hooks.object(refusal)
+    return target.hooks.add_refusal(refusal)
 
 
 def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
@@ -79,7 +79,7 @@ def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 class _Shuffle:
-    """Keeps a client's frames until there are enough of them, or for a while, and mixes them."""
+    """Collects the frames of each client up to a number or a timeout, and shuffles them."""
 
     def __init__(self, injection: Injection) -> None:
         self._injection = injection
@@ -107,7 +107,7 @@ class _Shuffle:
         kept = self._kept.pop(client)
         mixed = kept[:]
         self._injection.rng.shuffle(mixed)
-        if mixed == kept:  # as they came would be no fault
+        if mixed == kept:  # the original order would not be a fault
             mixed.reverse()
         for release in mixed:
             release()
@@ -128,26 +128,28 @@ def _reorder(target: Target, injection: Injection) -> End:
 FAULTS = (
     Fault(
         "refuse",
-        "requests are not done, and answered with ok false and a text",
+        "requests are not executed, and answered with `ok` false and a text",
         _refuse,
         (
-            Parameter("text", str, "refused by the simulator", "why"),
-            dataclasses.replace(TYPE, description="only requests of this type; empty: all"),
+            Parameter("text", str, "refused by the simulator", "text of the answers"),
+            dataclasses.replace(TYPE, description="affects only requests of this type; empty: all"),
             COUNT,
         ),
     ),
     Fault(
         "delay",
-        "answers are held back; later ones may overtake them",
+        "answers are delayed; later ones may overtake them",
         on_frames(_delay),
         (
-            Parameter("seconds", float, 1.0, "how long", unit="real s", low=0.0, high=86400.0),
+            Parameter(
+                "seconds", float, 1.0, "the delay", unit="s of real time", low=0.0, high=86400.0
+            ),
             Parameter(
                 "jitter",
                 float,
                 0.0,
-                "a random part on top, from 0 to this",
-                unit="real s",
+                "maximum of a random additional delay",
+                unit="s of real time",
                 low=0.0,
                 high=86400.0,
             ),
@@ -161,13 +163,13 @@ FAULTS = (
         "answers are collected and sent in another order",
         _reorder,
         (
-            Parameter("window", int, 4, "how many are collected", low=2, high=1000),
+            Parameter("window", int, 4, "number of answers that are collected", low=2, high=1000),
             Parameter(
                 "seconds",
                 float,
                 0.2,
-                "the longest time that one is kept",
-                unit="real s",
+                "maximum time for which an answer is kept",
+                unit="s of real time",
                 low=0.0,
                 high=3600.0,
             ),
@@ -177,32 +179,32 @@ FAULTS = (
     ),
     Fault(
         "lose_answer",
-        "requests are done, but their answers do not go out",
+        "requests are executed, but their answers are not sent",
         on_frames(lambda injection, frame: []),
         (TYPE, COUNT),
     ),
     Fault(
         "answer_twice",
-        "each answer goes out twice",
+        "each answer is sent twice",
         on_frames(lambda injection, frame: [frame, frame]),
         (TYPE, COUNT),
     ),
     Fault(
         "wrong_sn",
-        "answers carry another `sn` than their requests",
+        "answers have another `sn` than their requests",
         on_frames(_wrong_sn),
         (
-            Parameter("by", int, 1_000_000, "how much greater it is", low=1, high=_MAX_SN - 1),
+            Parameter("by", int, 1_000_000, "difference of the two", low=1, high=_MAX_SN - 1),
             TYPE,
             COUNT,
         ),
     ),
     Fault(
         "wrong_type",
-        "answers carry another `type` than that of their body",
+        "answers have another `type` than their body",
         on_frames(_wrong_type),
         (
-            Parameter("other", str, "woosh.robot.Network", "the type they carry"),
+            Parameter("other", str, "woosh.robot.Network", "the wrong type"),
             TYPE,
             COUNT,
         ),

@@ -1,4 +1,4 @@
-"""Faults of the robot itself, and of what it reports."""
+"""Faults of the robot itself and of its pushes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
-from woosh_robot_agent.simulator.pushes import TOPICS
-from woosh_robot_agent.simulator.reports import STATES
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.protocol.reports import STATES
 
-#: Pushes of a burst that are sent before clients get time to read.
 _SLICE = 100
-#: Real s for which a burst waits for a client that does not read.
-_PATIENCE_S = 1.0
-_PAUSE_S = 0.002
+"""Number of pushes of a burst after which clients get time to read."""
+
+_BACKLOG_TIMEOUT = 1.0
+"""Time for which a burst waits for a client that does not read, in seconds of real time."""
+
+_POLL_PERIOD = 0.002
+"""Period of checking the backlog, in seconds of real time."""
 
 
 def _emergency_stop(target: Target, injection: Injection) -> End:
@@ -35,7 +38,7 @@ def _lost_localisation(target: Target, injection: Injection) -> End:
 
     def end() -> None:
         readiness.located = readiness.located or before
-        target.report()
+        target.push_changes()
 
     return end
 
@@ -48,19 +51,19 @@ def _obstacle(target: Target, injection: Injection) -> End:
         x, y = there.x, there.y
     name = f"fault {injection.number}"
     chassis.obstacles.put(name, x, y, injection["radius"])
-    target.report()
+    target.push_changes()
 
     def end() -> None:
         if name in chassis.obstacles.names:
             chassis.obstacles.remove(name)
-        target.report()
+        target.push_changes()
 
     return end
 
 
-def _whole_place(arguments: Mapping[str, Any]) -> None:
+def _check_position(arguments: Mapping[str, Any]) -> None:
     if (arguments["x"] is None) != (arguments["y"] is None):
-        raise FaultError("obstacle: x and y go together; without them it is put `ahead`")
+        raise FaultError("obstacle: give both x and y, or neither of them")
 
 
 def _burst(target: Target, injection: Injection) -> End:
@@ -80,27 +83,27 @@ async def _push(target: Target, injection: Injection) -> None:
         if rate:
             await asyncio.sleep(max(0.0, begun + number / rate - loop.time()))
         elif number % _SLICE == 0:
-            await _room(target)
+            await _wait_for_clients(target)
         target.push(_current(target.chassis, injection["type"]))
         injection.hit()
 
 
 def _current(chassis: Chassis, type_name: str) -> Message:
-    """A state as it is, or an empty event."""
+    """Return a current state, or an empty event."""
     cls: Any = message_type(type_name)
     return STATES[cls](chassis) if cls in STATES else cls()
 
 
-async def _room(target: Target) -> None:
-    """Give clients time to read; one that does not read at all holds up nobody for long."""
+async def _wait_for_clients(target: Target) -> None:
+    """Wait until clients have read enough, or until a timeout."""
     loop = asyncio.get_running_loop()
-    until = loop.time() + _PATIENCE_S
+    until = loop.time() + _BACKLOG_TIMEOUT
     await asyncio.sleep(0)
-    while target.backlog() > target.room() // 2 and loop.time() < until:
-        await asyncio.sleep(_PAUSE_S)
+    while target.backlog > target.max_backlog // 2 and loop.time() < until:
+        await asyncio.sleep(_POLL_PERIOD)
 
 
-def _topic(arguments: Mapping[str, Any]) -> None:
+def _check_topic(arguments: Mapping[str, Any]) -> None:
     if arguments["type"] not in TOPICS:
         raise FaultError(f"burst: type: {arguments['type']!r} is not one of {sorted(TOPICS)}")
 
@@ -108,46 +111,51 @@ def _topic(arguments: Mapping[str, Any]) -> None:
 FAULTS = (
     Fault(
         "emergency_stop",
-        "the button is pressed; at the end it is released",
+        "the emergency stop button is pressed; at the end it is released",
         _emergency_stop,
         shared=True,
     ),
     Fault(
         "lost_localisation",
-        "the robot does not know where it is, until a client localises it or the fault ends",
+        "the robot does not know its pose, until a client sends the pose or the fault ends",
         _lost_localisation,
         shared=True,
     ),
     Fault(
         "obstacle",
-        "something round stands in the way; at the end it is gone",
+        "a round obstacle appears; at the end it disappears",
         _obstacle,
         (
-            Parameter("x", float, None, "where, in the map's frame", unit="m"),
-            Parameter("y", float, None, "where, in the map's frame", unit="m"),
+            Parameter("x", float, None, "position in the map's frame", unit="m"),
+            Parameter("y", float, None, "position in the map's frame", unit="m"),
             Parameter(
                 "ahead",
                 float,
                 1.0,
-                "without x and y: how far in front of the base's centre as it stands now",
+                "without x and y: distance in front of the current position of the robot",
                 unit="m",
             ),
-            Parameter("radius", float, 0.3, "how big", unit="m", low=0.01, high=100.0),
+            Parameter("radius", float, 0.3, "its radius", unit="m", low=0.01, high=100.0),
         ),
-        check=_whole_place,
+        check=_check_position,
     ),
     Fault(
         "burst",
-        "many pushes to everybody who subscribed to their type; over when all are sent",
+        "many pushes are sent to all subscribers of their type",
         _burst,
         (
-            Parameter("count", int, 1000, "how many", low=1, high=10_000_000),
-            Parameter("type", str, "woosh.robot.PoseSpeed", "what is pushed", is_message=True),
+            Parameter("count", int, 1000, "number of pushes", low=1, high=10_000_000),
+            Parameter("type", str, "woosh.robot.PoseSpeed", "their type", is_message=True),
             Parameter(
-                "rate", float, 0.0, "0: as fast as clients read", unit="1/s of real time", low=0.0
+                "rate",
+                float,
+                0.0,
+                "their rate; 0: as fast as clients read",
+                unit="1/s of real time",
+                low=0.0,
             ),
         ),
         lasting=False,
-        check=_topic,
+        check=_check_topic,
     ),
 )

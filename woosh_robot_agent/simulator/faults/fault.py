@@ -1,4 +1,4 @@
-"""What a fault is, and what one that was put in can be asked."""
+"""The definition of a fault, and an injected fault."""
 
 from __future__ import annotations
 
@@ -12,57 +12,61 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter, resolve
-from woosh_robot_agent.simulator.hooks import Hooks
+from woosh_robot_agent.simulator.serving.hooks import Hooks
 
 
 class Target(Protocol):
-    """What faults are put into: a simulated chassis with its connections."""
+    """The view of the simulated chassis that faults have."""
 
     @property
     def chassis(self) -> Chassis:
-        """The model."""
+        """The model of the robot."""
 
     @property
     def hooks(self) -> Hooks:
-        """Where requests, frames and new connections can be caught."""
+        """Hooks for connections, requests and outgoing frames."""
 
     def drop(self) -> None:
-        """End every connection at once, as a broken cable would."""
+        """Abort all connections, as a broken cable would."""
 
-    def hold_link(self, held: bool) -> None:
-        """Neither read nor write, but keep the connections; or go on."""
+    def pause_connections(self, paused: bool) -> None:
+        """Stop reading and writing without closing the connections, or continue."""
 
-    def hang(self, hung: bool) -> None:
-        """Let model time stand still and queue what is read; or go on."""
+    def freeze(self, frozen: bool) -> None:
+        """Stop the simulated time and queue all requests, or continue."""
 
-    def switch(self, on: bool) -> None:
-        """Drop every client and refuse new connections; or listen again at the same ports."""
+    def set_listening(self, on: bool) -> None:
+        """Listen again on the same ports, or drop all clients and refuse new ones."""
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
 
     def lose_localisation(self) -> None:
-        """Make the chassis forget where it is."""
+        """Make the robot lose its localisation."""
 
     def push(self, message: Message) -> None:
-        """Push a message to everybody who subscribed to its type."""
+        """Push a message to all subscribers of its type."""
 
+    @property
     def backlog(self) -> int:
-        """The most frames that wait for one client."""
+        """Number of frames that wait for the slowest client."""
 
-    def room(self) -> int:
-        """How many frames may wait for one client."""
+    @property
+    def max_backlog(self) -> int:
+        """Number of waiting frames at which a client is dropped."""
 
-    def report(self) -> None:
-        """Push what changed."""
+    def push_changes(self) -> None:
+        """Push all events and changed states."""
 
 
-#: Undoes what a fault did.
 End = Callable[[], None]
+"""Ends a fault."""
+
 Begin = Callable[[Target, "Injection"], "End | None"]
+"""Begins a fault. Returns the function that ends it, or None for a momentary fault."""
 
 FOR = Parameter(
-    "for", float, 0.0, "ends by itself after this time; 0: never", unit="simulated s", low=0.0
+    "for", float, 0.0, "time after which it ends; 0: no limit", unit="s of simulated time", low=0.0
 )
 
 
@@ -71,13 +75,13 @@ class Fault:
     """A kind of fault.
 
     Attributes:
-        name: As people write it.
-        description: What it does.
-        begin: Does it, and gives what undoes it.
-        own: Its parameters, without those that every lasting one has.
-        lasting: It goes on until it is cleared or runs out; else it is over at once.
-        shared: Several at a time are as one, which ends with the last of them.
-        check: Raises FaultError where arguments do not go together.
+        name: Name of the fault.
+        description: Description for people.
+        begin: Function that begins the fault.
+        own: Parameters, without the common ones of lasting faults.
+        lasting: The fault lasts until it is cleared or expires. Otherwise it is momentary.
+        shared: Several injections at a time act as one, which ends with the last of them.
+        check: Raises FaultError for an invalid combination of arguments.
     """
 
     name: str
@@ -90,23 +94,23 @@ class Fault:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All its parameters."""
+        """All parameters, with the common ones."""
         return (*self.own, FOR) if self.lasting else self.own
 
     def resolve(
         self, arguments: Mapping[str, object], also: tuple[Parameter, ...] = ()
     ) -> dict[str, Any]:
-        """The arguments with all defaults put in.
+        """Return the checked arguments, with all defaults filled in.
 
         Args:
-            arguments: What was said.
-            also: Further parameters, which are not the fault's own.
+            arguments: The given arguments.
+            also: Further parameters, which are not those of the fault.
 
         Raises:
-            FaultError: One is unknown or does not fit.
+            FaultError: An argument is unknown or invalid.
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
-            raise FaultError(f"{self.name} is momentary: it takes no `for`")
+            raise FaultError(f"{self.name} is momentary: leave out `for`")
         resolved = resolve(self.name, (*self.parameters, *also), arguments)
         if self.check:
             self.check(resolved)
@@ -114,15 +118,15 @@ class Fault:
 
 
 class Injection:
-    """A fault that was put in.
+    """An injected fault.
 
     Attributes:
-        fault: Its kind.
-        number: Which of its kind it is, from 1.
-        arguments: All of them, defaults included, by name.
-        rng: Its random choices, which the simulator's seed decides.
-        hits: How many answers, frames or connections it has met.
-        active: Whether it still lasts.
+        fault: Definition of the fault.
+        number: Number among the injections of this fault, from 1.
+        arguments: All arguments, defaults included, by name.
+        rng: Random number generator, derived from the seed of the simulator.
+        hits: Number of answers, frames or connections that the fault has affected.
+        active: True until the fault ends.
     """
 
     def __init__(
@@ -142,11 +146,11 @@ class Injection:
         self._clear = clear
 
     def __getitem__(self, name: str) -> Any:
-        """The value of an argument."""
+        """Return the value of an argument."""
         return self.arguments[name]
 
     def __str__(self) -> str:
-        """As on the command line, without what is at its default."""
+        """Return the fault as on the command line, without arguments at their defaults."""
         said = [
             f"{parameter.name}={shlex.quote(str(self.arguments[parameter.name]))}"
             for parameter in self.fault.parameters
@@ -156,15 +160,15 @@ class Injection:
 
     @property
     def name(self) -> str:
-        """The name of its kind."""
+        """Name of the fault."""
         return self.fault.name
 
     def clear(self) -> None:
-        """End it; nothing happens if it is over."""
+        """End the fault, if it has not ended."""
         self._clear(self)
 
     def hit(self) -> None:
-        """Count that it met something, and end it if that was the last time."""
+        """Count an answer, frame or connection, and end the fault when `count` is reached."""
         self.hits += 1
         if self.hits == self.arguments.get("count"):
             self.clear()

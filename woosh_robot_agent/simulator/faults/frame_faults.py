@@ -1,4 +1,4 @@
-"""Faults of single frames: what is done to them once they are encoded."""
+"""Faults that damage single frames after they are encoded."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.faults.answer_faults import COUNT, FRAMES, TYPE, on_frames
 from woosh_robot_agent.simulator.faults.fault import Begin, Fault, Injection
 from woosh_robot_agent.simulator.faults.parameters import Parameter
-from woosh_robot_agent.simulator.hooks import Encoded, Outgoing, Write
+from woosh_robot_agent.simulator.serving.hooks import Encoded, Outgoing, Write
 
 _MIB = 1024 * 1024
 _CHUNK = 256 * 1024
-#: A field that no message of the chassis has, and a value of it.
 _UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
 _UNKNOWN_NUMBER = 1999
+"""A field that no message of the chassis has: name, value and number."""
 _VARINT, _FIXED64, _DELIMITED = 0, 1, 2
 _WIDE = (
     FieldDescriptor.TYPE_DOUBLE,
@@ -42,7 +42,7 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
 
         def both(codec: Codec, data: str | bytes) -> Encoded:
             damaged = before(codec, data) if before else data
-            # What writes itself, or cannot be read any more, is past all further damage.
+            # A frame that is already unreadable, or written by a fault, is not damaged further.
             if callable(damaged) or (before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
@@ -55,9 +55,9 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
 def _garbage(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     length = injection["length"]
     if isinstance(data, str):
-        # No JSON begins like this.
+        # No JSON text begins with a question mark.
         return "?" + "".join(injection.rng.choices(string.printable, k=length - 1))
-    # No protobuf message begins like this: a field's number that never ends.
+    # No protobuf message begins with a field number of ten continued bytes.
     return (b"\xff" * 10 + injection.rng.randbytes(length))[:length]
 
 
@@ -65,7 +65,7 @@ def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded
     if injection["where"] == "wire":
         return _broken_off(data)
     cut = len(data) // 2
-    while _readable(codec, data[:cut]):  # protobuf may be, by chance
+    while _readable(codec, data[:cut]):  # by chance, half a protobuf message may be valid
         cut += 1
     return data[:cut]
 
@@ -82,7 +82,7 @@ def _broken_off(data: str | bytes) -> Write:
 
 
 def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
-    """A frame that is right, but for its size: JSON and blanks, or an unknown field of zeros."""
+    """Pad a valid frame: JSON with blanks, protobuf with an unknown field of zeros."""
     raw = _bytes(data)
     text = isinstance(data, str)
     padding = max(0, injection["mib"] * _MIB - len(raw))
@@ -108,7 +108,7 @@ def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Enco
         return bytes(raw)
 
     async def write(transport: ServerTransport) -> None:
-        # The library would not send it as text.
+        # websockets refuses to send invalid UTF-8 as text.
         await transport.send_raw(transport.header(len(raw), text=True) + raw)
 
     return write
@@ -181,9 +181,9 @@ _WHICH = (TYPE, COUNT, FRAMES)
 FAULTS = (
     Fault(
         "garbage",
-        "frames are replaced by noise: text where they are JSON, bytes where they are protobuf",
+        "frames are replaced by noise: text instead of JSON, bytes instead of protobuf",
         _damaging(_garbage),
-        (Parameter("length", int, 64, "how much", unit="bytes", low=1, high=_MIB), *_WHICH),
+        (Parameter("length", int, 64, "their length", unit="bytes", low=1, high=_MIB), *_WHICH),
     ),
     Fault(
         "truncated",
@@ -194,8 +194,8 @@ FAULTS = (
                 "where",
                 str,
                 "payload",
-                "payload: half the text in a sound frame; wire: half the frame, then the "
-                "connection breaks off",
+                "payload: half the text in a valid frame; wire: half the frame, then the "
+                "connection is aborted",
                 choices=("payload", "wire"),
             ),
             *_WHICH,
@@ -203,26 +203,26 @@ FAULTS = (
     ),
     Fault(
         "oversize",
-        "frames are padded, with blanks or with an unknown field, to more than clients take",
+        "frames are padded to a size that clients refuse, with blanks or an unknown field",
         _damaging(_oversize),
-        (Parameter("mib", int, 65, "to which size", unit="MiB", low=1, high=4096), *_WHICH),
+        (Parameter("mib", int, 65, "their size", unit="MiB", low=1, high=4096), *_WHICH),
     ),
     Fault(
         "invalid_utf8",
-        "the name of the type in frames is no UTF-8",
+        "the type name in frames is invalid UTF-8",
         _damaging(_invalid_utf8),
         _WHICH,
     ),
     Fault(
         "unknown_fields",
-        "frames and their bodies have fields that clients do not know; all others are right",
+        "frames and their bodies have additional fields that clients do not know",
         _damaging(_unknown_fields),
         _WHICH,
     ),
     Fault(
         "wrong_field_type",
-        "a field of the body, any by chance, has a value of another type; readers of protobuf "
-        "take that for an unknown field, as its rules say",
+        "a random field of the body has a value of another type; protobuf readers treat it as an "
+        "unknown field",
         _damaging(_wrong_field_type),
         _WHICH,
     ),

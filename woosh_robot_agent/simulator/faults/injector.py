@@ -1,4 +1,4 @@
-"""Puts faults in and takes them out again, by hand and by schedule."""
+"""Begins and ends faults, on demand and by schedule."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from collections import Counter, deque
 from collections.abc import Iterable
 
 from woosh_robot_agent.simulator.faults.fault import End, Injection, Target
-from woosh_robot_agent.simulator.faults.scenario import Step
 from woosh_robot_agent.simulator.faults.table import find
+from woosh_robot_agent.simulator.scenario import Step
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 class Injector:
     """The faults of one simulated chassis.
 
     Args:
-        target: What they are put into.
-        seed: Decides their random choices.
-        steps: The faults to put in by themselves, and when.
+        target: The simulated chassis.
+        seed: Seed of their random choices.
+        steps: Scheduled faults.
 
     Attributes:
-        counts: How many faults of each name were put in since the start.
+        counts: Number of faults since the start, by name.
     """
 
     def __init__(self, target: Target, seed: int, steps: Iterable[Step] = ()) -> None:
@@ -33,20 +33,20 @@ class Injector:
         self._steps = deque(sorted(steps, key=lambda step: step.at))
         self._clock = 0.0
         self._active: dict[Injection, float | None] = {}
-        """Those that last, oldest first, and when they end by themselves."""
+        """Active faults, oldest first, with the simulated times at which they expire."""
         self._ends: dict[object, End] = {}
-        """What ends each of them; a shared fault has one for all its injections."""
+        """Functions that end the faults. A shared fault has one for all its injections."""
 
     @property
     def active(self) -> list[Injection]:
-        """The faults that last, oldest first."""
+        """Active faults, oldest first."""
         return list(self._active)
 
     def inject(self, name: str, **arguments: object) -> Injection:
-        """Put a fault in.
+        """Begin a fault.
 
         Raises:
-            FaultError: There is none of this name, or an argument is wrong.
+            FaultError: There is no such fault, or an argument is invalid.
         """
         fault = find(name)
         number = self.counts[name] + 1
@@ -59,22 +59,22 @@ class Injector:
                 self._ends[key] = end
         self.counts[name] += 1
         if key in self._ends:
-            _log.info("fault begins: %s", injection)
+            _LOG.info("fault begins: %s", injection)
             seconds = injection.arguments.get("for")
             self._active[injection] = self._clock + seconds if seconds else None
         else:
-            _log.info("fault: %s", injection)
+            _LOG.info("fault: %s", injection)
             injection.active = False
         return injection
 
     def clear(self) -> None:
         """End all faults."""
-        # Shared ones last: what a frozen chassis has queued is done as if nothing else were wrong.
+        # Shared ones last: a frozen chassis executes its queue after all other faults have ended.
         for injection in sorted(self.active, key=lambda each: each.fault.shared):
             injection.clear()
 
     def advance(self, seconds: float) -> None:
-        """Let time pass, also while the chassis is frozen: end what runs out, begin what is due."""
+        """End expired faults and begin due ones. Time also advances while the chassis is frozen."""
         self._clock = round(self._clock + seconds, 6)
         for injection, until in list(self._active.items()):
             if until is not None and until <= self._clock:
@@ -91,6 +91,6 @@ class Injector:
         fault = injection.fault
         if fault.shared and any(other.fault is fault for other in self._active):
             return
-        met = f" after {injection.hits} times" if injection.hits else ""
-        _log.info("fault ends: %s%s", injection, met)
+        hits = f", it affected {injection.hits}" if injection.hits else ""
+        _LOG.info("fault ends: %s%s", injection, hits)
         self._ends.pop(fault if fault.shared else injection)()

@@ -15,50 +15,50 @@ def _accept_then_drop(target: Target, injection: Injection) -> End:
         injection.hit()
         return False
 
-    return target.hooks.screen(turn_away)
+    return target.hooks.add_admission(turn_away)
 
 
 def _off(target: Target, injection: Injection) -> End:
-    target.switch(False)
-    return lambda: target.switch(True)
+    target.set_listening(False)
+    return lambda: target.set_listening(True)
 
 
 def _half_open(target: Target, injection: Injection) -> End:
-    target.hold_link(True)
-    return lambda: target.hold_link(False)
+    target.pause_connections(True)
+    return lambda: target.pause_connections(False)
 
 
 def _freeze(target: Target, injection: Injection) -> End:
-    target.hang(True)
-    return lambda: target.hang(False)
+    target.freeze(True)
+    return lambda: target.freeze(False)
 
 
 FAULTS = (
     Fault("drop", "every connection ends, as with a broken cable", _drop, lasting=False),
     Fault(
         "accept_then_drop",
-        "each new connection is accepted, its handshake answered, and ended at once",
+        "each new connection is accepted, its handshake is answered, and it is ended at once",
         _accept_then_drop,
-        (Parameter("count", int, 0, "how many connections; 0: all", low=0),),
+        (Parameter("count", int, 0, "number of connections; 0: all", low=0),),
     ),
     Fault(
         "off",
-        "every connection ends and new ones are refused, as if switched off; "
-        "it comes back at the same ports",
+        "every connection ends and new ones are refused, as if the robot were switched off; at "
+        "the end it listens on the same ports again",
         _off,
         shared=True,
     ),
     Fault(
         "half_open",
-        "nothing is read or written any more, new connections included, but the sockets stay "
-        "open; afterwards it goes on with what has piled up",
+        "nothing is read or written, but the sockets stay open, and new connections are accepted; "
+        "at the end everything pending is read and written",
         _half_open,
         shared=True,
     ),
     Fault(
         "freeze",
-        "the chassis's program hangs: its time stands still, requests are read but neither done "
-        "nor answered, WebSocket pings are answered; afterwards it does what has piled up",
+        "the program of the robot hangs: simulated time stands still, requests are read but not "
+        "executed, WebSocket pings are answered; at the end all pending requests are executed",
         _freeze,
         shared=True,
     ),

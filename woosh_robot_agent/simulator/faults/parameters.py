@@ -1,4 +1,4 @@
-"""What a fault can be told: typed values, the same for command line, scenario file and Python."""
+"""Typed parameters of faults, the same for command line, scenario files and Python."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from woosh_robot_agent.protos import message_types
 
 Value = int | float | str
 
-#: A number beyond this is a mistake, infinity included.
-_MOST = 1e300
+_MAX_NUMBER = 1e300
+"""Maximum absolute value of a number, which excludes infinity."""
 
 
 class FaultError(ValueError):
-    """A fault that does not exist, or cannot be as it was asked for; the text says what can."""
+    """A fault does not exist, or an argument is invalid. The text says what is valid."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One argument of a fault.
+    """A parameter of a fault.
 
     Attributes:
-        name: As people write it.
-        kind: The type of its values.
-        default: What it is when left out; None is shown as "-" and stays None.
-        description: For people.
-        unit: Of a number.
-        low: The least number allowed.
-        high: The greatest number allowed.
-        choices: The texts allowed, if not all are.
-        is_message: The text is the full name of a protobuf message, or empty.
+        name: Name of the parameter.
+        kind: Type of the value.
+        default: Default value; None for an optional parameter without a default.
+        description: Description for people.
+        unit: Unit of a number.
+        low: Minimum of a number.
+        high: Maximum of a number.
+        choices: Valid texts; empty if all texts are valid.
+        is_message: The text must be empty or the full name of a protobuf message.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Parameter:
     is_message: bool = False
 
     def parse(self, text: str) -> Value:
-        """The value that a text on the command line stands for, unchecked.
+        """Convert a text of the command line, without checking the value.
 
-        What stands for none is left as it is, for `check` to complain of.
+        A text that cannot be converted is returned unchanged, and `check` rejects it.
         """
         try:
             return self.kind(text)
@@ -56,10 +56,10 @@ class Parameter:
             return text
 
     def check(self, value: object) -> Value:
-        """`value` in the parameter's type.
+        """Return `value` in the type of the parameter.
 
         Raises:
-            FaultError: It does not fit.
+            FaultError: The value is invalid.
         """
         if self.kind is str:
             if not isinstance(value, str) or (self.choices and value not in self.choices):
@@ -71,13 +71,13 @@ class Parameter:
             raise self._wrong(value)
         if self.kind is int and not isinstance(value, int):
             raise self._wrong(value)
-        if not (self.low <= value <= self.high and abs(value) <= _MOST):
+        if not (self.low <= value <= self.high and abs(value) <= _MAX_NUMBER):
             raise self._wrong(value)
         return self.kind(value)
 
     @property
     def allowed(self) -> str:
-        """What its values are, for people."""
+        """Description of the valid values."""
         if self.choices:
             return " or ".join(self.choices)
         if self.is_message:
@@ -87,7 +87,7 @@ class Parameter:
             text += f" from {_number(self.low)}"
         if math.isfinite(self.high):
             text += f" to {_number(self.high)}"
-        return f"{text} {self.unit}".rstrip()
+        return f"{text} in {self.unit}" if self.unit else text
 
     def _wrong(self, value: object) -> FaultError:
         return FaultError(f"{self.name}: {value!r} is not {_article(self.allowed)}")
@@ -96,15 +96,15 @@ class Parameter:
 def resolve(
     what: str, parameters: Sequence[Parameter], given: Mapping[str, object]
 ) -> dict[str, Any]:
-    """The arguments with all defaults put in.
+    """Return the checked arguments, with all defaults filled in.
 
     Args:
-        what: What they are for, for the text of an error.
-        parameters: Those that there are.
-        given: What was said. A trailing underscore, as in `for_`, does not count.
+        what: Name of the fault, for errors.
+        parameters: All parameters.
+        given: The given arguments. A trailing underscore, as in `for_`, is ignored.
 
     Raises:
-        FaultError: One is unknown or does not fit.
+        FaultError: An argument is unknown or invalid.
     """
     known = {parameter.name: parameter for parameter in parameters}
     arguments: dict[str, Any] = {name: known[name].default for name in known}

@@ -1,4 +1,4 @@
-"""The table of all faults; command line, scenario files, Python and the documentation go by it."""
+"""The table of all faults, for command line, scenario files, Python and documentation."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from woosh_robot_agent.simulator.faults import (
 from woosh_robot_agent.simulator.faults.fault import Fault
 from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
 
-#: Every fault, by its name.
 FAULTS: dict[str, Fault] = {
     fault.name: fault
     for module in (link_faults, answer_faults, frame_faults, chassis_faults)
     for fault in module.FAULTS
 }
+"""All faults, by name."""
 
 
 def find(name: str) -> Fault:
-    """The fault of a name.
+    """Return the fault called `name`.
 
     Raises:
-        FaultError: There is none.
+        FaultError: There is no such fault.
     """
     try:
         return FAULTS[name]
     except KeyError:
-        raise FaultError(f"no fault {name!r}; there are: {', '.join(FAULTS)}") from None
+        raise FaultError(f"unknown fault {name!r}: use one of {', '.join(FAULTS)}") from None
 
 
 def markdown() -> str:
-    """The whole table in Markdown."""
+    """Return the table as Markdown."""
     rows = [("Fault", "What it does", "Lasts", "Arguments"), ("---",) * 4]
     for fault in FAULTS.values():
         arguments = "<br>".join(_argument(parameter) for parameter in fault.own)
@@ -44,9 +44,9 @@ def markdown() -> str:
 def _argument(parameter: Parameter) -> str:
     default = parameter.default
     if default is None:
-        said = "left out"
+        text = "none"
     elif isinstance(default, float):
-        said = f"{default:g}"
+        text = f"{default:g}"
     else:
-        said = str(default) or "empty"
-    return f"`{parameter.name}` ({parameter.allowed}, default {said}): {parameter.description}"
+        text = str(default) or "empty"
+    return f"`{parameter.name}` ({parameter.allowed}, default {text}): {parameter.description}"

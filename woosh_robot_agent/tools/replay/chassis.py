@@ -15,7 +15,7 @@ from woosh_robot_agent.link.server.listener import Listener
 from woosh_robot_agent.link.server.tcp import serve_tcp
 from woosh_robot_agent.link.server.websocket import serve_websocket
 from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.simulator.client import Client
+from woosh_robot_agent.simulator.serving.client import Client
 from woosh_robot_agent.tools.replay.playback import Playback
 from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_subscription
 from woosh_robot_agent.tools.replay.timeline import Step, StepKind

@@ -1,0 +1,169 @@
+"""The actions of `woosh.ros.CallAction`: single jobs that are reported by Feedbacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.simulator.behaviour.jobs import Job
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.errors import RefusedError
+
+REPORT_PERIOD = 1.0
+"""Time between two progress reports of an action, in seconds."""
+
+
+@dataclass
+class _Run:
+    name: str
+    job: Job
+    paused: bool = False
+    started: bool = False
+    impeded: bool = False
+    reported: float = 0.0
+    """Simulated time of the last report, in seconds."""
+
+
+class Actions:
+    """The current actions. `Ownership` decides which of them may run.
+
+    Attributes:
+        last: The last feedback of each action since the start, by name.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.last: dict[str, ros_pack_pb2.Feedback] = {}
+        self._robot = robot
+        self._runs: dict[str, _Run] = {}
+
+    @property
+    def impeded(self) -> bool:
+        """True if an obstacle blocks an action at the moment."""
+        return any(run.impeded for run in self._runs.values())
+
+    @property
+    def navigation(self) -> Navigate | None:
+        """The navigation of an action, also while it is paused."""
+        jobs = (run.job for run in self._runs.values())
+        return next((job for job in jobs if isinstance(job, Navigate)), None)
+
+    @property
+    def running(self) -> bool:
+        """True if there is an action, paused ones included."""
+        return bool(self._runs)
+
+    def user(self, device: Device) -> str:
+        """Return the short name of the action that owns `device`, empty if none does."""
+        for run in self._runs.values():
+            if run.job.device is device and not run.paused:
+                return short_name(run.name)
+        return ""
+
+    def paused_job(self, name: str) -> Job | None:
+        """Return the job of an action, or None if the action is not paused.
+
+        Raises:
+            RefusedError: There is no such action.
+        """
+        run = self._running(name)
+        return run.job if run.paused else None
+
+    def start(self, name: str, job: Job) -> None:
+        """Run `job` as the action `name`."""
+        self._runs[name] = _Run(name, job)
+
+    def cancel(self, name: str) -> None:
+        """Cancel an action.
+
+        Raises:
+            RefusedError: There is no such action.
+        """
+        self._end(self._running(name), ros_pack_pb2.kRosCancel, "cancelled")
+
+    def pause(self, name: str) -> None:
+        """Pause an action.
+
+        Raises:
+            RefusedError: There is no such action.
+        """
+        self._pause(self._running(name), "paused")
+
+    def pause_on(self, device: Device, reason: str) -> None:
+        """Pause the action that runs on `device`, if there is one."""
+        for run in self._runs.values():
+            if run.job.device is device:
+                self._pause(run, reason)
+
+    def resume(self, name: str) -> None:
+        """Resume a paused action.
+
+        Raises:
+            RefusedError: There is no such action.
+        """
+        run = self._running(name)
+        run.paused = False
+        run.job.suspend(self._robot)
+        self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
+
+    def clear(self, device: Device, reason: str) -> None:
+        """Cancel the actions that run or are paused on `device`."""
+        for run in [run for run in self._runs.values() if run.job.device is device]:
+            self._end(run, ros_pack_pb2.kRosCancel, reason)
+
+    def abort(self, reason: str) -> None:
+        """End every action with a failure."""
+        for run in list(self._runs.values()):
+            self._end(run, ros_pack_pb2.kRosExecuteFailed, reason)
+
+    def tick(self, dt: float) -> None:
+        """Work on every action for `dt` seconds."""
+        for run in list(self._runs.values()):
+            if run.paused:
+                continue
+            if not run.started:
+                # Reported here so that it follows the answer to the request.
+                run.started = True
+                self._report(run, ros_pack_pb2.kRosExecuting, "started")
+                continue
+            progress = run.job.tick(self._robot, dt)
+            if progress.failure:
+                self._end(run, ros_pack_pb2.kRosFailure, progress.failure)
+            elif progress.done:
+                self._end(run, ros_pack_pb2.kRosSuccess, progress.text)
+            elif progress.impeded and not run.impeded:
+                run.impeded = True
+                self._report(run, ros_pack_pb2.kRosErrMsg, progress.text)
+            elif self._robot.elapsed - run.reported >= REPORT_PERIOD - 1e-9:
+                self._report(run, ros_pack_pb2.kRosExecuting, progress.text)
+            run.impeded = progress.impeded
+
+    def _running(self, name: str) -> _Run:
+        run = self._runs.get(name)
+        if run is None:
+            raise RefusedError(f"{short_name(name)} is not running: execute it first")
+        return run
+
+    def _pause(self, run: _Run, reason: str) -> None:
+        if not run.paused:
+            run.paused = True
+            run.impeded = False
+            run.job.suspend(self._robot)
+            self._report(run, ros_pack_pb2.kRosPause, reason)
+
+    def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
+        del self._runs[run.name]
+        run.job.suspend(self._robot)
+        self._report(run, state, msg)
+
+    def _report(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
+        run.reported = self._robot.elapsed
+        feedback = ros_pack_pb2.Feedback(action=run.name, state=state, msg=msg)
+        self.last[run.name] = feedback
+        self._robot.emit(ros_pack_pb2.Feedbacks(fbs=[feedback]))
+
+
+def short_name(name: str) -> str:
+    """Return the last part of an action's name."""
+    return name.rpartition(".")[2]

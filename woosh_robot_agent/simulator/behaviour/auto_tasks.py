@@ -1,0 +1,93 @@
+"""Automatic tasks: an idle robot charges and parks by itself."""
+
+from __future__ import annotations
+
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark
+from woosh_robot_agent.simulator.behaviour.ownership import Ownership
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
+
+_PARKED_DISTANCE = 0.3
+"""Distance from a parking place up to which a robot counts as parked, in metres."""
+
+
+class AutoTasks:
+    """Starts an automatic task when the robot has been idle for long enough.
+
+    The robot is idle while it is ready, has no job, stands still, and no client has reserved it or
+    sent a command. Any command of a client takes precedence over an automatic task.
+
+    Args:
+        robot: The robot.
+        tasks: Its tasks.
+        ownership: Starts the tasks.
+        charge_after: Idle time before a robot with a low battery drives to a charger, in seconds.
+        park_after: Idle time before a robot drives to a parking place, in seconds.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        tasks: Tasks,
+        ownership: Ownership,
+        charge_after: float,
+        park_after: float,
+    ) -> None:
+        self._robot = robot
+        self._tasks = tasks
+        self._ownership = ownership
+        self._charge_after = charge_after
+        self._park_after = park_after
+        self._idle_time = 0.0
+
+    def postpone(self) -> None:
+        """Restart the idle time, because a client has sent a command."""
+        self._idle_time = 0.0
+
+    def tick(self, dt: float) -> None:
+        """Let `dt` seconds pass, and start or end an automatic task."""
+        if not self._idle():
+            self._idle_time = 0.0
+            self._end_disallowed()
+            return
+        self._idle_time += dt
+        setting, battery = self._robot.setting, self._robot.battery
+        low = battery.percent <= setting.power.low
+        if low and setting.allow.auto_charge and self._idle_time >= self._charge_after:
+            self._start(MarkKind.CHARGER, util_task_pb2.kCharge)
+        elif setting.allow.auto_park and self._idle_time >= self._park_after:
+            self._start(MarkKind.PARKSPOT, util_task_pb2.kParking)
+
+    def _idle(self) -> bool:
+        robot = self._robot
+        busy = self._ownership.busy or robot.base.moving or robot.battery.charges or robot.occupied
+        return robot.readiness.ready and not busy
+
+    def _end_disallowed(self) -> None:
+        """Cancel an automatic task that the settings no longer allow."""
+        if not self._tasks.automatic:
+            return
+        allow, kind = self._robot.setting.allow, self._tasks.proc.type
+        if kind == util_task_pb2.kCharge and not allow.auto_charge:
+            self._tasks.cancel("automatic charging is no longer allowed")
+        elif kind == util_task_pb2.kParking and not allow.auto_park:
+            self._tasks.cancel("automatic parking is no longer allowed")
+
+    def _start(self, mark_kind: MarkKind, kind: util_task_pb2.Type) -> None:
+        """Start a task at the nearest mark of a kind, unless the robot is already parked there."""
+        robot = self._robot
+
+        def distance(mark: Mark) -> float:
+            return robot.base.pose.distance(mark.pose.point)
+
+        marks = [mark for mark in robot.map.marks.values() if mark.kind is mark_kind]
+        if not marks:
+            return
+        mark = min(marks, key=distance)
+        if kind == util_task_pb2.kParking and distance(mark) <= _PARKED_DISTANCE:
+            return
+        jobs = jobs_at_mark(robot, mark, kind, util_task_pb2.kDirectionUndefined)
+        order = TaskOrder(self._tasks.new_id(), kind, mark.number, jobs, automatic=True)
+        self._ownership.start_tasks([order])

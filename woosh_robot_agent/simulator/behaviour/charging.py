@@ -1,0 +1,43 @@
+"""The jobs that start and end charging."""
+
+from __future__ import annotations
+
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.simulator.behaviour.jobs import Progress, failed
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.body.devices import Device
+
+
+class Charge:
+    """Charges at a charger until the battery is full as defined by the settings."""
+
+    device = Device.CHARGER
+    kind = util_action_pb2.kCharge
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        if not robot.at_charger():
+            return failed("not at a charger")
+        full = robot.setting.power.full
+        if robot.battery.level >= full:
+            return Progress(done=True, text=f"charged to {full} %")
+        robot.battery.charging = robot_pb2.Battery.kAuto
+        return Progress(text=f"at {robot.battery.percent} of {full} %")
+
+    def suspend(self, robot: Robot) -> None:
+        """End the charge."""
+        robot.battery.charging = robot_pb2.Battery.kNot
+
+
+class EndCharge:
+    """Ends the current charge, if there is one."""
+
+    device = Device.CHARGER
+    kind = util_action_pb2.kCharge
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        robot.battery.charging = robot_pb2.Battery.kNot
+        return Progress(done=True, text="not charging")
+
+    def suspend(self, robot: Robot) -> None:
+        """Do nothing: the job ends in its first tick."""

@@ -1,0 +1,280 @@
+"""The job that drives to a pose, along a planned path or a given one."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+
+from woosh_robot_agent.pb.robot import robot_count_pb2
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.simulator.behaviour.forward_clearance import is_clear
+from woosh_robot_agent.simulator.behaviour.jobs import Progress, failed
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.body.base import (
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    Base,
+    Velocity,
+    approach,
+)
+from woosh_robot_agent.simulator.body.codes import (
+    DRIVING_STRAIGHT,
+    NEW_NAVIGATION,
+    OBSTACLE_AVOIDED,
+)
+from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS, outer_radius
+from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, wrap
+from woosh_robot_agent.simulator.world.planner import SearchBudget, SearchBudgetError, planner
+
+DEFAULT_SPEED = 0.8
+"""Speed unless the navigation mode limits it, in m/s."""
+
+TURN_SPEED = 0.8
+"""Turn rate on the spot, in rad/s."""
+
+PATH_MARGIN = 0.05
+"""Clearance of planned paths in addition to the radius of the robot, in metres."""
+
+_POSITION_TOLERANCE = 1e-3
+"""Distance from a point at which it counts as reached, in metres."""
+
+_ANGLE_TOLERANCE = 1e-4
+"""Angle from a heading at which it counts as reached, in radians."""
+
+_OBSTACLE_TIMEOUT = 30.0
+"""Time after which a navigation gives up that finds no way round an obstacle, in seconds."""
+
+_WAITING_MODES = (
+    navigation_pb2.kNavWait,
+    navigation_pb2.kNarrow,
+    navigation_pb2.kMagnetic,
+    navigation_pb2.kQrcode,
+)
+"""Modes that never leave the path, and wait for an obstacle without a timeout."""
+
+_Level = robot_count_pb2.StatusCode
+
+
+class Navigate:
+    """Drives to a goal.
+
+    The base turns on the spot towards each corner of its path, drives there and stops. At the goal
+    it turns to the goal's heading. It stops before an obstacle that is not on the map. The
+    navigation mode decides whether it then goes round the obstacle, waits or gives up.
+
+    Args:
+        goal: Goal, in the map's frame.
+        via: Poses to pass on the way.
+        strict: Drive straight from one pose to the next. Otherwise plan paths between them.
+        one_by_one: Turn to the heading of each pose of `via` too.
+
+    Attributes:
+        goal: Goal, in the map's frame.
+        path: Planned path, empty before it is planned.
+    """
+
+    device = Device.WHEELS
+    kind = util_action_pb2.kNav
+
+    def __init__(
+        self,
+        goal: Pose,
+        via: Iterable[Pose] = (),
+        *,
+        strict: bool = False,
+        one_by_one: bool = False,
+    ) -> None:
+        self.goal = goal
+        self._stops = deque([*via, goal])
+        self._strict = strict
+        self._one_by_one = one_by_one
+        self._mode = navigation_pb2.ModeSetting(
+            type=navigation_pb2.kAccurate, mode=navigation_pb2.kAvoid
+        )
+        self._corners: deque[deque[Point]] | None = None
+        self._announced = False
+        self._turning = True
+        self._waited = 0.0
+        self._tried_obstacles: tuple[Wall, ...] | None = None
+        self.path: tuple[Pose, ...] = ()
+
+    @property
+    def stops(self) -> tuple[Pose, ...]:
+        """Poses that are still to be passed, the goal last."""
+        return tuple(self._stops)
+
+    def change_path(self, robot: Robot, via: Iterable[Pose], *, strict: bool) -> None:
+        """Take another way to the same goal.
+
+        Raises:
+            RefusedError: There is no such way.
+        """
+        before = self._stops, self._strict
+        self._stops, self._strict = deque([*via, self.goal]), strict
+        objection = self._plan(robot)
+        if objection:
+            self._stops, self._strict = before
+            raise RefusedError(objection)
+
+    def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
+        """Set the arrival type, the behaviour at obstacles and the speed limit."""
+        self._mode.CopyFrom(mode)
+        self._tried_obstacles = None
+
+    def suspend(self, robot: Robot) -> None:
+        """Drop the path: the base may be elsewhere when the job continues."""
+        self.replan()
+
+    def replan(self) -> None:
+        """Plan a new path before the next move."""
+        self._corners = None
+        self._waited = 0.0
+        self._tried_obstacles = None
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        if self._corners is None:
+            objection = self._plan(robot)
+            if objection:
+                return failed(objection)
+        if not self._announced:
+            self._announced = True
+            robot.codes.report(NEW_NAVIGATION, _Level.kNormal, self.kind)
+        base = robot.base
+        free = self._clear_ahead(robot)
+        impeded: Progress | None = None
+        if base.blocked or not free:
+            self._waited += dt
+            impeded = self._handle_obstacle(robot)
+            if not free or impeded.done:
+                return impeded
+        else:
+            self._waited = 0.0
+            self._tried_obstacles = None
+        # A base that is blocked by something unseen, such as a wall beside it, keeps trying.
+        while self._corners:
+            corners, stop = self._corners[0], self._stops[0]
+            if corners:
+                if self._drive_to(corners[0], robot, dt):
+                    return impeded or self._progress(base)
+                corners.popleft()
+                self._turning = True
+            elif self._turn_to(stop, base, dt):
+                return impeded or self._progress(base)
+            else:
+                self._corners.popleft()
+                self._stops.popleft()
+        self._stops.append(self.goal)
+        return Progress(done=True, text=f"arrived at {base.pose}")
+
+    def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> str:
+        """Plan the path.
+
+        Args:
+            robot: The robot.
+            obstacles: Walls to avoid in addition to those of the map.
+
+        Returns:
+            The reason if there is no path, with its remedy; else an empty text.
+        """
+        radius = outer_radius(FOOTPRINTS[robot.footprint]) + PATH_MARGIN
+        routes = planner(robot.map, radius)
+        here = robot.base.pose.point
+        legs: deque[deque[Point]] = deque()
+        path = [robot.base.pose]
+        budget = SearchBudget()
+        for stop in self._stops:
+            try:
+                leg = (
+                    [stop.point]
+                    if self._strict
+                    else routes.plan(here, stop.point, obstacles, budget)
+                )
+            except SearchBudgetError:
+                return (
+                    f"the way to {stop} is too long or too winding to plan: choose a nearer goal, "
+                    "or add poses on the way, each in sight of the next"
+                )
+            if leg is None:
+                return f"no free path to {stop}: choose a goal on free floor"
+            for corner in leg:
+                path.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
+                here = corner
+            legs.append(deque(leg))
+        path[-1] = self.goal
+        self.path = tuple(path)
+        self._corners = legs
+        self._turning = True
+        return ""
+
+    def _clear_ahead(self, robot: Robot) -> bool:
+        """Return True if no obstacle is in the way to the next corner."""
+        if self._turning or not self._corners or not self._corners[0]:
+            return True
+        return is_clear(robot, 0.0, robot.base.pose.distance(self._corners[0][0]))
+
+    def _handle_obstacle(self, robot: Robot) -> Progress:
+        """Go round an obstacle, wait or give up, as the mode says."""
+        mode, base = self._mode.mode, robot.base
+        limit = float(self._mode.wait_timeout) or _OBSTACLE_TIMEOUT
+        text = f"an obstacle stands in the way at {base.pose}"
+        if mode in _WAITING_MODES:
+            return Progress(text=text, impeded=True)
+        timeout = limit
+        if mode != navigation_pb2.kOvertime:
+            wait = limit if mode == navigation_pb2.kTimeout else 0.0
+            if self._waited > wait and not base.moving and self._detour(robot):
+                return self._progress(base)
+            timeout = wait + _OBSTACLE_TIMEOUT
+        if self._waited > timeout:
+            return failed(f"{text}: remove it or choose another goal")
+        return Progress(text=text, impeded=True)
+
+    def _detour(self, robot: Robot) -> bool:
+        """Plan a path round the current obstacles. Return False if there is none."""
+        obstacles = robot.obstacles.walls
+        if self._strict or obstacles == self._tried_obstacles:
+            return False
+        self._tried_obstacles = obstacles
+        if self._plan(robot, obstacles):
+            return False
+        robot.codes.report(OBSTACLE_AVOIDED, _Level.kTips, self.kind)
+        return True
+
+    def _drive_to(self, corner: Point, robot: Robot, dt: float) -> bool:
+        """Drive towards `corner`. Return False when it is reached."""
+        base = robot.base
+        distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
+        if distance <= _POSITION_TOLERANCE:
+            return False
+        if self._turning:
+            if abs(bearing) > _ANGLE_TOLERANCE:
+                base.drive(Velocity(turn=approach(bearing, TURN_SPEED, ANGULAR_ACCELERATION, dt)))
+                return True
+            self._turning = False
+            robot.codes.report(DRIVING_STRAIGHT, _Level.kTips, self.kind)
+        ahead = distance * math.cos(bearing)
+        if ahead <= _POSITION_TOLERANCE:
+            return False
+        base.drive(Velocity(approach(ahead, self._speed(), ACCELERATION, dt)))
+        return True
+
+    def _turn_to(self, stop: Pose, base: Base, dt: float) -> bool:
+        """Turn to the heading of `stop`. Return False when no turn is needed."""
+        last = len(self._stops) == 1
+        if not (self._one_by_one or last) or (last and self._mode.type == navigation_pb2.kVague):
+            return False
+        error = wrap(stop.theta - base.pose.theta)
+        if abs(error) <= _ANGLE_TOLERANCE:
+            return False
+        base.drive(Velocity(turn=approach(error, TURN_SPEED, ANGULAR_ACCELERATION, dt)))
+        return True
+
+    def _speed(self) -> float:
+        return self._mode.max_speed or DEFAULT_SPEED
+
+    def _progress(self, base: Base) -> Progress:
+        return Progress(text=f"{base.pose.distance(self.goal.point):.2f} m from the goal")

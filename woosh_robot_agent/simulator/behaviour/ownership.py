@@ -1,0 +1,207 @@
+"""Decides which job owns which device: the wheels, the lifts, the charger.
+
+All requests that start or resume a job go through `Ownership`. Its rules:
+
+- At most one job owns a device. A paused job owns nothing.
+- A new task replaces everything that drives or charges. A task that runs owns a device only while
+  one of its jobs needs it. It waits for an action that still owns the device.
+- A new action replaces an action that runs or is paused on the same device. It is refused while a
+  task owns the device.
+- A task or action that is resumed takes its device back, unless another job owns it by then.
+- An automatic task makes way for every command of a client that needs the wheels or its device.
+- Remote control and following are refused while a task or action drives, and end each other. Each
+  task or action that drives ends both.
+- A velocity of zero stops everything that drives. Tasks and actions are paused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from woosh_robot_agent.simulator.behaviour.actions import Actions, short_name
+from woosh_robot_agent.simulator.behaviour.following import Follower
+from woosh_robot_agent.simulator.behaviour.jobs import Job
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.behaviour.teleop import Teleop
+from woosh_robot_agent.simulator.body.base import Velocity
+from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.errors import RefusedError
+
+
+class Ownership:
+    """Starts, resumes and ends jobs so that at most one owns each device.
+
+    Args:
+        robot: The robot.
+        tasks: Its tasks.
+        actions: Its actions.
+        follower: Following of a leader.
+        teleop: Remote control.
+    """
+
+    def __init__(
+        self, robot: Robot, tasks: Tasks, actions: Actions, follower: Follower, teleop: Teleop
+    ) -> None:
+        self._robot = robot
+        self._tasks = tasks
+        self._actions = actions
+        self._follower = follower
+        self._teleop = teleop
+
+    @property
+    def driver(self) -> str:
+        """Name of the task or action that owns the wheels, empty if none does."""
+        if self._tasks.uses(Device.WHEELS):
+            return f"task {self._tasks.proc.robot_task_id}"
+        return self._actions.user(Device.WHEELS)
+
+    @property
+    def navigation(self) -> Navigate | None:
+        """The navigation that owns the wheels, or else a paused one."""
+        job = self._tasks.job
+        if self._tasks.paused and self._actions.user(Device.WHEELS):
+            return self._actions.navigation
+        return job if isinstance(job, Navigate) else self._actions.navigation
+
+    @property
+    def busy(self) -> bool:
+        """True if there is a task or an action, paused ones included, or the robot follows."""
+        return self._tasks.active or self._actions.running or self._follower.active
+
+    def tick(self, dt: float) -> None:
+        """Let tasks and actions work for `dt` seconds."""
+        job = self._tasks.job
+        self._tasks.tick(dt, device_free=job is None or not self._actions.user(job.device))
+        self._actions.tick(dt)
+
+    def start_tasks(self, orders: Sequence[TaskOrder]) -> None:
+        """Start one task or those of a set, in place of everything that drives or charges.
+
+        Raises:
+            RefusedError: The robot is not ready.
+        """
+        self._robot.readiness.require_ready()
+        self.end_driving(f"replaced by task {orders[0].id}")
+        self._tasks.start(orders)
+
+    def resume_task(self) -> None:
+        """Resume a paused task, or end the wait of a waiting one.
+
+        Raises:
+            RefusedError: There is no task, the robot is not ready, or an action owns the device.
+        """
+        self._tasks.require_active()
+        if self._tasks.paused:
+            self._take_device_for_task()
+        self._tasks.resume()
+
+    def recover_task(self) -> None:
+        """Resume a paused task, or retry a failed one from the job that failed.
+
+        Raises:
+            RefusedError: There is no task to recover, the robot is not ready, or an action owns the
+                device.
+        """
+        if self._tasks.recoverable:
+            self._take_device_for_task()
+            self._tasks.retry()
+        else:
+            self.resume_task()
+
+    def start_action(self, name: str, job: Job) -> None:
+        """Run `job` as the action `name`, in place of an action on the same device.
+
+        Raises:
+            RefusedError: A task owns the device.
+        """
+        self._take_device_for_action(job.device, name)
+        self._actions.clear(job.device, f"replaced by {short_name(name)}")
+        self._actions.start(name, job)
+
+    def resume_action(self, name: str) -> None:
+        """Resume a paused action.
+
+        Raises:
+            RefusedError: There is no such action, or another job owns its device.
+        """
+        job = self._actions.paused_job(name)
+        if job is None:
+            return
+        self._require_no_action(job.device)
+        self._take_device_for_action(job.device, name)
+        self._actions.resume(name)
+
+    def drive(self, velocity: Velocity) -> None:
+        """Drive by remote control.
+
+        Raises:
+            RefusedError: A task or an action of a client drives.
+        """
+        self._take_wheels("remote control")
+        self._teleop.command(velocity)
+
+    def follow(self) -> None:
+        """Follow a leader.
+
+        Raises:
+            RefusedError: A task or an action of a client drives.
+        """
+        self._take_wheels("following")
+        self._teleop.release()
+        self._follower.start()
+
+    def stop_wheels(self, reason: str) -> None:
+        """Stop at once. A task or action that drives is paused."""
+        self._tasks.cancel_automatic(reason)
+        if self._tasks.uses(Device.WHEELS):
+            self._tasks.pause(reason)
+        self._actions.pause_on(Device.WHEELS, reason)
+        self._end_manual_driving()
+        self._robot.base.halt()
+
+    def end_driving(self, reason: str) -> None:
+        """End remote control, following, and every action that drives or charges."""
+        self._end_manual_driving()
+        self._actions.clear(Device.WHEELS, reason)
+        self._actions.clear(Device.CHARGER, reason)
+
+    def suspend_all(self, reason: str) -> None:
+        """End actions and following, and pause the task, because the robot is no longer ready."""
+        self._follower.stop()
+        self._actions.abort(reason)
+        self._tasks.cancel_automatic(reason)
+        if self._tasks.active:
+            self._tasks.pause(reason)
+
+    def _take_wheels(self, user: str) -> None:
+        self._tasks.cancel_automatic(f"replaced by {user}")
+        if self.driver:
+            raise RefusedError(f"{self.driver} is driving: pause or cancel it first")
+        self._follower.stop()
+
+    def _take_device_for_task(self) -> None:
+        self._robot.readiness.require_ready()
+        device = self._tasks.device
+        self._require_no_action(device)
+        if device is Device.WHEELS:
+            self._end_manual_driving()
+
+    def _take_device_for_action(self, device: Device, name: str) -> None:
+        if device is Device.WHEELS or self._tasks.uses(device):
+            self._tasks.cancel_automatic(f"replaced by {short_name(name)}")
+        if self._tasks.uses(device):
+            task = self._tasks.proc.robot_task_id
+            raise RefusedError(f"task {task} is running: pause or cancel it first")
+        if device is Device.WHEELS:
+            self._end_manual_driving()
+
+    def _require_no_action(self, device: Device) -> None:
+        user = self._actions.user(device)
+        if user:
+            raise RefusedError(f"{user} is running: wait for it or cancel it first")
+
+    def _end_manual_driving(self) -> None:
+        self._follower.stop()
+        self._teleop.release()

@@ -1,0 +1,79 @@
+"""The view of the robot that jobs, tasks and actions have."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator.body.base import Base
+from woosh_robot_agent.simulator.body.battery import Battery
+from woosh_robot_agent.simulator.body.codes import Codes
+from woosh_robot_agent.simulator.body.lift import Lift
+from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
+
+
+class Robot(Protocol):
+    """The parts of the robot that behaviours use."""
+
+    @property
+    def robot_id(self) -> int:
+        """Number of the robot."""
+
+    @property
+    def time(self) -> float:
+        """Simulated Unix time, in seconds."""
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated time since the start, in seconds."""
+
+    @property
+    def base(self) -> Base:
+        """The driven base."""
+
+    @property
+    def battery(self) -> Battery:
+        """The battery."""
+
+    @property
+    def jack(self) -> Lift:
+        """The lift that carries goods."""
+
+    @property
+    def readiness(self) -> Readiness:
+        """Modes and conditions."""
+
+    @property
+    def occupied(self) -> bool:
+        """True if a client has reserved the robot."""
+
+    @property
+    def setting(self) -> robot_pb2.Setting:
+        """Current settings."""
+
+    @property
+    def footprint(self) -> util_robot_pb2.FootPrint:
+        """Footprint in use."""
+
+    @property
+    def map(self) -> Map:
+        """Current map."""
+
+    @property
+    def obstacles(self) -> Obstacles:
+        """Obstacles that are not in the map."""
+
+    @property
+    def codes(self) -> Codes:
+        """Status codes."""
+
+    def at_charger(self) -> bool:
+        """Return True if the robot stands at a charger."""
+
+    def emit(self, event: Message) -> None:
+        """Send a message to all its subscribers. It must not be modified afterwards."""

@@ -1,0 +1,161 @@
+"""The driven base: integrates its velocity, within limits and without passing through walls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from woosh_robot_agent.simulator.world.geometry import Pose, wrap
+
+MAX_SPEED = 1.0
+"""Maximum speed, in m/s."""
+
+MAX_TURN_RATE = 1.0
+"""Maximum turn rate, in rad/s."""
+ACCELERATION = 1.0
+"""Maximum acceleration, in m/s²."""
+
+ANGULAR_ACCELERATION = 2.0
+"""Maximum angular acceleration, in rad/s²."""
+
+_TOLERANCE = 1e-7
+"""Maximum rounding error of a velocity, in m/s or rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """A velocity in the frame of the base.
+
+    Attributes:
+        forward: Forward speed, in m/s.
+        left: Sideways speed of an omnidirectional base, in m/s.
+        turn: Turn rate, counter-clockwise, in rad/s.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+
+    @property
+    def speed(self) -> float:
+        """Speed along the floor, in m/s."""
+        return math.hypot(self.forward, self.left)
+
+    def limited(self) -> Velocity:
+        """Return this velocity, scaled to the limits of the base."""
+        scale = min(1.0, MAX_SPEED / self.speed) if self.speed else 1.0
+        turn = min(MAX_TURN_RATE, max(-MAX_TURN_RATE, self.turn))
+        return Velocity(self.forward * scale, self.left * scale, turn)
+
+
+STANDSTILL = Velocity()
+
+
+class Base:
+    """The driven base.
+
+    Attributes:
+        pose: Pose in the map's frame, with a heading in (-pi, pi].
+        odometry: Pose by wheel odometry, which never jumps. Its heading is not wrapped.
+        velocity: Current velocity.
+        odometer: Total distance driven, in metres.
+        blocked: A collision stopped the base in the last step.
+    """
+
+    def __init__(self, pose: Pose, odometer: float) -> None:
+        self.pose = pose
+        self.odometry = Pose()
+        self.velocity = STANDSTILL
+        self.odometer = odometer
+        self.blocked = False
+        self._wanted = STANDSTILL
+
+    @property
+    def moving(self) -> bool:
+        """True if the velocity is not zero."""
+        return self.velocity != STANDSTILL
+
+    def drive(self, velocity: Velocity) -> None:
+        """Accelerate towards `velocity` in the next step. Without this call the base slows down."""
+        self._wanted = velocity.limited()
+
+    def halt(self) -> None:
+        """Stop at once."""
+        self.velocity = self._wanted = STANDSTILL
+
+    def place(self, pose: Pose) -> None:
+        """Set the pose in the map, as localisation does. The odometry does not change."""
+        self.pose = Pose(pose.x, pose.y, wrap(pose.theta))
+
+    def tick(self, dt: float, gap: Callable[[Pose], float]) -> None:
+        """Move for `dt` seconds.
+
+        A move that would cause a collision is not made. A base that already overlaps something,
+        because one of the two was placed there, can move out of it.
+
+        Args:
+            dt: Duration of the step, in seconds.
+            gap: Returns the gap in metres between the base at a pose and its surroundings.
+        """
+        self.velocity = _accelerated(self.velocity, self._wanted, dt)
+        self._wanted = STANDSTILL
+        self.blocked = False
+        if not self.moving:
+            return
+        # A base that cannot drive on may still be able to turn.
+        for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
+            moved = _displacement(velocity, dt)
+            goal = self.pose.moved(*moved)
+            if velocity == STANDSTILL or (there := gap(goal)) >= 0.0:
+                break
+            if there >= gap(self.pose) - _TOLERANCE:  # on the way out of a collision
+                break
+            self.blocked = True
+        self.velocity = velocity
+        self.place(goal)
+        self.odometry = self.odometry.moved(*moved)
+        self.odometer += velocity.speed * dt
+
+
+def approach(distance: float, fastest: float, acceleration: float, dt: float) -> float:
+    """Return the speed for the next step that still permits a stop after exactly `distance`.
+
+    Args:
+        distance: Remaining distance or angle. The speed has its sign.
+        fastest: Maximum speed.
+        acceleration: Maximum deceleration.
+        dt: Duration of the step, in seconds.
+    """
+    far = abs(distance)
+    if far <= acceleration * dt * dt:
+        speed = far / dt
+    else:
+        speed = acceleration * (math.sqrt(dt * dt + 2.0 * far / acceleration) - dt)
+    return math.copysign(min(speed, fastest), distance)
+
+
+def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
+    forward, left = wanted.forward - now.forward, wanted.left - now.left
+    change, limit = math.hypot(forward, left), ACCELERATION * dt
+    share = limit / change if change > limit + _TOLERANCE else 1.0
+    turn_limit = ANGULAR_ACCELERATION * dt
+    turn = min(turn_limit, max(-turn_limit, wanted.turn - now.turn))
+    return Velocity(
+        now.forward + share * forward if share < 1.0 else wanted.forward,
+        now.left + share * left if share < 1.0 else wanted.left,
+        wanted.turn if abs(wanted.turn - now.turn) <= turn_limit + _TOLERANCE else now.turn + turn,
+    )
+
+
+def _displacement(velocity: Velocity, dt: float) -> tuple[float, float, float]:
+    """Return the displacement along an exact arc, in the frame of its start."""
+    turn = velocity.turn * dt
+    if abs(turn) < 1e-9:
+        return velocity.forward * dt, velocity.left * dt, turn
+    ahead, aside = math.sin(turn) / velocity.turn, (1.0 - math.cos(turn)) / velocity.turn
+    return (
+        velocity.forward * ahead - velocity.left * aside,
+        velocity.forward * aside + velocity.left * ahead,
+        turn,
+    )

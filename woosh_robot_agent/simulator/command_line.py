@@ -1,0 +1,211 @@
+"""Command line of the simulator."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import functools
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import woosh_robot_agent.protos  # noqa: F401 - tells what to do if nothing is compiled
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
+from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.stop_signals import StopSignals
+
+
+def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
+    """Run a simulated chassis until a signal arrives.
+
+    Args:
+        arguments: Command-line arguments; None for those of this process.
+        signals: Tells when to stop.
+
+    Returns:
+        The exit status: 0, or 1 if the chassis could not start.
+    """
+    parser = make_parser()
+    options = parser.parse_args(arguments)
+    if options.list_faults:
+        print(markdown())
+        return 0
+    logging.basicConfig(
+        level=[logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
+        format="%(levelname)s %(name)s: %(message)s",
+    )
+    # websockets logs every aborted handshake as an error, which port scans cause every day.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    try:
+        config = _config(options)
+    except ValueError as error:
+        parser.error(str(error))
+    except OSError as error:
+        parser.error(f"scenario {options.scenario}: {error.strerror or error}")
+    if not config.local:
+        print(
+            f"warning: everybody who can reach {config.host} can control this simulated robot",
+            file=sys.stderr,
+        )
+    try:
+        asyncio.run(_serve(config, signals))
+    except SceneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        reason = error.strerror or str(error)
+        print(f"error: cannot listen on {config.host}: {reason}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _config(options: argparse.Namespace) -> SimulatorConfig:
+    scenario = load_scenario(options.scenario) if options.scenario else Scenario()
+    scenario += Scenario(tuple(parse_fault(text) for text in options.fault))
+    return SimulatorConfig(
+        host=options.host,
+        port=options.port,
+        tcp_port=options.tcp_port,
+        speed=options.speed,
+        seed=options.seed,
+        scenes=tuple(options.scene),
+        robot_id=options.robot_id,
+        omnidirectional=options.base == "omnidirectional",
+        initialised=not options.uninitialised,
+        max_frame=options.max_frame,
+        max_connections=options.max_connections,
+        max_waiting=options.max_waiting,
+        max_outbox=options.max_outbox,
+        scenario=scenario,
+    )
+
+
+async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
+    loop, stopping = asyncio.get_running_loop(), asyncio.Event()
+    signals.callback = lambda: loop.call_soon_threadsafe(stopping.set)
+    try:
+        simulator = SimulatedChassis(config)
+        if signals.received:
+            return
+        async with simulator:
+            host = f"[{config.host}]" if ":" in config.host else config.host
+            print(
+                f"simulated chassis ready on ws://{host}:{simulator.port} "
+                f"and tcp://{host}:{simulator.tcp_port}",
+                flush=True,
+            )
+            if not signals.received:
+                await stopping.wait()
+    finally:
+        signals.callback = None  # the loop is about to be closed
+
+
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the default of each option that has one."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return super()._get_help_string(action) if action.default else action.help
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    default = SimulatorConfig()
+    parser = argparse.ArgumentParser(
+        prog="simulator",
+        description="A simulated Woosh chassis that speaks the chassis link.",
+        formatter_class=_HelpFormatter,
+    )
+    parser.add_argument("--host", default=default.host, help="address to listen on")
+    parser.add_argument(
+        "--port", type=int, default=default.port, help="WebSocket port; 0: any free port"
+    )
+    parser.add_argument(
+        "--tcp-port",
+        type=int,
+        default=default.tcp_port,
+        help="port for delimited protobuf over TCP; 0: any free port",
+    )
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=default.speed,
+        help="simulated seconds per real second, 1 to 100",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=default.seed,
+        help="make runs repeatable: laser noise, clock, random choices of faults",
+    )
+    parser.add_argument(
+        "--scene",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="folder with scene.yaml, or YAML file of a map of nav2; can be repeated, the robot "
+        "starts in the first one",
+    )
+    parser.add_argument(
+        "--robot-id", type=int, default=default.robot_id, help="number of the robot"
+    )
+    parser.add_argument(
+        "--base",
+        choices=("omnidirectional", "differential"),
+        default="omnidirectional",
+        help="kind of base: an omnidirectional one can move sideways",
+    )
+    parser.add_argument(
+        "--uninitialised",
+        action="store_true",
+        help="start without a known pose, until a client sends InitRobot",
+    )
+    _add_faults(parser)
+    _add_limits(parser, default)
+    parser.add_argument(
+        "-v",
+        "--verbose",
+        action="count",
+        default=0,
+        help="log clients and faults; twice: also bad frames",
+    )
+    return parser
+
+
+def _add_faults(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("faults")
+    group.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar='"NAME KEY=VALUE ... at=S for=S"',
+        help="begin a fault at a simulated time, for a simulated duration; can be repeated",
+    )
+    group.add_argument(
+        "--scenario",
+        metavar="FILE",
+        help="read faults from a YAML file: a list of {at: S, do: NAME}",
+    )
+    group.add_argument(
+        "--list-faults", action="store_true", help="print all faults with their arguments and exit"
+    )
+
+
+def _add_limits(parser: argparse.ArgumentParser, default: SimulatorConfig) -> None:
+    group = parser.add_argument_group("limits")
+    add = functools.partial(group.add_argument, type=int, metavar="N")
+    add("--max-frame", default=default.max_frame, help="largest frame of a client, in bytes")
+    add("--max-connections", default=default.max_connections, help="maximum number of clients")
+    add(
+        "--max-waiting",
+        default=default.max_waiting,
+        help="maximum number of waiting requests per client; further ones are refused",
+    )
+    add(
+        "--max-outbox",
+        default=default.max_outbox,
+        help="maximum number of frames waiting for a client; a slower client is dropped",
+    )

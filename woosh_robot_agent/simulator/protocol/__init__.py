@@ -1,0 +1,1 @@
+"""Requests, answers, pushes and reports, as protobuf messages."""

@@ -1,0 +1,79 @@
+"""Types of request handlers, and helpers for handlers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.util import common_pb2
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.world.geometry import Pose
+
+Result = Message | str | None
+"""Body of the answer, or the text of an answer with an empty body, or None for neither."""
+
+Handler = Callable[[Chassis, Any], Result]
+"""Executes a request of the type for which it is registered. Raises `RefusedError` to refuse."""
+
+Handlers = dict[type[Message], Handler]
+"""Handlers by the message class of the request."""
+
+MAX_POSES = 200
+"""Maximum number of poses in a request. Each may need a search of the whole map."""
+
+
+def pose(message: common_pb2.Pose2D) -> Pose:
+    """Convert a message to a pose."""
+    return Pose(message.x, message.y, message.theta)
+
+
+def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
+    """Convert messages to poses.
+
+    Raises:
+        RefusedError: There are more than `MAX_POSES`.
+    """
+    found = [pose(message) for message in messages]
+    if len(found) > MAX_POSES:
+        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: send fewer")
+    return found
+
+
+def usable_speed(speed: float, minimum: float) -> float:
+    """Return the absolute value of a requested speed, where 0 stands for the default.
+
+    Raises:
+        RefusedError: The speed is less than `minimum`.
+    """
+    if 0.0 < abs(speed) < minimum:
+        raise RefusedError(
+            f"speed {speed:g} is too slow: use at least {minimum:g}, or 0 for the default"
+        )
+    return abs(speed)
+
+
+def copy_of(message: Message) -> Message:
+    """Return a copy of a message of the state, as an answer that later changes do not affect."""
+    copy = type(message)()
+    copy.CopyFrom(message)
+    return copy
+
+
+def non_finite(message: Message, path: str = "") -> str:
+    """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
+    for field, value in message.ListFields():
+        name = f"{path}.{field.name}" if path else field.name
+        many = hasattr(value, "append") or hasattr(value, "extend")
+        for index, item in enumerate(value if many else [value]):
+            place = f"{name}[{index}]" if many else name
+            if isinstance(item, Message):
+                found = non_finite(item, place)
+                if found:
+                    return found
+            elif isinstance(item, float) and not math.isfinite(item):
+                return place
+    return ""

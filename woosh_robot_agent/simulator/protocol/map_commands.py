@@ -1,0 +1,57 @@
+"""Handler of SwitchMap, which changes the map and uploads scenes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.protocol import uploads
+from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result
+from woosh_robot_agent.simulator.scenes.scene import Scene
+
+_MAX_SCENES = 20
+
+
+def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
+    # A paused task or navigation would continue to a target on the old map.
+    if chassis.tasks.paused:
+        raise RefusedError(f"task {chassis.tasks.proc.robot_task_id} is paused: cancel it first")
+    if chassis.tasks.active:
+        raise RefusedError("a task is running: wait for it or cancel it first")
+    if chassis.ownership.driver:
+        raise RefusedError(f"{chassis.ownership.driver} is driving: wait for it or cancel it first")
+    if chassis.ownership.navigation:
+        raise RefusedError("a navigation is paused: cancel it first")
+    name = request.scene_name or chassis.scene.name
+    scene = _with_files(chassis, name, request) if request.file_datas else chassis.scenes.get(name)
+    if scene is None:
+        raise RefusedError(
+            f"unknown scene {name}: send it in file_datas, or use one of "
+            + ", ".join(chassis.scenes)
+        )
+    wanted = request.map_name or uploads.first_map(scene, request.file_datas)
+    area = scene.map(wanted)
+    if area is None:
+        maps = ", ".join(each.name for each in scene.maps)
+        raise RefusedError(f"unknown map {wanted} of scene {name}, which has {maps}")
+    chassis.enter(scene, area)
+    return None
+
+
+def _with_files(chassis: Chassis, name: str, request: pack.SwitchMap) -> Scene:
+    """Return the scene after an upload."""
+    old = chassis.scenes.get(name)
+    if not old and len(chassis.scenes) >= _MAX_SCENES:
+        raise RefusedError(f"there are already {_MAX_SCENES} scenes: replace one of them")
+    files = uploads.merge_files(old.files if old else {}, request.file_datas)
+    scene = uploads.updated_scene(name, old, files)
+    if scene:
+        return scene
+    # No file describes the new scene: it is the current place under another name.
+    area = dataclasses.replace(chassis.map, name=request.map_name or name, version=1)
+    return dataclasses.replace(chassis.scene, name=name, maps=[area], files=files)
+
+
+HANDLERS: Handlers = {pack.SwitchMap: _switch_map}

@@ -1,0 +1,337 @@
+"""Reports: messages that describe the state of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
+from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+
+_Hardware = robot_pb2.HardwareState
+_Bit = robot_pb2.DeviceState
+
+
+def pose2d(pose: Pose) -> common_pb2.Pose2D:
+    """Convert a pose to a message."""
+    return common_pb2.Pose2D(x=pose.x, y=pose.y, theta=pose.theta)
+
+
+def general(chassis: Chassis) -> robot_pb2.General:
+    """Return the model and the versions of the robot."""
+    return robot_pb2.General(
+        robot_id=chassis.robot_id,
+        type=util_robot_pb2.kBaseRobot_200,
+        model_data=robot_pb2.General.ModelData(
+            length=1250, width=670, height=1550, weight=50, load=150
+        ),
+        urdf_name="wooshmodel_robase200_cp_y",
+        display_model="Robase200",
+        serial_number=chassis.robot_id,
+        service_id="RB2000030100000000Z",
+        driver_method=1 if chassis.omnidirectional else 0,
+        version=robot_pb2.General.Version(system="UROS20210720", rc="1.0.0-1"),
+    )
+
+
+def setting(chassis: Chassis) -> robot_pb2.Setting:
+    """Return the settings."""
+    copy = robot_pb2.Setting()
+    copy.CopyFrom(chassis.setting)
+    return copy
+
+
+def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
+    """Return the state of the robot."""
+    return robot_pb2.RobotState(robot_id=chassis.robot_id, state=chassis.state)
+
+
+def mode(chassis: Chassis) -> robot_pb2.Mode:
+    """Return control and work mode."""
+    readiness = chassis.readiness
+    return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.control, work=readiness.work)
+
+
+def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
+    """Return pose, velocity and odometer."""
+    base = chassis.base
+    return robot_pb2.PoseSpeed(
+        robot_id=chassis.robot_id,
+        twist=common_pb2.Twist(linear=base.velocity.forward, angular=base.velocity.turn),
+        pose=pose2d(base.pose),
+        map_id=chassis.map.id,
+        mileage=int(base.odometer),
+    )
+
+
+def battery(chassis: Chassis) -> robot_pb2.Battery:
+    """Return charge and state of charging."""
+    return robot_pb2.Battery(
+        robot_id=chassis.robot_id,
+        charge_state=chassis.battery.charging,
+        power=chassis.battery.percent,
+    )
+
+
+def network(chassis: Chassis) -> robot_pb2.Network:
+    """Return address and Wi-Fi."""
+    return robot_pb2.Network(
+        robot_id=chassis.robot_id, robot_ip="172.20.254.63", wifi=chassis.wifi.state()
+    )
+
+
+def scene(chassis: Chassis) -> robot_pb2.Scene:
+    """Return the current scene and map."""
+    return robot_pb2.Scene(
+        robot_id=chassis.robot_id,
+        scene_name=chassis.scene.name,
+        map_id=chassis.map.id,
+        map_name=chassis.map.name,
+        version=chassis.map.version,
+    )
+
+
+def task_proc(chassis: Chassis) -> robot_pb2.TaskProc:
+    """Return the state of the current or last task."""
+    proc = robot_pb2.TaskProc(robot_id=chassis.robot_id)
+    proc.MergeFrom(chassis.tasks.proc)
+    return proc
+
+
+def task_history(chassis: Chassis) -> robot_pb2.TaskHistory:
+    """Return the ended tasks."""
+    return robot_pb2.TaskHistory(tes=chassis.tasks.history)
+
+
+def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
+    """Return buttons and flags as bits."""
+    software = (
+        (chassis.readiness.located, _Bit.kLocation),
+        (chassis.jack.raised, _Bit.kGoodsState),
+        (chassis.occupied, _Bit.kOccupancy),
+        (chassis.call_muted, _Bit.kMuteCall),
+        (chassis.program_muted, _Bit.kProgramMute),
+    )
+    return robot_pb2.DeviceState(
+        robot_id=chassis.robot_id,
+        hardware=_Bit.kEmgBtn if chassis.readiness.emergency_stop else 0,
+        software=sum(bit for is_set, bit in software if is_set),
+    )
+
+
+def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
+    """Return the health of the devices."""
+    normal = _Hardware.kNormal
+    stopped = chassis.readiness.emergency_stop
+    return robot_pb2.HardwareState(
+        robot_id=chassis.robot_id,
+        esb=_Hardware.kWarn if stopped else normal,
+        motor=[normal] * 2,
+        lidar=[normal] * 2,
+        camera=[normal] * 2,
+        sonar=[normal] * 24,
+        lift=[normal] * 2,
+        roller=[normal] * 2,
+    )
+
+
+def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
+    """Return whether the robot accepts tasks, and whether an obstacle is in its way."""
+    state = robot_pb2.OperationState
+    return state(
+        robot_id=chassis.robot_id,
+        nav=state.kImpede if chassis.impeded else 0,
+        robot=state.kTaskable if chassis.readiness.ready else 0,
+    )
+
+
+def model(chassis: Chassis) -> robot_pb2.Model:
+    """Return the current footprint."""
+    outline = FOOTPRINTS[chassis.footprint]
+    return robot_pb2.Model(
+        robot_id=chassis.robot_id,
+        model=[common_pb2.Point(x=x, y=y) for x, y in outline],
+        type=chassis.footprint,
+    )
+
+
+def status_codes(chassis: Chassis) -> robot_count_pb2.StatusCodes:
+    """Return the last status codes."""
+    return robot_count_pb2.StatusCodes(robot_id=chassis.robot_id, scs=chassis.codes.recent)
+
+
+def abnormal_codes(chassis: Chassis) -> robot_count_pb2.AbnormalCodes:
+    """Return the status codes of the current problems."""
+    return robot_count_pb2.AbnormalCodes(robot_id=chassis.robot_id, scs=chassis.codes.abnormal)
+
+
+def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
+    """Return the path of the navigation, empty if there is none."""
+    path = navigation_pb2.Path()
+    if chassis.ownership.navigation:
+        path.poses.extend(map(pose2d, chassis.ownership.navigation.path))
+    return robot_pb2.NavPath(robot_id=chassis.robot_id, path=path)
+
+
+def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
+    """Return the path of the navigation with its target, empty if there is none."""
+    plan = robot_pb2.PlanPath(robot_id=chassis.robot_id)
+    if chassis.ownership.navigation:
+        plan.plan_path.add(
+            path=nav_path(chassis).path,
+            map_id=chassis.map.id,
+            dest_map_id=chassis.map.id,
+            target=pose2d(chassis.ownership.navigation.goal),
+        )
+    return plan
+
+
+def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
+    """Return all states of the robot in one message."""
+    return robot_pb2.RobotInfo(
+        robot_id=chassis.robot_id,
+        genral=general(chassis),
+        setting=setting(chassis),
+        state=chassis.state,
+        mode=mode(chassis),
+        pose_speed=pose_speed(chassis),
+        battery=battery(chassis),
+        network=network(chassis),
+        scene=scene(chassis),
+        task_proc=task_proc(chassis),
+        device_state=device_state(chassis),
+        hardware_state=hardware_state(chassis),
+        operation_state=operation_state(chassis),
+        model=model(chassis),
+        task_history=task_history(chassis),
+        status_codes=status_codes(chassis),
+        abnormal_codes=abnormal_codes(chassis),
+    )
+
+
+def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
+    """Return one scan of the laser."""
+    laser = chassis.laser
+    return robot_pb2.ScannerData(
+        robot_id=chassis.robot_id,
+        angle_min=laser.angle_min,
+        angle_max=laser.angle_max,
+        angle_increment=laser.increment,
+        scan_time=laser.scan_time,
+        range_min=laser.range_min,
+        range_max=laser.range_max,
+        ranges=chassis.scan(),
+        pose=pose2d(chassis.base.pose),
+        offset=common_pb2.Vector3(x=laser.forward),
+    )
+
+
+def scene_data_easy(chassis: Chassis) -> map_pack_pb2.SceneDataEasy:
+    """Return the maps of the scene with their marks."""
+    return map_pack_pb2.SceneDataEasy(
+        name=chassis.scene.name,
+        maps=[
+            map_pack_pb2.SceneDataEasy.Map(
+                id=each.id,
+                name=each.name,
+                floor=each.floor,
+                version=each.version,
+                storages=_storages(each),
+            )
+            for each in chassis.scene.maps
+        ],
+    )
+
+
+def scene_data(chassis: Chassis) -> map_pack_pb2.SceneData:
+    """Return the maps of the scene with their pictures and marks, and the tasks of the scene.
+
+    In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
+    """
+    tasks = woosh_task_pb2.TaskInfo(
+        repeat_tasks=chassis.scene.predefined.repeat_tasks,
+        call_tasks=chassis.scene.calls.call_tasks,
+    )
+    maps = [_map_data(each) for each in chassis.scene.maps]
+    return map_pack_pb2.SceneData(name=chassis.scene.name, maps=maps, task_info=tasks)
+
+
+def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
+    """Return the names of all scenes and maps."""
+    return map_pack_pb2.SceneList(
+        scenes=[
+            map_pack_pb2.SceneList.Scene(name=each.name, maps=[area.name for area in each.maps])
+            for each in chassis.scenes.values()
+        ]
+    )
+
+
+def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
+    # numpy and Pillow load slowly, and only pictures need them.
+    from woosh_robot_agent.simulator.world.picture import draw
+
+    drawn = draw(area)
+    return map_pack_pb2.SceneData.Map(
+        id=area.id,
+        name=area.name,
+        resolution=drawn.resolution,
+        origin=common_pb2.Pose2D(x=drawn.low[0], y=drawn.low[1]),
+        map_png=drawn.png,
+        mark_info=mark_pb2.MarkInfo(
+            version=area.version,
+            floor_name=area.floor,
+            storages=[_mark_data(mark) for mark in area.marks.values()],
+        ),
+    )
+
+
+def _mark_data(mark: Mark) -> mark_pb2.Storage:
+    base = _storage(mark)
+    storage = mark_pb2.Storage(identity=base.identity, pose=base.pose)
+    if mark.kind is not MarkKind.BASE:
+        # The values of MarkKind are plurals, the fields of Storage are singulars.
+        getattr(storage, mark.kind.value.removesuffix("s")).SetInParent()
+    return storage
+
+
+def _storages(area: Map) -> mark_pb2.Storages:
+    groups: dict[str, Iterable[mark_pb2.Storages.Base]] = {
+        kind.value: [_storage(mark) for mark in area.marks.values() if mark.kind is kind]
+        for kind in MarkKind
+    }
+    return mark_pb2.Storages(**groups)  # its fields are the values of MarkKind
+
+
+def _storage(mark: Mark) -> mark_pb2.Storages.Base:
+    pose = pose2d(mark.pose)
+    return mark_pb2.Storages.Base(
+        identity=mark_pb2.Identity(id=mark.id, no=mark.number, desc=mark.description),
+        pose=mark_pb2.Pose(dock=pose, real=pose),
+    )
+
+
+STATES: dict[type[Message], Callable[[Chassis], Message]] = {
+    robot_pb2.Setting: setting,
+    robot_pb2.RobotState: robot_state,
+    robot_pb2.Mode: mode,
+    robot_pb2.PoseSpeed: pose_speed,
+    robot_pb2.Battery: battery,
+    robot_pb2.Network: network,
+    robot_pb2.Scene: scene,
+    robot_pb2.DeviceState: device_state,
+    robot_pb2.HardwareState: hardware_state,
+    robot_pb2.OperationState: operation_state,
+    robot_pb2.Model: model,
+    robot_count_pb2.AbnormalCodes: abnormal_codes,
+    robot_pb2.NavPath: nav_path,
+    robot_pb2.PlanPath: plan_path,
+}
+"""Reports that are pushed when they change, by their message class."""

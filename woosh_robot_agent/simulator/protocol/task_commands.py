@@ -1,0 +1,154 @@
+"""Handlers of requests about tasks and their navigation."""
+
+from __future__ import annotations
+
+import math
+
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.task import task_pb2
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
+from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_of
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.protocol.handlers import (
+    MAX_POSES,
+    Handlers,
+    Result,
+    pose,
+    poses,
+    usable_speed,
+)
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
+
+_MAX_REPEATS = 100
+_MIN_SPEED = 0.01
+"""Minimum speed limit of a navigation, in m/s."""
+
+
+def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
+    # Clients may send all three targets, with the unused ones empty: a mark takes precedence over
+    # a path, and a path over a pose.
+    chassis.readiness.require_ready()
+    kind, direction = request.type, request.direction
+    jobs: list[Job]
+    if request.mark_no:
+        mark = _mark(chassis, request.mark_no, kind)
+        jobs = jobs_at_mark(chassis, mark, kind, direction)
+    elif request.plan_path.plan_path:
+        via, strict = _route(request.plan_path)
+        jobs = [Navigate(via.pop(), via, strict=strict), *work_of(chassis, kind, direction)]
+    elif request.HasField("pose"):
+        jobs = [Navigate(pose(request.pose)), *work_of(chassis, kind, direction)]
+    else:
+        raise RefusedError("the task has no target: give mark_no, plan_path or pose")
+    number = request.task_id or chassis.tasks.new_id()
+    chassis.ownership.start_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
+    return None
+
+
+def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
+    chassis.readiness.require_ready()
+    for repeat in chassis.scene.predefined.repeat_tasks:
+        if repeat.task_set.base.id == request.task_set_id:
+            times = min(max(1, repeat.times), _MAX_REPEATS)
+            bases = [task.base for _ in range(times) for task in repeat.task_set.tasks]
+            orders = [_of_set(chassis, request.task_set_id, base) for base in bases]
+            chassis.ownership.start_tasks(orders)
+            return None
+    known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
+    raise RefusedError(f"unknown task set {request.task_set_id}: RepeatTasks lists {known}")
+
+
+def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
+    mark = _mark(chassis, base.mark_no, base.type)
+    jobs = jobs_at_mark(chassis, mark, base.type, base.direction)
+    if base.wait_time:
+        jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
+    return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
+
+
+def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
+    mark = chassis.map.marks.get(number)
+    if mark is None:
+        known = ", ".join(chassis.map.marks) or "none"
+        raise RefusedError(
+            f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
+        )
+    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
+        raise RefusedError(f"mark {number} is not a charger: choose one that is")
+    return mark
+
+
+def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
+    """Return the poses of a path, and True if the robot must drive straight between them."""
+    strict = all(segment.optimal == navigation_pb2.PlanPath.kStrict for segment in path.plan_path)
+    route: list[Pose] = []
+    for segment in path.plan_path:
+        route += poses(segment.path.poses)
+        if not segment.path.poses and segment.HasField("target"):
+            route.append(pose(segment.target))
+        if len(route) > MAX_POSES:
+            raise RefusedError(f"the path has more than {MAX_POSES} poses: send fewer")
+    if not route:
+        raise RefusedError("the path has no poses: give at least one pose or target")
+    return route, strict
+
+
+def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
+    tasks, order = chassis.tasks, request.order
+    if order == util_action_pb2.kPause:
+        tasks.pause("paused")
+    elif order in (util_action_pb2.kContinue, util_action_pb2.kReleaseCtrl):
+        chassis.ownership.resume_task()
+    elif order == util_action_pb2.kCancel:
+        tasks.cancel("cancelled")
+    elif order == util_action_pb2.kRecover:
+        chassis.ownership.recover_task()
+    elif order == util_action_pb2.kWaitBreak:
+        tasks.end_wait()
+    elif order == util_action_pb2.kTmCtrl:
+        tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl)
+    elif order == util_action_pb2.kStart:
+        raise RefusedError("order 1 (start) is not supported: a task starts by itself")
+    else:
+        raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
+    return None
+
+
+def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
+    navigation = chassis.ownership.navigation
+    if navigation is None:
+        raise RefusedError("no navigation is running: start a task first")
+    via, strict = _route(request.paths)
+    if via[-1] == navigation.goal:
+        via.pop()
+    navigation.change_path(chassis, via, strict=strict)
+    return None
+
+
+def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
+    if chassis.ownership.navigation is None:
+        return "no effect: a navigation mode counts only while a task is navigating"
+    if request.nav_mode.max_speed < 0.0:
+        raise RefusedError(
+            f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
+        )
+    usable_speed(request.nav_mode.max_speed, _MIN_SPEED)
+    chassis.ownership.navigation.change_mode(request.nav_mode)
+    return None
+
+
+HANDLERS: Handlers = {
+    pack.ExecTask: _exec_task,
+    pack.ExecPreTask: _exec_pre_task,
+    pack.ActionOrder: _action_order,
+    pack.ChangeNavPath: _change_nav_path,
+    pack.ChangeNavMode: _change_nav_mode,
+}

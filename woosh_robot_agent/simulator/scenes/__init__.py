@@ -1,0 +1,1 @@
+"""Scenes: maps with marks and tasks, read from files."""

@@ -1,0 +1,330 @@
+"""Reads scenes from files: a folder with `scene.yaml` and pictures, or maps of nav2's map_server.
+
+`scene.yaml` looks like this. Only `maps` and their names are required:
+
+    name: lab                       # default: the folder's name
+    start: {map: ground, pose: [1.0, 2.0, 0.0]}  # initial pose of the robot
+    maps:
+      - name: ground
+        id: 7                       # default: its place in the list, from 0
+        floor: 1F
+        version: 3                  # default: 1
+        image: ground.yaml          # a map of map_server, with its PNG or PGM beside it
+        area: [-5, -5, 20, 15]      # two corners of the mapped area; default: around everything
+        walls:                      # each a line through these corners: x and y of each
+          - [0, 0, 0, 5, 5, 5]
+        marks:
+          - {number: A1, type: rack, pose: [4.0, 1.0, 1.57], description: by the door}
+    tasks:
+      predefined:                   # task sets for ExecPreTask
+        - {id: 12, name: round, times: 2, steps: [{mark: A1, type: pick}]}
+      calls:                        # task sets for call buttons
+        - {id: 13, name: fetch, button: {mac: "00:12:4b:00:00:01", key: 1}, steps: [{mark: A1}]}
+
+Lengths are in metres, angles in radians, poses are [x, y, theta]. A map needs an image or walls and
+can have both. The type of a mark is one of `MarkKind` in lower case (default: base). Its `id` is by
+default its place in the list, from 1. The type of a step is pick (default), parking, charge or
+carry; its direction is feeding or cutting. With `wait` the robot then waits for this time in
+seconds, or with -1 until a client tells it to continue.
+
+Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
+its YAML file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError, parse
+from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.simulator.world.grid import Grid
+
+SCENE_FILE = "scene.yaml"
+
+Read = Callable[[str], bytes]
+"""Returns the content of the file with the given name, or raises `SceneError`."""
+
+_MAX_MAPS = 50
+_MAX_MARKS = 5000
+_MAX_WALLS = 1000
+"""Laser and planner check each wall. A map with more walls needs a picture instead."""
+
+_MAX_TASKS = 200
+_MAX_FILE_BYTES = 64 * 1024 * 1024
+_MAX_PIXELS = 32 * 1024 * 1024
+"""Limit for all pictures of a scene together. Reading them blocks everything else."""
+
+_MAX_SIDE = 500.0
+"""Maximum length of a side of a map, in metres."""
+
+_DEFAULT_FLOOR = "1F"
+
+_UINT32 = 2**32 - 1
+_INT32 = 2**31 - 1
+_KINDS = {kind.name.lower(): kind for kind in MarkKind}
+_DIRECTIONS = {"feeding": util_task_pb2.kFeeding, "cutting": util_task_pb2.kCutting}
+_TASK_TYPES = {name[1:].lower(): name for name, value in util_task_pb2.Type.items() if value}
+
+
+def load_scene(path: Path) -> Scene:
+    """Read the scene in a folder or of one YAML file: a `scene.yaml` or a map of map_server.
+
+    Raises:
+        SceneError: A file cannot be used.
+    """
+
+    def read(name: str) -> bytes:
+        file = folder / name
+        try:
+            if file.stat().st_size > _MAX_FILE_BYTES:
+                raise SceneError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")
+            return file.read_bytes()
+        except OSError as error:
+            raise SceneError(f"{file}: {error.strerror or error}") from error
+
+    if path.is_dir():
+        folder, name = path, path.resolve().name
+        names = sorted(file.name for file in path.iterdir())
+    else:
+        folder, names = path.parent, [path.name]
+        name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
+    scene = read_scene(name, names, read, take_name=True)
+    if scene is None:
+        raise SceneError(
+            f"{path}: not a scene: give a {SCENE_FILE}, a YAML file of nav2's map_server, or a "
+            "folder with one of them"
+        )
+    return scene
+
+
+def read_scene(
+    name: str, names: Collection[str], read: Read, *, take_name: bool = False
+) -> Scene | None:
+    """Read a scene from some files. Return None if none of them describes a scene or a map.
+
+    Args:
+        name: Name of the scene.
+        names: Names of the files.
+        read: Returns the content of a file.
+        take_name: Prefer the name that `scene.yaml` gives to the scene.
+
+    Raises:
+        SceneError: A file cannot be used.
+    """
+    if SCENE_FILE in names:
+        root = parse(SCENE_FILE, read(SCENE_FILE)).only(("name", "start", "maps", "tasks"))
+        named = root.get("name")
+        return _scene(root, named.text() if named and take_name else name, read)
+    maps: list[Map] = []
+    for each in sorted(names):
+        if Path(each).suffix in (".yaml", ".yml"):
+            description = parse(each, read(each))
+            if isinstance(description.value, dict) and description.get("image"):
+                grid = _grid(each, description, read)
+                low, high = _bounds(description, [grid.low, grid.high])
+                maps.append(
+                    Map(
+                        len(maps),
+                        Path(each).stem,
+                        _DEFAULT_FLOOR,
+                        1,
+                        low,
+                        high,
+                        walls=(),
+                        grid=grid,
+                    )
+                )
+                _check_pictures(description, maps)
+                if maps[-1].name in [other.name for other in maps[:-1]]:
+                    raise description.error(f"another file has the map name {maps[-1].name} too")
+    return Scene(name, maps) if maps else None
+
+
+def _scene(root: Node, name: str, read: Read) -> Scene:
+    nodes = list(root.need("maps").items(_MAX_MAPS))
+    if not nodes:
+        raise root.need("maps").error("a scene needs at least one map")
+    maps: list[Map] = []
+    for node in nodes:
+        maps.append(_map(node, len(maps), read))
+        _check_pictures(node, maps)
+    _all_different(nodes, "name", [each.name for each in maps])
+    _all_different(nodes, "id", [each.id for each in maps])
+    scene = Scene(name, maps)
+    start = root.get("start")
+    if start:
+        start.only(("map", "pose"))
+        on = start.get("map")
+        scene.start_map = on.choice([each.name for each in maps]) if on else ""
+        scene.start = _pose(start.need("pose"))
+    tasks = root.get("tasks")
+    if tasks:
+        tasks.only(("predefined", "calls"))
+        marks = {number for each in maps for number in each.marks}
+        scene.predefined.repeat_tasks.extend(_predefined(tasks, marks))
+        scene.calls.call_tasks.extend(_calls(tasks, marks))
+    return scene
+
+
+def _map(node: Node, number: int, read: Read) -> Map:
+    node.only(("name", "id", "floor", "version", "image", "area", "walls", "marks"))
+    id_, floor, version = node.get("id"), node.get("floor"), node.get("version")
+    walls = tuple(wall for each in _items(node, "walls", _MAX_WALLS) for wall in _walls(each))
+    if len(walls) > _MAX_WALLS:
+        raise node.need("walls").error(f"{len(walls)} walls are more than {_MAX_WALLS}")
+    marks = _marks(node)
+    image, area = node.get("image"), node.get("area")
+    grid = None
+    if image:
+        grid = _grid(image.text(), parse(image.text(), read(image.text())), read)
+    elif not walls:
+        raise node.error("a map needs an image or walls")
+    if area:
+        x1, y1, x2, y2 = area.numbers("x1, y1, x2, y2")
+        corners = [(x1, y1), (x2, y2)]
+    else:
+        corners = [point for wall in walls for point in ((wall.x1, wall.y1), (wall.x2, wall.y2))]
+        corners += [mark.pose.point for mark in marks]
+        corners += [grid.low, grid.high] if grid else []
+    low, high = _bounds(area or node, corners)
+    return Map(
+        id=id_.integer(0, _UINT32) if id_ else number,
+        name=node.need("name").text(),
+        floor=floor.text() if floor else _DEFAULT_FLOOR,
+        version=version.integer(1, _INT32) if version else 1,
+        low=low,
+        high=high,
+        walls=walls,
+        marks={mark.number: mark for mark in marks},
+        grid=grid,
+    )
+
+
+def _grid(name: str, description: Node, read: Read) -> Grid:
+    # numpy, scipy and Pillow load in a third of a second, which only pictures need.
+    from woosh_robot_agent.simulator.scenes.map_server import read_grid
+
+    folder = Path(name).parent
+    return read_grid(description, lambda image: read(str(folder / image)))
+
+
+def _check_pictures(node: Node, maps: Iterable[Map]) -> None:
+    """Check the total size of the pictures of a scene, the last of which `node` describes.
+
+    Raises:
+        SceneError: They are too large.
+    """
+    pixels = sum(each.grid.cells.size for each in maps if each.grid)
+    if pixels > _MAX_PIXELS:
+        raise node.error(f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total")
+
+
+def _bounds(node: Node, points: Iterable[Point]) -> tuple[Point, Point]:
+    """Return the lower left and the upper right corner of the rectangle around `points`."""
+    x, y = ([*values] for values in zip(*points, strict=True))
+    low, high = (min(x), min(y)), (max(x), max(y))
+    for side in (high[0] - low[0], high[1] - low[1]):
+        if not 0.0 < side <= _MAX_SIDE:
+            raise node.error(f"a side of {side:g} m is not within 0 to {_MAX_SIDE:g} m")
+    return low, high
+
+
+def _walls(node: Node) -> Iterator[Wall]:
+    values = [each.number() for each in node.items(2 * _MAX_WALLS + 2)]
+    if len(values) < 4 or len(values) % 2:
+        raise node.error("must be [x1, y1, x2, y2], or more corners in pairs of x and y")
+    for start, end in pairwise(zip(values[::2], values[1::2], strict=True)):
+        yield Wall(*start, *end)
+
+
+def _marks(node: Node) -> list[Mark]:
+    nodes = list(_items(node, "marks", _MAX_MARKS))
+    marks = []
+    for place, each in enumerate(nodes, start=1):
+        each.only(("number", "id", "type", "pose", "description"))
+        id_, kind, description = each.get("id"), each.get("type"), each.get("description")
+        marks.append(
+            Mark(
+                id=id_.integer(0, _UINT32) if id_ else place,
+                number=each.need("number").text(),
+                pose=_pose(each.need("pose")),
+                kind=_KINDS[kind.choice(_KINDS)] if kind else MarkKind.BASE,
+                description=description.text() if description else "",
+            )
+        )
+    _all_different(nodes, "number", [mark.number for mark in marks])
+    _all_different(nodes, "id", [mark.id for mark in marks])
+    return marks
+
+
+def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.RepeatTask]:
+    for node in _items(tasks, "predefined", _MAX_TASKS):
+        node.only(("id", "name", "steps", "times"))
+        times = node.get("times")
+        yield woosh_task_pb2.RepeatTask(
+            times=times.integer(1, _INT32) if times else 1, task_set=_task_set(node, marks)
+        )
+
+
+def _calls(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.CallTask]:
+    info = woosh_task_pb2.CallInfo
+    for node in _items(tasks, "calls", _MAX_TASKS):
+        node.only(("id", "name", "steps", "button"))
+        button = node.need("button").only(("mac", "key"))
+        caller = info.Caller(
+            mac_addr=button.need("mac").text(), key_id=button.need("key").integer(1, _UINT32)
+        )
+        call = info(type=info.kOr, events=[info.CallEvent(caller=caller, release=1)])
+        yield woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(node, marks))
+
+
+def _task_set(node: Node, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
+    number, name = node.need("id").integer(1, _INT32), node.need("name").text()
+    tasks = []
+    for index, step in enumerate(node.need("steps").items(_MAX_TASKS), start=1):
+        step.only(("mark", "type", "direction", "wait"))
+        mark, kind = step.need("mark"), step.get("type")
+        direction, wait = step.get("direction"), step.get("wait")
+        if mark.text() not in marks:
+            raise mark.error(f"no map of the scene has a mark {mark.text()}")
+        base = task_pb2.TaskBase(
+            id=index,
+            name=f"{name} {index}",
+            mark_no=mark.text(),
+            type=_TASK_TYPES[kind.choice(_TASK_TYPES) if kind else "pick"],
+            wait_time=wait.integer(-1, _INT32) if wait else 0,
+        )
+        if direction:
+            base.direction = _DIRECTIONS[direction.choice(_DIRECTIONS)]
+        custom = woosh_task_pb2.WooshTask.Custom(executable=True)
+        tasks.append(woosh_task_pb2.WooshTask(base=base, custom=custom))
+    if not tasks:
+        raise node.error("a task set needs at least one step")
+    base_of_set = task_pb2.TaskSetBase(id=number, name=name, no=str(number), adapter="woosh")
+    return woosh_task_pb2.WooshTaskSet(base=base_of_set, tasks=tasks)
+
+
+def _items(node: Node, key: str, most: int) -> Iterator[Node]:
+    found = node.get(key)
+    return found.items(most) if found else iter(())
+
+
+def _pose(node: Node) -> Pose:
+    return Pose(*node.numbers("x, y, theta"))
+
+
+def _all_different(nodes: Sequence[Node], key: str, values: Sequence[Hashable]) -> None:
+    seen = set()
+    for node, value in zip(nodes, values, strict=True):
+        if value in seen:
+            raise node.error(f"{key} {value} is used twice")
+        seen.add(value)

@@ -1,0 +1,120 @@
+"""Reads maps of nav2's map_server: a picture (PNG, or plain or raw PGM) and a YAML file.
+
+The keys of the YAML file have the same meaning as for nav2's map_server.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError
+from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, UNKNOWN, Grid
+
+_MAX_PIXELS = 4096 * 4096
+"""200 x 200 m in cells of 5 cm. The distance fields of such a map take some seconds."""
+
+_MODES = ("trinary", "scale", "raw")
+
+Cells: TypeAlias = npt.NDArray[np.int8]
+Floats: TypeAlias = npt.NDArray[np.float32]
+
+
+def read_grid(description: Node, read: Callable[[str], bytes]) -> Grid:
+    """Return the grid that a YAML file of map_server describes.
+
+    Args:
+        description: Content of the YAML file. Unknown keys are ignored, as by map_server.
+        read: Returns the content of the file with the given name, or raises `SceneError`.
+
+    Raises:
+        SceneError: The YAML file or the picture is invalid.
+    """
+    name = description.need("image").text()
+    mode = description.get("mode")
+    resolution = description.need("resolution")
+    if not 0.001 <= resolution.number() <= 10.0:
+        raise resolution.error("must be within 0.001 to 10 m")
+    origin = description.need("origin")
+    x, y, yaw = origin.numbers("x, y, yaw")
+    if yaw:
+        raise origin.error("a rotated map is not supported: rotate the picture and set yaw to 0")
+    negate = description.need("negate")
+    if negate.value not in (0, 1):  # False and True are equal to these
+        raise negate.error("must be 0 or 1")
+    occupied, free = description.need("occupied_thresh"), description.need("free_thresh")
+    if not 0.0 <= free.number() < occupied.number() <= 1.0:
+        raise free.error(
+            f"must be at least 0 and less than occupied_thresh ({occupied.value}), which must be "
+            "at most 1"
+        )
+    cells = _cells(
+        *_pixels(name, read(name)),
+        mode=mode.choice(_MODES) if mode else _MODES[0],
+        negate=bool(negate.value),
+        occupied=occupied.number(),
+        free=free.number(),
+    )
+    # The first row of a picture has the greatest y.
+    return Grid(np.ascontiguousarray(cells[::-1]), resolution.number(), (x, y))
+
+
+def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
+    """Return brightness and, if the picture has transparency, opacity of each pixel: 0 to 1."""
+    try:
+        image: Image.Image = Image.open(io.BytesIO(data), formats=("PNG", "PPM"))
+        width, height = image.size
+        if not 0 < width * height <= _MAX_PIXELS:
+            raise SceneError(
+                f"{name}: {width} x {height} pixels are not within 1 to {_MAX_PIXELS}: split the "
+                "map into several ones, or use larger pixels"
+            )
+        image.load()
+        if "transparency" in image.info or "A" in image.getbands():
+            image = image.convert("RGBA")
+        elif image.mode == "P":
+            image = image.convert("RGB")
+        elif image.mode == "1":
+            image = image.convert("L")
+    except SceneError:
+        raise
+    except Exception as error:  # Pillow raises errors of any type
+        raise SceneError(f"{name}: not readable as a PNG or PGM picture: {error}") from error
+    pixels = np.asarray(image)
+    # Modes that begin with I have 16 bits per pixel.
+    pixels = pixels.astype(np.float32) / (65535.0 if image.mode.startswith("I") else 255.0)
+    if pixels.ndim == 2:
+        return pixels, None
+    opacity = pixels[:, :, 3] if pixels.shape[2] == 4 else None
+    return pixels[:, :, :3].mean(axis=2), opacity
+
+
+def _cells(
+    brightness: Floats,
+    opacity: Floats | None,
+    *,
+    mode: str,
+    negate: bool,
+    occupied: float,
+    free: float,
+) -> Cells:
+    """Convert pixels to cells as map_server does."""
+    if mode == "raw":
+        values = np.rint(brightness * 255.0)
+        return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
+    if mode == "trinary" and opacity is not None:
+        brightness = (3.0 * brightness + opacity) / 4.0
+    share = brightness if negate else 1.0 - brightness
+    cells = np.full(share.shape, UNKNOWN, np.int8)
+    if mode == "scale":
+        cells[:] = np.rint((share - free) / (occupied - free) * 100.0).clip(FREE, OCCUPIED)
+    cells[share < free] = FREE
+    cells[share > occupied] = OCCUPIED
+    if mode == "scale" and opacity is not None:
+        cells[opacity < 1.0] = UNKNOWN
+    return cells

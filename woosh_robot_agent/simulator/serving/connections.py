@@ -1,0 +1,182 @@
+"""Serves the connections of clients: admits them, reads their frames, sends theirs."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.server.websocket import WebSocketServerTransport
+from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.simulator.serving.client import Client
+from woosh_robot_agent.simulator.serving.exchange import Exchange
+
+_LOG = logging.getLogger(__name__)
+
+_CLOSE_TIMEOUT = 0.3
+"""Timeout for an orderly close of a connection, in seconds."""
+
+_FIRST_FRAME_TIMEOUT = 10.0
+"""Time after which a connection without a single frame is dropped, in seconds."""
+
+
+class Connections:
+    """Serves the connections of clients.
+
+    Args:
+        exchange: Handles their frames.
+        max_connections: Maximum number of clients.
+        max_outbox: Maximum number of frames that wait for one client.
+    """
+
+    def __init__(self, exchange: Exchange, max_connections: int, max_outbox: int) -> None:
+        self._exchange = exchange
+        self._max_connections = max_connections
+        self._max_outbox = max_outbox
+        self._paused = False
+        self._frozen = False
+        self._full = False
+        self._reading = asyncio.Event()
+        self._writing = asyncio.Event()
+
+    @property
+    def count(self) -> int:
+        """Number of connected clients."""
+        return len(self._exchange.clients)
+
+    @property
+    def backlog(self) -> int:
+        """Number of frames that wait for the slowest client."""
+        return max((client.backlog for client in self._exchange.clients), default=0)
+
+    def open(self) -> None:
+        """Start reading and writing."""
+        self._update_gates()
+
+    async def close(self) -> None:
+        """Close all connections within a second."""
+        clients = self._exchange.clients
+        closing = [client.transport.close(_CLOSE_TIMEOUT) for client in clients]
+        await asyncio.gather(*closing, return_exceptions=True)
+        self.drop()
+
+    def drop(self) -> None:
+        """Abort all connections, as a broken cable would."""
+        for client in list(self._exchange.clients):
+            client.drop()
+
+    def pause(self, paused: bool) -> None:
+        """Stop reading and writing without closing the connections, or continue."""
+        self._paused = paused
+        self._update_gates()
+        for client in self._exchange.clients:
+            if paused:
+                client.transport.pause()
+            else:
+                client.transport.resume()
+
+    def freeze(self, frozen: bool) -> None:
+        """Queue requests instead of executing them and send nothing, or continue."""
+        self._frozen = frozen
+        self._update_gates()
+        self._exchange.freeze(frozen)
+
+    def release(self) -> None:
+        """Send all delayed frames at once."""
+        for client in list(self._exchange.clients):
+            client.release()
+
+    def send_raw(self, data: str | bytes) -> None:
+        """Send a frame to every client unchanged."""
+        for client in list(self._exchange.clients):
+            client.send(data)
+
+    async def readable(self) -> None:
+        """Wait while the connections are paused."""
+        await self._reading.wait()
+
+    async def serve(self, transport: ServerTransport) -> None:
+        """Serve a new connection until it ends."""
+        if not self._admits(transport):
+            transport.abort()
+            return
+        client = Client(transport, self._max_outbox)
+        self._exchange.join(client)
+        writer = asyncio.ensure_future(client.write(self._writing))
+        # A WebSocket client has sent its handshake.
+        client.has_sent = isinstance(transport, WebSocketServerTransport)
+        self._limit_silence(client)
+        _LOG.info("%s connected", transport.peer)
+        if self._paused:
+            transport.pause()
+        try:
+            while True:
+                await self._read(client)
+                await asyncio.sleep(0)  # a burst of one client must not starve the others
+        except TransportClosedError as error:
+            _LOG.info("%s disconnected: %s", transport.peer, error)
+        finally:
+            self._exchange.leave(client)
+            writer.cancel()
+            await transport.close(_CLOSE_TIMEOUT)
+
+    def _admits(self, transport: ServerTransport) -> bool:
+        """Return False, and log the reason, if a new connection must be dropped."""
+        if self.count >= self._max_connections:
+            if not self._full:
+                _LOG.warning(
+                    "%s is refused: there are already %d clients; further ones are refused "
+                    "without a warning until one disconnects",
+                    transport.peer,
+                    self.count,
+                )
+            self._full = True
+            return False
+        self._full = False
+        if not self._exchange.hooks.admits():
+            _LOG.info("%s connected and is dropped by a fault", transport.peer)
+            return False
+        return True
+
+    def _limit_silence(self, client: Client) -> None:
+        """Drop a client that sends nothing, unless the connections are paused."""
+
+        def check() -> None:
+            if client.has_sent or client not in self._exchange.clients:
+                return
+            if self._paused:
+                self._limit_silence(client)
+                return
+            _LOG.warning(
+                "%s is dropped: it sent no frame for %g s",
+                client.transport.peer,
+                _FIRST_FRAME_TIMEOUT,
+            )
+            client.drop()
+
+        asyncio.get_running_loop().call_later(_FIRST_FRAME_TIMEOUT, check)
+
+    async def _read(self, client: Client) -> None:
+        try:
+            data = await client.transport.recv()
+            client.has_sent = True
+        except FrameError as error:
+            client.has_sent = True
+            self._exchange.skip(client, error)
+        else:
+            await self._reading.wait()
+            try:
+                self._exchange.receive(client, data)
+            except Exception:  # from a test's interceptor, for example
+                _LOG.exception("cannot handle a frame of %s", client.transport.peer)
+
+    def _update_gates(self) -> None:
+        for gate, is_open in (
+            (self._reading, not self._paused),
+            (self._writing, not (self._paused or self._frozen)),
+        ):
+            if is_open:
+                gate.set()
+            else:
+                gate.clear()

@@ -1,0 +1,254 @@
+"""The exchange of messages with all clients, without sockets and without a clock."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link.codecs.choice import server_codec
+from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, Answer, dispatch, refusal
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS, StateWatch
+from woosh_robot_agent.simulator.serving.client import Client
+from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
+
+_LOG = logging.getLogger(__name__)
+
+_MAX_RECEIVED = 10_000
+_MAX_RECEIVED_BYTES = 64 * 1024 * 1024
+_SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
+
+
+class Received(NamedTuple):
+    """A message from a client. The type of a subscription is `woosh.Subscription`."""
+
+    type: str
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """A decoded frame of a client.
+
+    Attributes:
+        client: The client.
+        codec: Codec of the frame and of its answer.
+        type: Type of the body in the frame's envelope.
+        sn: Serial number.
+        message: Body, None if it could not be decoded.
+        objection: Reason to refuse the request without executing it; empty if there is none.
+    """
+
+    client: Client
+    codec: Codec
+    type: str
+    sn: int
+    message: Message | None
+    objection: str = ""
+
+
+class Exchange:
+    """The exchange of messages between the robot and its clients.
+
+    Args:
+        chassis: Executes the requests.
+        max_waiting: Maximum number of requests of one client that wait to be executed or answered.
+
+    Attributes:
+        clients: Connected clients.
+        hooks: Hooks of faults and tests.
+        received: The last messages from clients, oldest first: at most 10,000 and 64 MiB.
+        counts: Number of messages from clients since the start, by type.
+        bad_frames: Number of frames that could not be decoded.
+    """
+
+    def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
+        self.clients: set[Client] = set()
+        self.hooks = Hooks()
+        self.received: deque[Received] = deque()
+        self._received_sizes: deque[int] = deque()
+        self._received_bytes = 0
+        self.counts: Counter[str] = Counter()
+        self.bad_frames = 0
+        self._chassis = chassis
+        self._max_waiting = max_waiting
+        self._watch = StateWatch(chassis)
+        self._arrival = asyncio.Event()
+        self._frozen = False
+        self._queue: deque[_Request] = deque()
+
+    def join(self, client: Client) -> None:
+        """Add a client."""
+        self.clients.add(client)
+
+    def leave(self, client: Client) -> None:
+        """Remove a client and its subscriptions."""
+        client.forget()
+        self.clients.discard(client)
+        self._watch_subscribed()
+
+    def receive(self, client: Client, data: str | bytes) -> None:
+        """Handle a frame from a client. The answer has the same encoding."""
+        codec = server_codec(data)
+        try:
+            request = self._read(client, codec, data)
+        except FrameError as error:
+            self.skip(client, error)
+            return
+        if request.message is not None:
+            self._record(request.type, request.message)
+        subscribes = request.type == SUBSCRIPTION_TYPE
+        if client.waiting >= self._max_waiting and (self._frozen or not subscribes):
+            self._refuse_excess(request)
+        elif self._frozen:
+            client.waiting += 1
+            self._queue.append(request)
+        else:
+            self._execute(request)
+
+    def skip(self, client: Client, error: FrameError) -> None:
+        """Count an unreadable frame. It cannot be answered because its number is unknown."""
+        self.bad_frames += 1
+        _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
+
+    def freeze(self, frozen: bool) -> None:
+        """Only queue requests from now on, or execute all queued ones and continue."""
+        self._frozen = frozen
+        while self._queue and not self._frozen:
+            request = self._queue.popleft()
+            request.client.waiting -= 1
+            try:
+                self._execute(request)
+            except Exception:  # from a test's interceptor, for example
+                _LOG.exception("cannot handle a frame of %s", request.client.transport.peer)
+
+    def push(self, message: Message) -> None:
+        """Push a message to all subscribers of its type."""
+        name = message.DESCRIPTOR.full_name
+        for client in list(self.clients):
+            codec = client.topics.get(name)
+            if codec:
+                self._send(client, codec, Outgoing(name, message))
+
+    def report_changes(self, *, while_moving: bool) -> None:
+        """Push all events and changed states since the last call.
+
+        Args:
+            while_moving: Include PoseSpeed, which changes with every step of a moving robot.
+        """
+        self._push_events()
+        for message in self._watch.changed(while_moving=while_moving):
+            self.push(message)
+
+    async def arrived(self, type_name: str, count: int) -> None:
+        """Wait until clients have sent `count` messages of a type since the start of the run."""
+        while self.counts[type_name] < count:
+            await self._arrival.wait()
+
+    def _read(self, client: Client, codec: Codec, data: str | bytes) -> _Request:
+        envelope = codec.decode(data)
+        name = envelope.type
+        if name in _SUBSCRIPTIONS:
+            subscription = codec.body(envelope, Subscription)
+            return _Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
+        message, objection = None, ""
+        try:
+            message = codec.body(envelope, message_type(name)) if name else None
+        except KeyError:
+            pass
+        except FrameError as error:
+            self.bad_frames += 1
+            objection = f"unreadable body: {error}"
+        if not name:
+            objection = "the request has no type"
+        elif name not in HANDLERS and not objection:
+            objection = f"unknown message type {name}"
+        return _Request(client, codec, name, envelope.sn, message, objection)
+
+    def _execute(self, request: _Request) -> None:
+        if isinstance(request.message, Subscription):
+            self._subscribe(request.client, request.codec, request.message)
+            return
+        answer = self._answer(request)
+        # Events are pushed before the answer of the request that caused them, changes after it.
+        self._push_events()
+        out = Outgoing(
+            answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
+        )
+        self._send(request.client, request.codec, out)
+        self.report_changes(while_moving=False)
+
+    def _answer(self, request: _Request) -> Answer:
+        name = request.type
+        if request.message is None or request.objection:
+            return refusal(name, request.objection)
+        reason = self.hooks.refusal(name)
+        if reason is not None:
+            return refusal(name, reason)
+        try:
+            return dispatch(self._chassis, request.message)
+        except Exception:  # a bug in a handler must not end the client's connection
+            _LOG.exception("cannot execute %s", name)
+            return refusal(name, "internal error of the simulator: see its log")
+
+    def _refuse_excess(self, request: _Request) -> None:
+        """Refuse a request beyond the limit at once. This answer is not held back by faults."""
+        text = (
+            f"{self._max_waiting} requests of this connection are waiting: "
+            "wait for their answers first"
+        )
+        if request.type == SUBSCRIPTION_TYPE:  # which has no answer
+            _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
+            request.client.drop()
+            return
+        answer = refusal(request.type, text)
+        frame = Outgoing(answer.type, None, request.sn, answer.ok, answer.msg)
+        request.client.send(self._encoded(request.codec, frame))
+
+    def _subscribe(self, client: Client, codec: Codec, subscription: Subscription) -> None:
+        # A new subscriber must not get changes from before its subscription.
+        self.report_changes(while_moving=False)
+        for topic in subscription.topics:
+            if topic in TOPICS and subscription.sub:
+                client.topics[topic] = codec
+            else:
+                client.topics.pop(topic, None)
+        self._watch_subscribed()
+
+    def _watch_subscribed(self) -> None:
+        self._watch.watch({topic for client in self.clients for topic in client.topics})
+
+    def _record(self, type_name: str, message: Message) -> None:
+        self.counts[type_name] += 1
+        self.received.append(Received(type_name, message))
+        self._received_sizes.append(message.ByteSize())
+        self._received_bytes += self._received_sizes[-1]
+        while len(self.received) > _MAX_RECEIVED or self._received_bytes > _MAX_RECEIVED_BYTES:
+            self.received.popleft()
+            self._received_bytes -= self._received_sizes.popleft()
+        self._arrival.set()
+        self._arrival = asyncio.Event()
+
+    def _push_events(self) -> None:
+        for message in self._chassis.take_events():
+            self.push(message)
+
+    def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
+        for out in self.hooks.outgoing(frame):
+            data = self._encoded(codec, out)
+            client.send_as(out, out.damage(codec, data) if out.damage else data)
+
+    def _encoded(self, codec: Codec, out: Outgoing) -> str | bytes:
+        timestamp = round(self._chassis.time * 1000)
+        return codec.encode(
+            out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg, timestamp=timestamp
+        )

@@ -1,0 +1,213 @@
+"""Occupancy grids: maps that are given as pictures.
+
+Distances are looked up in distance fields, which scipy computes once per map. A look-up takes
+microseconds, whereas a real map would need thousands of walls. This module needs numpy and scipy,
+which load slowly: it is only imported for maps with a picture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from woosh_robot_agent.simulator.world.geometry import Point, Pose
+from woosh_robot_agent.simulator.world.hull import Hull
+
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+"""Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+
+_FAR = 1e6
+"""Distance to the nearest occupied cell where there is none, in cells."""
+
+_OVERSHOOT = 1e-6
+"""Distance that a ray advances past a cell's border despite rounding errors, in cells."""
+
+
+class Grid:
+    """The cells of a map.
+
+    The laser sees only occupied cells. Planned paths avoid occupied and unknown cells.
+
+    Attributes:
+        cells: Values of type int8, in rows by increasing y, each by increasing x: 0 to 99 is free,
+            100 occupied, -1 unknown.
+        resolution: Side of a cell, in metres.
+        low: Corner of the grid with the smallest x and y, in metres in the map's frame.
+        high: Opposite corner, in metres.
+    """
+
+    def __init__(self, cells: npt.NDArray[np.int8], resolution: float, low: Point) -> None:
+        self.cells = cells
+        self.resolution = resolution
+        rows, columns = cells.shape
+        self.low = low
+        self.high: Point = (low[0] + columns * resolution, low[1] + rows * resolution)
+
+    def known(self, x: float, y: float) -> bool:
+        """Return True if (x, y) is in a cell that is not unknown."""
+        column, row = (math.floor(value) for value in self._in_cells(x, y))
+        rows, columns = self.cells.shape
+        inside = 0 <= row < rows and 0 <= column < columns
+        return inside and int(self.cells[row, column]) != UNKNOWN
+
+    def clearance(self, x: float, y: float) -> float:
+        """Return the distance from (x, y) to the nearest occupied cell, in metres.
+
+        It is exact to within a cell.
+        """
+        if not self._any_occupied:
+            return math.inf
+        return float(self._looked_up(self._to_occupied, np.array([[x, y]]))[0])
+
+    def room(self, points: Floats) -> Floats:
+        """Return the distance from each point to the nearest cell that is not free, in metres.
+
+        Args:
+            points: Rows of x and y in metres, inside the grid.
+        """
+        return self._looked_up(self._to_not_free, points)
+
+    def line_room(self, start: Point, end: Point) -> float:
+        """Return the minimum of `room` on the straight line from `start` to `end`, in metres."""
+        count = 2 + int(2.0 * math.dist(start, end) / self.resolution)
+        return float(self.room(np.linspace(start, end, count)).min())
+
+    def blocked_rows(
+        self, first: Point, step: float, columns: int, rows: int, radius: float
+    ) -> Iterator[bytes]:
+        """Find the places of a lattice with less `room` than `radius`.
+
+        Args:
+            first: Position of the first place of the lattice, in metres.
+            step: Distance between neighbouring places, in metres.
+            columns: Number of places in x.
+            rows: Number of places in y.
+            radius: Room that a place needs, in metres.
+
+        Yields:
+            Each row of the lattice, with a byte for each place: 1 if it lacks room, else 0.
+        """
+        x = first[0] + step * np.arange(columns)
+        for row in range(rows):
+            points = np.stack((x, np.full(columns, first[1] + step * row)), axis=1)
+            yield (self.room(points) < radius).tobytes()
+
+    def roomiest(self) -> Point:
+        """Return the centre of the free cell with the most room around it."""
+        row, column = np.unravel_index(self._to_not_free.argmax(), self.cells.shape)
+        return (
+            self.low[0] + (float(column) + 0.5) * self.resolution,
+            self.low[1] + (float(row) + 0.5) * self.resolution,
+        )
+
+    def gap(self, hull: Hull, pose: Pose) -> float:
+        """Return the gap in metres between the outline at `pose` and the nearest occupied cell.
+
+        Cells are squares, taken slightly larger where they meet a corner of the outline.
+        """
+        middle = self._in_cells(pose.x, pose.y)
+        reach = hull.radius / self.resolution + 1.0
+        (left, bottom), (right, top) = (
+            [max(0, math.floor(value + side * reach)) for value in middle] for side in (-1.0, 1.0)
+        )
+        rows, columns = np.nonzero(self.cells[bottom : top + 1, left : right + 1] == OCCUPIED)
+        if not rows.size:
+            return math.inf
+        x = (columns + (left + 0.5)) * self.resolution + (self.low[0] - pose.x)
+        y = (rows + (bottom + 0.5)) * self.resolution + (self.low[1] - pose.y)
+        sides = np.array(hull.sides)
+        cos, sin = math.cos(pose.theta), math.sin(pose.theta)
+        # Normals of the outline's sides in the map's frame.
+        nx = sides[:, 0] * cos - sides[:, 1] * sin
+        ny = sides[:, 0] * sin + sides[:, 1] * cos
+        reach_of_cell = 0.5 * self.resolution * (abs(nx) + abs(ny))
+        gaps = np.outer(x, nx) + np.outer(y, ny) - (sides[:, 2] + reach_of_cell)
+        return float(gaps.max(axis=1).min())
+
+    def cast(
+        self, origin: Point, first: float, increment: float, count: int, max_range: float
+    ) -> list[float]:
+        """Cast rays until they enter an occupied cell.
+
+        Args:
+            origin: Start of the rays, in metres.
+            first: Direction of the first ray in the map's frame, in radians.
+            increment: Angle between two rays, in radians.
+            count: Number of rays.
+            max_range: Length at which a ray ends, in metres.
+
+        Returns:
+            The lengths of the rays in metres, infinite for those that hit nothing.
+        """
+        angles = first + increment * np.arange(count)
+        ranges = np.full(count, math.inf)
+        x, y = self._in_cells(*origin)
+        dx, dy = (np.where(abs(d) < 1e-12, 1e-12, d) for d in (np.cos(angles), np.sin(angles)))
+        rows, columns = self.cells.shape
+        # Lengths at which each ray enters the grid, and leaves it or ends.
+        x_ends = np.sort((np.array([[0.0], [columns]]) - x) / dx, axis=0)
+        y_ends = np.sort((np.array([[0.0], [rows]]) - y) / dy, axis=0)
+        gone = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _OVERSHOOT, 0.0)
+        limit = np.minimum(
+            np.minimum(x_ends[1], y_ends[1]) - _OVERSHOOT, max_range / self.resolution
+        )
+        rays = np.flatnonzero(gone < limit)
+        dx, dy, gone, limit = dx[rays], dy[rays], gone[rays], limit[rays]
+        while rays.size:
+            here_x, here_y = x + gone * dx, y + gone * dy
+            column, row = here_x.astype(np.intp), here_y.astype(np.intp)
+            free = self._to_occupied[row, column]
+            hit = free == 0.0
+            ranges[rays[hit]] = gone[hit] * self.resolution
+            # Advance as far as there is certainly nothing, and at least to the next cell.
+            to_next = np.minimum(
+                (column + (dx > 0.0) - here_x) / dx, (row + (dy > 0.0) - here_y) / dy
+            )
+            gone = gone + np.maximum(free - math.sqrt(2.0), to_next + _OVERSHOOT)
+            going = ~hit & (gone < limit)
+            rays, dx, dy = rays[going], dx[going], dy[going]
+            gone, limit = gone[going], limit[going]
+        found: list[float] = ranges.tolist()
+        return found
+
+    @cached_property
+    def _any_occupied(self) -> bool:
+        return bool((self.cells == OCCUPIED).any())
+
+    @cached_property
+    def _to_occupied(self) -> npt.NDArray[np.float32]:
+        """Distance from each cell to the nearest occupied one, centre to centre, in cells."""
+        if not self._any_occupied:
+            return np.full(self.cells.shape, _FAR, np.float32)
+        return _distances(self.cells != OCCUPIED)
+
+    @cached_property
+    def _to_not_free(self) -> npt.NDArray[np.float32]:
+        """Distance from each cell to the nearest that is not free, centre to centre, in cells."""
+        free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
+        # Everything outside the grid is unknown.
+        return _distances(np.pad(free, 1))[1:-1, 1:-1]
+
+    def _in_cells(self, x: float, y: float) -> Point:
+        return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
+
+    def _looked_up(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
+        places = (points - self.low) / self.resolution - 0.5
+        found = ndimage.map_coordinates(
+            field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
+        )
+        # The field measures to the centre of the nearest cell; the distance ends at its border.
+        return np.maximum(0.0, (found - 0.5) * self.resolution)
+
+
+def _distances(free: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    distances: npt.NDArray[np.float64] = ndimage.distance_transform_edt(free)
+    return distances.astype(np.float32)

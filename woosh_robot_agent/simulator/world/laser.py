@@ -1,0 +1,86 @@
+"""The safety laser: rays cast against walls, obstacles and the cells of an occupancy grid."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall, wrap
+
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
+    from woosh_robot_agent.simulator.world.grid import Grid
+
+
+@dataclass(frozen=True)
+class Laser:
+    """A laser on the base.
+
+    Attributes:
+        forward: Distance in front of the centre of the base, in metres.
+        angle_min: Angle of the first ray from straight ahead, in radians.
+        angle_max: Angle of the last ray, in radians.
+        increment: Angle between two rays, in radians.
+        range_min: Minimum range, in metres.
+        range_max: Maximum range, in metres. A ray that hits nothing within it measures infinity.
+        scan_time: Time between two scans, in seconds.
+        noise: Standard deviation of a range, in metres.
+    """
+
+    forward: float = 0.25
+    angle_min: float = -2.2
+    angle_max: float = 2.2
+    increment: float = 0.005
+    range_min: float = 0.05
+    range_max: float = 25.0
+    scan_time: float = 0.05
+    noise: float = 0.003
+
+    @property
+    def rays(self) -> int:
+        """Number of rays of a scan."""
+        return round((self.angle_max - self.angle_min) / self.increment) + 1
+
+    def scan(
+        self, base: Pose, walls: Sequence[Wall], rng: random.Random, grid: Grid | None = None
+    ) -> list[float]:
+        """Return the ranges of a scan by a base at `base`, in metres, first ray first."""
+        origin = base.moved(self.forward, 0.0, 0.0)
+        if grid:
+            first = origin.theta + self.angle_min
+            ranges = grid.cast(origin.point, first, self.increment, self.rays, self.range_max)
+        else:
+            ranges = [math.inf] * self.rays
+        for wall in walls:
+            self._cast(origin, wall, ranges)
+        return [
+            max(self.range_min, range_ + max(-0.01, min(0.01, rng.gauss(0.0, self.noise))))
+            if range_ <= self.range_max
+            else math.inf
+            for range_ in ranges
+        ]
+
+    def _cast(self, origin: Pose, wall: Wall, ranges: list[float]) -> None:
+        """Shorten the ranges of the rays that hit `wall`."""
+        x1, y1 = wall.x1 - origin.x, wall.y1 - origin.y
+        x2, y2 = wall.x2 - origin.x, wall.y2 - origin.y
+        if x1 * y2 - x2 * y1 < 0.0:
+            x1, y1, x2, y2 = x2, y2, x1, y1
+        # The wall now runs counter-clockwise, so its rays span `sweep` radians from `start` on.
+        area = x1 * y2 - x2 * y1
+        if area == 0.0:
+            return
+        start = wrap(math.atan2(y1, x1) - origin.theta)
+        sweep = wrap(math.atan2(y2, x2) - math.atan2(y1, x1))
+        along_x, along_y = x2 - x1, y2 - y1
+        # A wall that spans the blind sector behind the robot is seen at both ends of the scan.
+        for begin in (start, start - math.tau):
+            first = max(0, math.ceil((begin - self.angle_min) / self.increment))
+            last = min(self.rays - 1, math.floor((begin + sweep - self.angle_min) / self.increment))
+            for ray in range(first, last + 1):
+                angle = origin.theta + self.angle_min + ray * self.increment
+                across = math.cos(angle) * along_y - math.sin(angle) * along_x
+                if across > 0.0:
+                    ranges[ray] = min(ranges[ray], area / across)

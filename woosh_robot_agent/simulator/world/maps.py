@@ -1,0 +1,95 @@
+"""Maps with walls, marks and occupancy grids."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
+from woosh_robot_agent.simulator.world.hull import Hull
+
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
+    from woosh_robot_agent.simulator.world.grid import Grid
+
+
+class MarkKind(Enum):
+    """Kind of a mark. The value is its group in `woosh.map.mark.Storages`."""
+
+    BASE = "bases"
+    RACK = "racks"
+    PARKSPOT = "parkspots"
+    CHARGER = "chargers"
+    PALLET_PLATFORM = "pallet_platforms"
+    LIFT_TROLLEY = "lift_trolleys"
+    TRACTOR_TRAILER = "tractor_trailers"
+    ROLLER_STATION = "roller_stations"
+    ARM_WORKTOP = "arm_worktops"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A numbered place that a task can name as its target.
+
+    Attributes:
+        id: Identifier, unique in its map.
+        number: Number by which tasks name it; any string.
+        pose: Pose of a robot that stands at the mark, in the map's frame.
+        kind: Kind of the mark.
+        description: Description for people.
+    """
+
+    id: int
+    number: str
+    pose: Pose
+    kind: MarkKind = MarkKind.BASE
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """The map of one floor.
+
+    Attributes:
+        id: Identifier, unique in its scene.
+        name: Name, unique in its scene.
+        floor: Name of the floor.
+        version: Version, increased by each change.
+        low: Corner of the mapped area with the smallest x and y, in metres.
+        high: Opposite corner, in metres.
+        walls: Walls, which the laser sees and the robot cannot pass.
+        marks: Marks, by number.
+        grid: Occupancy grid, if the map has one; used in addition to the walls.
+    """
+
+    id: int
+    name: str
+    floor: str
+    version: int
+    low: Point
+    high: Point
+    walls: tuple[Wall, ...]
+    marks: dict[str, Mark] = field(default_factory=dict)
+    grid: Grid | None = None
+
+    def clearance(self, x: float, y: float) -> float:
+        """Return the distance from (x, y) to the nearest wall or occupied cell, in metres."""
+        nearest = min((wall.distance(x, y) for wall in self.walls), default=math.inf)
+        return min(nearest, self.grid.clearance(x, y)) if self.grid else nearest
+
+    @property
+    def clearance_error(self) -> float:
+        """Maximum by which `clearance` is too great, in metres."""
+        return self.grid.resolution if self.grid else 0.0
+
+    def gap(self, hull: Hull, pose: Pose) -> float:
+        """Return the gap in metres between an outline at `pose` and walls and occupied cells."""
+        gap = hull.gap(pose, self.walls)
+        return min(gap, self.grid.gap(hull, pose)) if self.grid else gap
+
+    def contains(self, x: float, y: float) -> bool:
+        """Return True if (x, y) is in the mapped area."""
+        if not (self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]):
+            return False
+        return self.grid is None or self.grid.known(x, y)

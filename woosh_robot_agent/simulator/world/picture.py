@@ -1,0 +1,92 @@
+"""Draws a map as a picture with the grey values of nav2's map_saver."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from woosh_robot_agent.simulator.world.geometry import Point
+from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, UNKNOWN
+from woosh_robot_agent.simulator.world.maps import Map
+
+_RESOLUTION = 0.05
+"""Side of a pixel in the picture of a map without a grid, in metres."""
+
+_MAX_DRAWN_PIXELS = 2048 * 2048
+"""Maximum size of the picture of a map without a grid. Larger maps have larger pixels."""
+
+_EDGE = 0.5
+"""Width of the unknown edge around a map without a grid, in metres."""
+
+_GREY_OCCUPIED, _GREY_UNKNOWN, _GREY_FREE = 0, 205, 254
+"""Grey values of map_saver. A `free_thresh` of 0.196 distinguishes unknown from free."""
+
+Cells: TypeAlias = npt.NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The picture of a map: 0 is occupied, 254 free and 205 unknown.
+
+    Attributes:
+        png: The picture as PNG. Its last row has the smallest y.
+        resolution: Side of a pixel, in metres.
+        low: Lower left corner of the picture, in metres in the map's frame.
+    """
+
+    png: bytes
+    resolution: float
+    low: Point
+
+
+@lru_cache(maxsize=32)
+def draw(area: Map) -> Picture:
+    """Return the picture of a map with its walls, drawn once."""
+    if area.grid:
+        cells, resolution, low = area.grid.cells.copy(), area.grid.resolution, area.grid.low
+    else:
+        cells, resolution, low = _free_area(area)
+    _draw_walls(cells, area, resolution, low)
+    greys = np.full(cells.shape, _GREY_FREE, np.uint8)
+    greys[cells == OCCUPIED] = _GREY_OCCUPIED
+    greys[cells == UNKNOWN] = _GREY_UNKNOWN
+    buffer = io.BytesIO()
+    Image.fromarray(greys[::-1]).save(buffer, "PNG")
+    return Picture(buffer.getvalue(), resolution, low)
+
+
+def _free_area(area: Map) -> tuple[Cells, float, Point]:
+    """Return cells that are free inside the mapped area and unknown around it.
+
+    Returns:
+        The cells, their resolution in metres, and the position of their lower left corner.
+    """
+    sides = [high - low for low, high in zip(area.low, area.high, strict=True)]
+    resolution = _RESOLUTION
+    while (sides[0] / resolution) * (sides[1] / resolution) > _MAX_DRAWN_PIXELS:
+        resolution *= 2.0
+    edge = round(_EDGE / resolution)
+    columns, rows = (round(side / resolution) + 1 for side in sides)
+    cells: Cells = np.full((rows + 2 * edge, columns + 2 * edge), UNKNOWN, np.int8)
+    cells[edge : edge + rows, edge : edge + columns] = FREE
+    # Walls on the border of the area then run through the centres of pixels.
+    around = (edge + 0.5) * resolution
+    return cells, resolution, (area.low[0] - around, area.low[1] - around)
+
+
+def _draw_walls(cells: Cells, area: Map, resolution: float, low: Point) -> None:
+    for wall in area.walls:
+        length = math.dist((wall.x1, wall.y1), (wall.x2, wall.y2))
+        count = 2 + int(4.0 * length / resolution)
+        points = np.linspace((wall.x1, wall.y1), (wall.x2, wall.y2), count)
+        columns, rows = np.floor((points - low) / resolution).astype(np.intp).T
+        height, width = cells.shape
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        cells[rows[inside], columns[inside]] = OCCUPIED

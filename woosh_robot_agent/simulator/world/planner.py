@@ -1,0 +1,313 @@
+"""Path planner: A* on a lattice of the map's free floor, then a straightening of the path."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache, partial
+
+from woosh_robot_agent.simulator.world.geometry import Point, Wall
+from woosh_robot_agent.simulator.world.maps import Map
+
+_SPACING = 0.2
+"""Distance between neighbouring places of the lattice, in metres."""
+
+_REACH = 0.6
+"""Maximum distance at which the ends of a path are connected to the lattice, in metres."""
+
+_MIN_CLEARANCE = 1e-3
+"""Clearance that even a start close to a wall needs, in metres."""
+
+_DEFAULT_BUDGET = 300_000
+"""About a second of computation, enough to search 100 x 100 m."""
+
+_LINE_COST, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
+"""Cost of a line-of-sight check: the base cost, and the walls and grid points per further unit."""
+
+_OBSTACLE_COST = 20
+"""Cost of blocking the places around one side of an obstacle."""
+
+_DIAGONAL_EXTRA = math.sqrt(2.0) - 1.0
+"""Extra length of a diagonal step, as a fraction of a straight one."""
+
+
+class SearchBudgetError(Exception):
+    """The computation time for planning a path is used up."""
+
+
+class SearchBudget:
+    """Limit of the computation for one path. The simulator does nothing else meanwhile.
+
+    Args:
+        units: Units to spend. The search of one place costs one unit, some microseconds.
+    """
+
+    def __init__(self, units: int = _DEFAULT_BUDGET) -> None:
+        self._left = units
+
+    def spend(self, units: int) -> None:
+        """Spend some units.
+
+        Raises:
+            SearchBudgetError: The budget is used up.
+        """
+        self._left -= units
+        if self._left < 0:
+            raise SearchBudgetError
+
+
+class Lattice:
+    """The places of a map that a search visits, in rows from the lower left corner on.
+
+    They are numbered row by row. A border of blocked places keeps the search inside.
+    """
+
+    def __init__(self, area: Map) -> None:
+        (left, bottom), (right, top) = area.low, area.high
+        self._low = area.low
+        self._columns = math.floor((right - left) / _SPACING + 1e-6)
+        self._rows = math.floor((top - bottom) / _SPACING + 1e-6)
+        self._width = self._columns + 2
+        # For each neighbour: the difference of the place numbers, and the distance in metres.
+        self._steps = tuple(
+            (dx + dy * self._width, _SPACING * math.hypot(dx, dy))
+            for dx in (-1, 0, 1)
+            for dy in (-1, 0, 1)
+            if (dx, dy) != (0, 0)
+        )
+
+    def blocked(self, area: Map, radius: float) -> bytearray:
+        """Return 1 for each place with a wall or cell of the map within `radius` (m), else 0."""
+        rows: Iterable[bytes] = [bytes(self._columns)] * self._rows
+        if area.grid:
+            first = self._low[0] + 0.5 * _SPACING, self._low[1] + 0.5 * _SPACING
+            rows = area.grid.blocked_rows(first, _SPACING, self._columns, self._rows, radius)
+        border = b"\1" * self._width
+        places = bytearray(b"".join((border, *(b"\1" + row + b"\1" for row in rows), border)))
+        self.block(places, area.walls, radius)
+        return places
+
+    def block(self, places: bytearray, walls: Iterable[Wall], radius: float) -> None:
+        """Block the places that have one of `walls` within `radius` (m)."""
+        for wall in walls:
+            reach = (
+                min(wall.x1, wall.x2) - radius,
+                min(wall.y1, wall.y2) - radius,
+                max(wall.x1, wall.x2) + radius,
+                max(wall.y1, wall.y2) + radius,
+            )
+            for place in self._within(*reach):
+                if not places[place] and wall.distance(*self.centre(place)) < radius:
+                    places[place] = 1
+
+    def around(self, point: Point) -> Iterator[tuple[int, Point]]:
+        """Return the places within reach of a point, with their positions in metres."""
+        x, y = point
+        for place in self._within(x - _REACH, y - _REACH, x + _REACH, y + _REACH):
+            centre = self.centre(place)
+            if math.dist(centre, point) <= _REACH:
+                yield place, centre
+
+    def search(
+        self,
+        first: dict[int, float],
+        last: set[int],
+        goal: Point,
+        blocked: bytearray,
+        budget: SearchBudget,
+    ) -> list[int] | None:
+        """Return the shortest path found by A*, or None if there is none.
+
+        Args:
+            first: Places where the path can start, with their distances from its start in metres.
+            last: Places where the path can end.
+            goal: Position of the goal, in metres.
+            blocked: Places that the path must avoid, as from `blocked`.
+            budget: Limit of the search.
+
+        Raises:
+            SearchBudgetError: The budget was used up before the search ended.
+        """
+        width, steps = self._width, self._steps
+        goal_column = (goal[0] - self._low[0]) / _SPACING + 0.5
+        goal_row = (goal[1] - self._low[1]) / _SPACING + 0.5
+
+        def to_go(place: int) -> float:
+            """Return the length of the shortest path of straight and diagonal steps."""
+            row, column = divmod(place, width)
+            along, across = abs(goal_column - column), abs(goal_row - row)
+            if along < across:
+                along, across = across, along
+            return _SPACING * (along + _DIAGONAL_EXTRA * across)
+
+        costs = dict(first)
+        frontier = [(cost + to_go(place), cost, place) for place, cost in first.items()]
+        heapq.heapify(frontier)
+        came_from: dict[int, int] = {}
+        while frontier:
+            _, cost, place = heapq.heappop(frontier)
+            if cost > costs[place]:
+                continue
+            budget.spend(1)
+            if place in last:
+                path = [place]
+                while path[-1] in came_from:
+                    path.append(came_from[path[-1]])
+                return path[::-1]
+            for step, length in steps:
+                other = place + step
+                if blocked[other]:
+                    continue
+                new_cost = cost + length
+                if new_cost < costs.get(other, math.inf):
+                    costs[other] = new_cost
+                    came_from[other] = place
+                    heapq.heappush(frontier, (new_cost + to_go(other), new_cost, other))
+        return None
+
+    def centre(self, place: int) -> Point:
+        """Return the position of a place, in metres."""
+        row, column = divmod(place, self._width)
+        return self._low[0] + (column - 0.5) * _SPACING, self._low[1] + (row - 0.5) * _SPACING
+
+    def _within(self, left: float, bottom: float, right: float, top: float) -> Iterator[int]:
+        columns = self._span(left - self._low[0], right - self._low[0], self._columns)
+        for row in self._span(bottom - self._low[1], top - self._low[1], self._rows):
+            for column in columns:
+                yield (row + 1) * self._width + column + 1
+
+    @staticmethod
+    def _span(low: float, high: float, count: int) -> range:
+        return range(
+            max(0, math.floor(low / _SPACING)), min(count, math.floor(high / _SPACING) + 1)
+        )
+
+
+class Planner:
+    """Plans paths on one map with a clearance of `radius` (m)."""
+
+    def __init__(self, area: Map, radius: float) -> None:
+        self._map = area
+        self._radius = radius
+        self._lattice = Lattice(area)
+        self._blocked = self._lattice.blocked(area, radius)
+
+    def plan(
+        self,
+        start: Point,
+        goal: Point,
+        obstacles: Sequence[Wall] = (),
+        budget: SearchBudget | None = None,
+    ) -> list[Point] | None:
+        """Return the corners of a free path, or None if there is none.
+
+        Args:
+            start: Start of the path, in metres. It is not one of the corners.
+            goal: End of the path, in metres. It is the last corner.
+            obstacles: Walls to avoid in addition to those of the map.
+            budget: Limit of the computation. The legs of one path share it.
+
+        Raises:
+            SearchBudgetError: The budget was used up before a path was found.
+        """
+        budget = budget or SearchBudget()
+        walls = (*self._map.walls, *obstacles)
+
+        def free(here: Point, there: Point, radius: float) -> bool:
+            points = 0
+            if self._map.grid:
+                points = int(math.dist(here, there) / self._map.grid.resolution)
+            budget.spend(_LINE_COST + len(walls) // _WALLS_PER_UNIT + points // _POINTS_PER_UNIT)
+            return self._free(here, there, radius, walls)
+
+        if not (self._map.contains(*goal) and free(goal, goal, self._radius)):
+            return None
+        # A robot that was driven closer to a wall than `radius` may leave from there.
+        start_clearance = self._start_clearance(start, walls)
+        if start_clearance < _MIN_CLEARANCE:
+            return None
+        if free(start, goal, start_clearance):
+            return [goal]
+        blocked = self._blocked
+        if obstacles:
+            blocked = blocked.copy()
+            budget.spend(_OBSTACLE_COST * len(obstacles))
+            self._lattice.block(blocked, obstacles, self._radius)
+        first = {
+            place: math.dist(start, there)
+            for place, there in self._lattice.around(start)
+            if not blocked[place] and free(start, there, start_clearance)
+        }
+        last = {
+            place
+            for place, there in self._lattice.around(goal)
+            if not blocked[place] and free(goal, there, self._radius)
+        }
+        places = self._lattice.search(first, last, goal, blocked, budget)
+        if places is None:
+            return None
+        corners = [start, *map(self._lattice.centre, places), goal]
+
+        def in_sight(here: int, there: int) -> bool:
+            return free(corners[here], corners[there], self._radius if here else start_clearance)
+
+        path: list[Point] = []
+        here = 0
+        while here < len(corners) - 1:
+            here = _furthest(here + 1, len(corners) - 1, partial(in_sight, here))
+            path.append(corners[here])
+        return path
+
+    def _start_clearance(self, start: Point, walls: Sequence[Wall]) -> float:
+        """Return the clearance in metres that a path can keep at its start."""
+        room = min((wall.distance(*start) for wall in walls), default=self._radius)
+        if self._map.grid:
+            room = min(room, self._map.grid.line_room(start, start))
+        return min(self._radius, room - 1e-6)
+
+    def _free(self, start: Point, end: Point, radius: float, walls: Sequence[Wall]) -> bool:
+        """Return True if the line from `start` to `end` has a clearance of `radius` (m)."""
+        left, right = min(start[0], end[0]) - radius, max(start[0], end[0]) + radius
+        bottom, top = min(start[1], end[1]) - radius, max(start[1], end[1]) + radius
+        for wall in walls:
+            # Most walls are far away, which the comparison of coordinates tells quickly.
+            if (
+                (wall.x1 > left or wall.x2 > left)
+                and (wall.x1 < right or wall.x2 < right)
+                and (wall.y1 > bottom or wall.y2 > bottom)
+                and (wall.y1 < top or wall.y2 < top)
+                and wall.line_distance(start, end) < radius
+            ):
+                return False
+        return self._map.grid is None or self._map.grid.line_room(start, end) >= radius
+
+
+def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
+    """Return a number from `good` to `last` that fits, usually the last one.
+
+    It is the last one if all fitting numbers are contiguous. The search doubles its steps until
+    one does not fit, then bisects. `good` must fit.
+    """
+    step = 1
+    bad = last + 1
+    while good < last:
+        there = min(good + step, last)
+        if not fits(there):
+            bad = there
+            break
+        good = there
+        step *= 2
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if fits(middle):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+@lru_cache(maxsize=16)
+def planner(area: Map, radius: float) -> Planner:
+    """Return the planner for a map and a clearance of `radius` (m), created once."""
+    return Planner(area, radius)
