@@ -13,13 +13,14 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import Codec, FrameError
 from woosh_robot_agent.link.server.base import ServerTransport
+from woosh_robot_agent.link.server.outbox import Encoded, Write
 from woosh_robot_agent.link.transport.tcp import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.faults.answer_faults import COUNT, FRAMES, TYPE, on_frames
 from woosh_robot_agent.simulator.faults.fault import Begin, Fault, Injection
 from woosh_robot_agent.simulator.faults.parameters import Parameter
-from woosh_robot_agent.simulator.serving.hooks import Encoded, Outgoing, Write
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 
 _MIB = 1024 * 1024
 _CHUNK = 256 * 1024

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.frames import Codec
-from woosh_robot_agent.link.server.base import ServerTransport
-
-Write = Callable[[ServerTransport], Awaitable[None]]
-"""Writes to a connection in place of an ordinary frame."""
-
-Encoded = str | bytes | Write
-"""An encoded frame, or a function that writes what cannot be sent as an ordinary frame."""
+from woosh_robot_agent.link.server.outbox import Encoded
 
 Damage = Callable[[Codec, str | bytes], Encoded]
 """Returns the damaged form of an encoded frame."""

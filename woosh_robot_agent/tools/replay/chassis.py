@@ -12,10 +12,10 @@ from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.server.base import ServerTransport
 from woosh_robot_agent.link.server.listener import Listener
+from woosh_robot_agent.link.server.outbox import ConnectedClient
 from woosh_robot_agent.link.server.tcp import serve_tcp
 from woosh_robot_agent.link.server.websocket import serve_websocket
 from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.simulator.serving.client import Client
 from woosh_robot_agent.tools.replay.playback import Playback
 from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_subscription
 from woosh_robot_agent.tools.replay.timeline import Step, StepKind
@@ -74,7 +74,7 @@ class ReplayedChassis:
         self._repeat = loop
         self._wait_for_commands = wait_for_commands
         self._listeners: list[Listener] = []
-        self._clients: dict[Client, Codec] = {}
+        self._clients: dict[ConnectedClient, Codec] = {}
         """The clients, each with the encoding of its last frame."""
         self._commands: Counter[str] = Counter()
         """Number of requests received in this round, by type."""
@@ -220,7 +220,7 @@ class ReplayedChassis:
         if not self._listeners:  # it connected while the ports were being closed
             transport.abort()
             return
-        client = Client(transport, _MAX_OUTBOX)
+        client = ConnectedClient(transport, _MAX_OUTBOX)
         self._clients[client] = JSON
         self._changed.set()
         writer = asyncio.ensure_future(client.write(self._unpaused))
@@ -238,7 +238,7 @@ class ReplayedChassis:
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT)
 
-    def _receive(self, client: Client, data: str | bytes) -> None:
+    def _receive(self, client: ConnectedClient, data: str | bytes) -> None:
         codec = server_codec(data)
         envelope = codec.decode(data)
         if client in self._clients:
@@ -252,7 +252,9 @@ class ReplayedChassis:
             self._answer(client, codec, envelope, data)
         self._changed.set()
 
-    def _answer(self, client: Client, codec: Codec, envelope: Envelope, data: str | bytes) -> None:
+    def _answer(
+        self, client: ConnectedClient, codec: Codec, envelope: Envelope, data: str | bytes
+    ) -> None:
         exchange = self._playback.answers.find(envelope, data)
         if exchange is None:
             text = f"the recording has no request of type {envelope.type}"
