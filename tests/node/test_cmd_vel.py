@@ -130,13 +130,14 @@ def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arriv
     assert max(delays) > 0.3, "only after cmd_vel_timeout"
 
 
-def test_a_zero_needs_no_other(simulator, sender, twists):
+def test_a_zero_needs_no_other(simulator, agent, sender, twists):
     sender.send(x=0.3)
     simulator.wait_received(TWIST)
     sender.send()
-    simulator.wait_received(TWIST, 2)
+    wait_until(lambda: not agent.agent._gate.driving, "the answer to the zero")
+    count = len(twists())  # 3 if the watchdog of a busy machine was quicker
     threading.Event().wait(0.8)
-    assert len(twists()) == 2
+    assert len(twists()) == count
 
 
 def test_zeros_of_an_idle_sender_are_not_sent(simulator, sender, client, twists):
