@@ -56,7 +56,7 @@ def init_robot(robot: Robot, arg: Any) -> bool:
 
 def change_nav_path(robot: Robot, arg: Any) -> bool:
     # the robot is paused, so it will plan and publish the new path only when it resumes
-    stops = robot.simulator.call(lambda inner: list(inner.chassis.navigation._stops))
+    stops = robot.simulator.call(lambda inner: list(inner.chassis.ownership.navigation._stops))
     wanted = [xy for pose in arg.paths.plan_path[0].path.poses for xy in (pose.x, pose.y)]
     found = [xy for stop in stops for xy in (stop.x, stop.y)]
     return found[: len(wanted)] == pytest.approx(wanted)
