@@ -24,7 +24,7 @@ PACKAGE = "woosh_robot_agent"
 # resolved, because colcon --symlink-install runs a symlink to this file in its build folder
 ROOT = Path(__file__).resolve().parent
 PROTO_ROOT = ROOT / "proto"
-# Folder of the .proto files; they import each other by it. The modules are named without it.
+# Folder of the .proto files, and prefix of their imports. The Python modules do not have this prefix.
 PROTO_PREFIX = "woosh/proto"
 
 
@@ -46,8 +46,7 @@ def protoc():
             version = subprocess.run(
                 [*command, "--version"], capture_output=True, text=True, check=True
             ).stdout
-            # --pyi_out needs 3.20; the grpcio-tools of Debian and Ubuntu are older, their protoc
-            # is not
+            # --pyi_out needs 3.20. Debian's and Ubuntu's grpcio-tools are older; their protoc is not.
             if [int(part) for part in re.findall(r"\d+", version)[:2]] >= [3, 20]:
                 return command, version
     raise SystemExit(
@@ -69,7 +68,7 @@ def rewrite(text, package):
     """Replace the module names in generated code by those in the target package."""
     dotted = PROTO_PREFIX.replace("/", ".")
     text = re.sub(rf"^from {re.escape(dotted)}\b", f"from {package}", text, flags=re.MULTILINE)
-    # the name that generated code passes to the builder; pickle needs it
+    # the module name that generated code passes to the builder; pickle needs the new one
     return text.replace(f"'{dotted}.", f"'{package}.")
 
 
@@ -183,7 +182,7 @@ setup(
         "websockets>=10.4",
         "rich>=13.7",
         protobuf_requirement(),
-        # The simulator's: scene files, and maps that are pictures. What Ubuntu 24.04 ships will do.
+        # For the simulator's scene files and map images; the minimum versions are Ubuntu 24.04's.
         "pyyaml>=6.0",
         "numpy>=1.26",
         "scipy>=1.11",

@@ -158,7 +158,7 @@ COMMANDS = (
     _command("robot/Follow"),
     _command("robot/RobotWiFi", "woosh.robot.RobotWiFi"),
     _setting("Identity"),
-    _setting("Identity", "setting/SetIdentity"),  # the vendor's manual uses both names
+    _setting("Identity", "setting/SetIdentity"),  # the manufacturer's manual uses both names
     _setting("Server"),
     _setting("AutoCharge"),
     _setting("AutoPark"),

@@ -38,20 +38,23 @@ _LINK_PARAMETERS = (
     ),
     _link("transport", "Transport of the link: websocket or tcp."),
     _link("encoding", "Encoding of the frames: json or protobuf; tcp always uses protobuf."),
-    _link("robot_id", "Id of the robot that requests address; 0 sends no id.", 0, 2**32 - 1),
+    _link(
+        "robot_id",
+        "Id of the robot in requests, for gateways that serve several robots; 0 sends no id.",
+        0,
+        2**32 - 1,
+    ),
     _link("connect_timeout", "Timeout for opening the connection, in seconds.", 0.1, 60.0),
     _link(
         "handshake_timeout",
-        "Timeout for the first RobotInfo, after which the link is ready, in seconds.",
+        "Timeout for the first RobotInfo, with which the link becomes ready, in seconds.",
         0.1,
         60.0,
     ),
-    _link(
-        "close_timeout", "Timeout for closing the connection in good order, in seconds.", 0.1, 2.0
-    ),
+    _link("close_timeout", "Timeout for an orderly end of the connection, in seconds.", 0.1, 2.0),
     _link(
         "liveness_timeout",
-        "Time without any frame, although pings are sent, after which the link counts as lost, in "
+        "Time without a sign of life from the chassis after which the link counts as lost, in "
         "seconds.",
         0.5,
         600.0,
@@ -65,7 +68,7 @@ _LINK_PARAMETERS = (
     _link("backoff_max", "Maximum delay between attempts to reconnect, in seconds.", 0.05, 3600.0),
     _link(
         "stable_after",
-        "Time that the link must be ready before the delay falls back to backoff_min, in seconds.",
+        "Time that the link must be ready before the delay returns to backoff_min, in seconds.",
         0.0,
         3600.0,
     ),
@@ -78,7 +81,8 @@ _LINK_PARAMETERS = (
     ),
     _link(
         "push_queue",
-        "Maximum number of status codes, task reports or feedbacks that wait to be published.",
+        "Maximum number of status codes, task reports or feedbacks that wait to be published; the "
+        "oldest are dropped.",
         1,
         1_000_000,
     ),
@@ -100,7 +104,7 @@ class Settings:
         10000, "Timeout for the chassis's answer to a request, in milliseconds.", 1, 3_600_000
     )
     goal_link_timeout: float = parameter_field(
-        5.0, "Time that goals stay open while the link is lost, in seconds.", 0.0, 3600.0
+        5.0, "Time without a link after which open goals are aborted, in seconds.", 0.0, 3600.0
     )
     result_timeout: int = parameter_field(
         60,

@@ -78,7 +78,7 @@ STANDARD = (
         "sensor_msgs/BatteryState",
         Kind.LATCHED,
         "enable_battery_state",
-        "state of charge, and if the battery is charging",
+        "state of charge, and whether the battery is charging",
     ),
     StandardEndpoint("map", "nav_msgs/OccupancyGrid", Kind.LATCHED, "enable_map", "current map"),
     StandardEndpoint(

@@ -64,7 +64,7 @@ class StandardSettings:
         1e12,
     )
     scan_rate: float = _parameter(
-        10.0, "Rate of scan, and of requests to the laser for it, in Hz.", 0.1, 50.0
+        10.0, "Rate at which scans are requested and published, in Hz.", 0.1, 50.0
     )
 
     cmd_vel_stamped: bool = _parameter(
@@ -86,13 +86,13 @@ class StandardSettings:
         60.0,
     )
     cmd_vel_max_linear: float = _parameter(
-        1.0, "Maximum linear speed; cmd_vel is clamped to it, in m/s.", 0.0, 10.0
+        1.0, "Maximum linear speed, in m/s; cmd_vel is clamped to it.", 0.0, 10.0
     )
     cmd_vel_max_angular: float = _parameter(
-        1.0, "Maximum angular speed; cmd_vel is clamped to it, in rad/s.", 0.0, 10.0
+        1.0, "Maximum angular speed, in rad/s; cmd_vel is clamped to it.", 0.0, 10.0
     )
     cmd_vel_override: bool = _parameter(
-        False, "Accept cmd_vel also while a goal of another client drives the robot."
+        False, "Accept cmd_vel even while a goal or another client's task is running."
     )
 
     def __post_init__(self) -> None:
