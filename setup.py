@@ -24,7 +24,7 @@ PACKAGE = "woosh_robot_agent"
 # resolved, because colcon --symlink-install runs a symlink to this file in its build folder
 ROOT = Path(__file__).resolve().parent
 PROTO_ROOT = ROOT / "proto"
-# Folder of the .proto files, and prefix of their imports. The Python modules do not have this prefix.
+# Folder of the .proto files, and prefix of their imports. The Python modules do not have it.
 PROTO_PREFIX = "woosh/proto"
 
 
@@ -46,7 +46,7 @@ def protoc():
             version = subprocess.run(
                 [*command, "--version"], capture_output=True, text=True, check=True
             ).stdout
-            # --pyi_out needs 3.20. Debian's and Ubuntu's grpcio-tools are older; their protoc is not.
+            # --pyi_out needs 3.20. grpcio-tools of Debian and Ubuntu is older; protoc is not.
             if [int(part) for part in re.findall(r"\d+", version)[:2]] >= [3, 20]:
                 return command, version
     raise SystemExit(
