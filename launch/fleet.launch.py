@@ -21,7 +21,7 @@ DEFAULTS = {
     "params_file": str(SHARE / "config" / "agent.yaml"),
     "urdf": str(SHARE / "config" / "woosh_base.urdf"),
 }
-"""Passed for each robot, because an included file inherits arguments set for the one before."""
+"""Passed for each robot, because an included file inherits the arguments of the previous one."""
 KEYS = {"name", "ip", "namespace", "frame_prefix", *DEFAULTS}
 
 

@@ -24,7 +24,7 @@ class ParkWhenLow(Node):
         self._is_started = False
         self._tasks = ActionClient(self, ExecTask, "/woosh_robot/robot/ExecTask")
         self._tasks.wait_for_server()
-        # The robot pushes changes only. The latched topic delivers the present value.
+        # The robot pushes changes only. A transient local topic first delivers the last value.
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(Battery, "/woosh_robot/robot/Battery", self._on_battery, latched)
 
