@@ -1,4 +1,4 @@
-"""Tests of the node with a simulated robot, without mocks, sleeps and fixed ports."""
+"""Tests of the node with a simulated robot, without mocks, sleeps or fixed ports."""
 
 from collections.abc import Iterator
 
