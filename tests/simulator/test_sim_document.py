@@ -1,6 +1,6 @@
 """Every command in the interface document, in its order, waiting only for actions to end.
 
-The bodies are as a ROS client sends them: with all fields, those missing in the document empty.
+The bodies have all fields, as from a ROS client. Those that the document leaves out are empty.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def test_scenario_file_is_read(scenario: Path) -> None:
         ("- {at: 1}", "entry 1: `do` must name a fault"),
         (
             "- {at: -1, do: drop}",
-            "entry 1: drop: at: -1 is not a number from 0 in s of",
+            "entry 1: drop: at: -1 is not a number of at least 0, in s of",
         ),
         ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
         ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of drop, "),
@@ -108,9 +108,9 @@ def test_fault_option_is_parsed() -> None:
         ("delay seconds=1 seconds=2", "delay: seconds is given twice"),
         (
             "delay seconds=x",
-            "delay: seconds: 'x' is not a number from 0 to 86400 in s of",
+            "delay: seconds: 'x' is not a number from 0 to 86400, in s of",
         ),
-        ("delay count=1.5", "delay: count: '1.5' is not an integer from 0"),
+        ("delay count=1.5", "delay: count: '1.5' is not an integer of at least 0"),
         ("delay what=1", "delay has no argument 'what'; its arguments are: seconds, "),
     ],
 )

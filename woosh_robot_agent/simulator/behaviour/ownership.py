@@ -8,7 +8,7 @@ All requests that start or resume a job go through `Ownership`. Its rules:
 - A new action replaces an action that runs or is paused on the same device. It is refused while a
   task owns the device.
 - A task or action that is resumed takes its device back, unless another job owns it by then.
-- An automatic task makes way for every command of a client that needs the wheels or its device.
+- Every command of a client that needs the wheels or the task's device cancels an automatic task.
 - Remote control and following are refused while a task or action drives, and end each other. Each
   task or action that drives ends both.
 - A velocity of zero stops everything that drives. Tasks and actions are paused.

@@ -80,7 +80,7 @@ class Tasks:
 
     @property
     def automatic(self) -> bool:
-        """True if there is a task that the robot has given to itself."""
+        """True if the current task is an automatic one."""
         return self.active and self._automatic
 
     @property
@@ -156,7 +156,7 @@ class Tasks:
         self._rest_of_set.clear()
 
     def cancel_automatic(self, reason: str) -> None:
-        """Cancel the task if the robot has given it to itself."""
+        """Cancel the task if it is an automatic one."""
         if self.automatic:
             self.cancel(reason)
 

@@ -6,12 +6,12 @@
     start: {map: ground, pose: [1.0, 2.0, 0.0]}  # initial pose of the robot
     maps:
       - name: ground
-        id: 7                       # default: its place in the list, from 0
+        id: 7                       # default: its index in the list, from 0
         floor: 1F
         version: 3                  # default: 1
         image: ground.yaml          # a map of map_server, with its PNG or PGM beside it
         area: [-5, -5, 20, 15]      # two corners of the mapped area; default: around everything
-        walls:                      # each a line through these corners: x and y of each
+        walls:                      # polylines: x and y of each corner
           - [0, 0, 0, 5, 5, 5]
         marks:
           - {number: A1, type: rack, pose: [4.0, 1.0, 1.57], description: by the door}
@@ -23,7 +23,7 @@
 
 Lengths are in metres, angles in radians, poses are [x, y, theta]. A map needs an image or walls and
 can have both. The type of a mark is one of `MarkKind` in lower case (default: base). Its `id` is by
-default its place in the list, from 1. The type of a step is pick (default), parking, charge or
+default its index in the list, from 1. The type of a step is pick (default), parking, charge or
 carry; its direction is feeding or cutting. With `wait` the robot then waits for this time in
 seconds, or with -1 until a client tells it to continue.
 
@@ -61,7 +61,7 @@ _MAX_WALLS = 1000
 _MAX_TASKS = 200
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_PIXELS = 32 * 1024 * 1024
-"""Limit for all pictures of a scene together. Reading them blocks everything else."""
+"""Limit for all pictures of a scene together. Reading them blocks the simulator."""
 
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""

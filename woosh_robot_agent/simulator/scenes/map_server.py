@@ -17,7 +17,7 @@ from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError
 from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, UNKNOWN, Grid
 
 _MAX_PIXELS = 4096 * 4096
-"""200 x 200 m in cells of 5 cm. The distance fields of such a map take some seconds."""
+"""Cells of 5 cm for 200 x 200 m. Computing the distance fields then takes some seconds."""
 
 _MODES = ("trinary", "scale", "raw")
 

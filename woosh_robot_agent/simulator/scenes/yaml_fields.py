@@ -186,7 +186,7 @@ def parse(name: str, data: bytes) -> Node:
         for event in yaml.parse(data, _Loader):
             depth += isinstance(event, yaml.events.CollectionStartEvent)
             depth -= isinstance(event, yaml.events.CollectionEndEvent)
-            if depth > _MAX_DEPTH:  # the C loader crashes at some thousands
+            if depth > _MAX_DEPTH:  # the C loader crashes at a depth of some thousands
                 raise SceneError(f"{name}: nested more than {_MAX_DEPTH} levels deep")
         return Node(yaml.load(data, _Loader), name)
     except SceneError:

@@ -20,7 +20,7 @@ _MIN_CLEARANCE = 1e-3
 """Clearance that even a start close to a wall needs, in metres."""
 
 _DEFAULT_BUDGET = 300_000
-"""About a second of computation, enough to search 100 x 100 m."""
+"""Default units of a budget: about a second of computation, enough to search 100 x 100 m."""
 
 _LINE_COST, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
 """Cost of a line-of-sight check: the base cost, and the walls and grid points per further unit."""
@@ -37,7 +37,7 @@ class SearchBudgetError(Exception):
 
 
 class SearchBudget:
-    """Limit of the computation for one path. The simulator does nothing else meanwhile.
+    """Limit of the computation for one path, which blocks the simulator.
 
     Args:
         units: Units to spend. The search of one place costs one unit, some microseconds.
@@ -223,7 +223,7 @@ class Planner:
 
         if not (self._map.contains(*goal) and free(goal, goal, self._radius)):
             return None
-        # A robot that was driven closer to a wall than `radius` may leave from there.
+        # A robot that is closer to a wall than `radius` may still leave its place.
         start_clearance = self._start_clearance(start, walls)
         if start_clearance < _MIN_CLEARANCE:
             return None
@@ -271,7 +271,7 @@ class Planner:
         left, right = min(start[0], end[0]) - radius, max(start[0], end[0]) + radius
         bottom, top = min(start[1], end[1]) - radius, max(start[1], end[1]) + radius
         for wall in walls:
-            # Most walls are far away, which the comparison of coordinates tells quickly.
+            # Compare coordinates first: this excludes most walls quickly.
             if (
                 (wall.x1 > left or wall.x2 > left)
                 and (wall.x1 < right or wall.x2 < right)
