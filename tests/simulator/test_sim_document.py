@@ -124,10 +124,10 @@ def test_all_services_twice_then_all_actions_succeed(
 def _fast_forward(simulator: SimulatorThread) -> None:
     """Speed up the simulation for the part of the test that only waits for motion."""
 
-    def hurry(simulated: Any) -> None:
+    def speed_up(simulated: Any) -> None:
         simulated.speed = 100.0
 
-    simulator.call(hurry)
+    simulator.call(speed_up)
 
 
 def _run_actions(simulator: SimulatorThread, client: JsonClient) -> None:

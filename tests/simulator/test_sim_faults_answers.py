@@ -28,9 +28,8 @@ def test_refuse_answers_with_its_text(
 ) -> None:
     everything = simulator.inject("refuse", text="out of order")
     simulator.inject("refuse", type=OCCUPY, text="今天不行", count=1)
-    assert (
-        client.refusal(OCCUPY, {"occupy": True}) == "今天不行"
-    )  # the newest fault, which counts once
+    # The newest fault takes precedence, and ends after one request.
+    assert client.refusal(OCCUPY, {"occupy": True}) == "今天不行"
     assert client.refusal(OCCUPY, {"occupy": True}) == "out of order"
     answer = tcp.request(MODE)
     assert (answer.ok, answer.msg, answer.type) == (False, "out of order", MODE)

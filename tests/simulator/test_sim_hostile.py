@@ -63,7 +63,7 @@ def test_deeply_nested_groups_close_no_connection(
     assert simulator.connections == 1
 
 
-def test_client_that_does_not_read_is_dropped_by_its_unread_bytes(
+def test_client_with_too_many_unread_bytes_is_dropped(
     simulator: SimulatorThread, tcp: TcpClient
 ) -> None:
     """The limit counts bytes as well as frames, because a few frames can be large."""

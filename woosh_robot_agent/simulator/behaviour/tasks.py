@@ -31,7 +31,7 @@ class TaskOrder:
         type: Type of the task.
         dest: Number of the target mark, empty if the target is not a mark.
         jobs: Jobs of the task, in order.
-        automatic: The robot has given the task to itself.
+        automatic: The robot has started the task by itself.
     """
 
     id: int
@@ -93,7 +93,7 @@ class Tasks:
         """Device that the current job needs, or the one that failed."""
         return self._jobs[0].device
 
-    def uses(self, device: Device) -> bool:
+    def owns(self, device: Device) -> bool:
         """Return True if the task owns `device`. A paused task owns nothing."""
         job = self.job
         return job is not None and not self.paused and job.device is device

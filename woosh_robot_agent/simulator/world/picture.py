@@ -48,7 +48,7 @@ class Picture:
 
 @lru_cache(maxsize=32)
 def draw(area: Map) -> Picture:
-    """Return the picture of a map with its walls, drawn once."""
+    """Return the picture of a map with its walls, from a cache."""
     if area.grid:
         cells, resolution, low = area.grid.cells.copy(), area.grid.resolution, area.grid.low
     else:

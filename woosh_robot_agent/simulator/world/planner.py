@@ -58,9 +58,10 @@ class SearchBudget:
 
 
 class Lattice:
-    """The places of a map that a search visits, in rows from the lower left corner on.
+    """The regular places on a map that a search visits.
 
-    They are numbered row by row. A border of blocked places keeps the search inside.
+    They are numbered row by row, from the lower left corner. A border of blocked places keeps the
+    search inside.
     """
 
     def __init__(self, area: Map) -> None:
@@ -133,7 +134,7 @@ class Lattice:
         goal_column = (goal[0] - self._low[0]) / _SPACING + 0.5
         goal_row = (goal[1] - self._low[1]) / _SPACING + 0.5
 
-        def to_go(place: int) -> float:
+        def heuristic(place: int) -> float:
             """Return the length of the shortest path of straight and diagonal steps."""
             row, column = divmod(place, width)
             along, across = abs(goal_column - column), abs(goal_row - row)
@@ -142,7 +143,7 @@ class Lattice:
             return _SPACING * (along + _DIAGONAL_EXTRA * across)
 
         costs = dict(first)
-        frontier = [(cost + to_go(place), cost, place) for place, cost in first.items()]
+        frontier = [(cost + heuristic(place), cost, place) for place, cost in first.items()]
         heapq.heapify(frontier)
         came_from: dict[int, int] = {}
         while frontier:
@@ -163,7 +164,7 @@ class Lattice:
                 if new_cost < costs.get(other, math.inf):
                     costs[other] = new_cost
                     came_from[other] = place
-                    heapq.heappush(frontier, (new_cost + to_go(other), new_cost, other))
+                    heapq.heappush(frontier, (new_cost + heuristic(other), new_cost, other))
         return None
 
     def centre(self, place: int) -> Point:
