@@ -33,5 +33,5 @@ def tcp(simulator: SimulatorThread) -> Iterator[TcpClient]:
 
 @pytest.fixture(scope="session")
 def endpoints() -> Any:
-    # Not resolved: the tests may be looked at through a link.
+    # Without resolve(): the folder of the tests may be a symbolic link.
     return yaml.safe_load((Path(__file__).parents[1] / "facts" / "endpoints.yaml").read_text())

@@ -1,4 +1,4 @@
-"""Waiting for what no frame announces."""
+"""Waiting for conditions that no frame announces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.simulator.sim_wire import TIMEOUT
 
 
 def wait_until(condition: Callable[[], Any], what: str = "") -> Any:
-    """Wait for a condition; returns what it gave."""
+    """Wait until a condition is true and return its value."""
     deadline = time.monotonic() + TIMEOUT
     while not (value := condition()):
         assert time.monotonic() < deadline, f"timed out waiting for {what or condition}"

@@ -1,4 +1,7 @@
-"""Small clients of the chassis link, written from its description and not from our link's code."""
+"""Small clients of the chassis.
+
+They are written from the protocol's description, independently of `woosh_robot_agent.link`.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +26,13 @@ Json = dict[str, Any]
 
 
 class JsonClient:
-    """JSON text frames over a WebSocket, called from ordinary code."""
+    """Blocking client for JSON text frames over a WebSocket."""
 
     def __init__(self, port: int) -> None:
         self._loop = asyncio.new_event_loop()
         self._sn = 0
         self.pushes: deque[Json] = deque()
-        self.socket: Any = self._await(_connected(f"ws://127.0.0.1:{port}"))
+        self.socket: Any = self._await(_connect(f"ws://127.0.0.1:{port}"))
 
     def close(self) -> None:
         self._await(self.socket.close())
@@ -44,7 +47,7 @@ class JsonClient:
         return frame
 
     def request(self, type_name: str, body: Json | None = None) -> Json:
-        """The whole answer; pushes that come first are kept in `pushes`."""
+        """Return the whole answer. Pushes that arrive before it are kept in `pushes`."""
         self._sn += 1
         self.send({"type": type_name, "body": body or {}, "sn": self._sn})
         while True:
@@ -54,14 +57,14 @@ class JsonClient:
             self.pushes.append(frame)
 
     def ask(self, type_name: str, body: Json | None = None) -> Json:
-        """The body of an answer that must be ok."""
+        """Return the body of the answer, which must be ok."""
         answer = self.request(type_name, body)
         assert answer["ok"] is True, answer
         found: Json = answer["body"]
         return found
 
-    def refused(self, type_name: str, body: Json | None = None) -> str:
-        """The text of an answer that must not be ok."""
+    def refusal(self, type_name: str, body: Json | None = None) -> str:
+        """Return the text of the answer, which must not be ok."""
         answer = self.request(type_name, body)
         assert answer["ok"] is False, answer
         assert answer["body"] == {}
@@ -69,22 +72,24 @@ class JsonClient:
         return text
 
     def subscribe(self, *topics: str, sub: bool = True) -> None:
-        """Subscribe, and return when the chassis knows."""
+        """Subscribe, and return once the chassis has processed it."""
         self.send({"type": "woosh.Subscription", "body": {"topics": list(topics), "sub": sub}})
         self.ask("woosh.robot.Mode")
 
-    def push(self, type_name: str, fits: Callable[[Json], bool] = lambda body: True) -> Json:
-        """The body of the next push of a type that fits; what comes before it is dropped."""
+    def next_push(
+        self, type_name: str, matches: Callable[[Json], bool] = lambda body: True
+    ) -> Json:
+        """Return the body of the next matching push. Earlier frames are dropped."""
         deadline = time.monotonic() + TIMEOUT
         while True:
             frame = self.pushes.popleft() if self.pushes else self.receive()
-            if frame["type"] == type_name and fits(frame["body"]):
+            if frame["type"] == type_name and matches(frame["body"]):
                 body: Json = frame["body"]
                 return body
-            assert time.monotonic() < deadline, f"no {type_name} that fits"
+            assert time.monotonic() < deadline, f"no {type_name} that matches"
 
-    def taken(self, type_name: str) -> list[Json]:
-        """The bodies of all pushes of a type that came until now."""
+    def take_pushes(self, type_name: str) -> list[Json]:
+        """Return the bodies of all pushes of a type so far. The other pushes are dropped."""
         self.ask("woosh.robot.Mode")
         found = [frame["body"] for frame in self.pushes if frame["type"] == type_name]
         self.pushes.clear()
@@ -97,13 +102,13 @@ class JsonClient:
         return self._loop.run_until_complete(bounded())
 
 
-async def _connected(address: str) -> Any:
-    # Frames that nobody takes must not hold up the closing.
+async def _connect(address: str) -> Any:
+    # Unread frames must not delay closing.
     return await websockets.connect(address, max_size=None, max_queue=None, ping_interval=None)
 
 
 def pass_time(simulator: SimulatorThread, seconds: float) -> None:
-    """Return when so many simulated seconds have passed."""
+    """Return once `seconds` of simulated time have passed."""
     until = simulator.state.elapsed + seconds
     deadline = time.monotonic() + TIMEOUT
     while simulator.state.elapsed < until:
@@ -112,7 +117,7 @@ def pass_time(simulator: SimulatorThread, seconds: float) -> None:
 
 
 def packed(type_name: str, body: Message | None = None, sn: int = 0) -> bytes:
-    """The binary form of a frame."""
+    """Return a protobuf frame."""
     pack = MessagePackJson(type=type_name, sn=sn)
     if body is not None:
         pack.body.Pack(body)
@@ -124,14 +129,14 @@ def subscription(*topics: str) -> bytes:
 
 
 def body_of(pack: MessagePackJson) -> Any:
-    """The message in a binary frame, of the type that the frame names."""
+    """Return the body of a protobuf frame, of the type named by the frame."""
     message = message_type(pack.type)()
     assert pack.body.Unpack(message)
     return message
 
 
 class TcpClient:
-    """Frames delimited by a varint, over plain TCP."""
+    """Blocking client for protobuf frames over TCP, each with its length as a varint."""
 
     def __init__(self, port: int) -> None:
         self._socket = socket.create_connection(("127.0.0.1", port), TIMEOUT)
@@ -153,7 +158,7 @@ class TcpClient:
         return MessagePackJson.FromString(self.receive_bytes())
 
     def receive_bytes(self) -> bytes:
-        """The next frame as it is."""
+        """Return the next frame undecoded."""
         length = shift = 0
         while True:
             byte = self._file.read(1)

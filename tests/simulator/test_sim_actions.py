@@ -20,21 +20,21 @@ def _subscribed(client: JsonClient) -> None:
     client.subscribe(FEEDBACKS)
 
 
-def feedback(client: JsonClient) -> Json:
-    (one,) = client.push(FEEDBACKS)["fbs"]
+def next_feedback(client: JsonClient) -> Json:
+    (one,) = client.next_push(FEEDBACKS)["fbs"]
     found: Json = one
     return found
 
 
-def life(client: JsonClient) -> list[Json]:
-    """All feedback up to the end of an action."""
-    found = [feedback(client)]
+def feedback_until_end(client: JsonClient) -> list[Json]:
+    """Return all feedback up to the end of an action."""
+    found = [next_feedback(client)]
     while found[-1]["state"] not in TERMINAL:
-        found.append(feedback(client))
+        found.append(next_feedback(client))
     return found
 
 
-def step(mode: int, value: float, **more: float) -> Json:
+def step_request(mode: int, value: float, **more: float) -> Json:
     return {"stepControl": {"action": 1, "steps": [{"mode": mode, "value": value, **more}]}}
 
 
@@ -50,7 +50,7 @@ def step(mode: int, value: float, **more: float) -> Json:
         (1, 0.0, 0.0, (0.0, 0.0, 0.0)),
     ],
 )
-def test_steps(
+def test_step_moves_the_base_by_its_value(
     simulator: SimulatorThread,
     client: JsonClient,
     mode: int,
@@ -59,8 +59,8 @@ def test_steps(
     expected: tuple[float, float, float],
 ) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    client.ask(CALL, step(mode, value, speed=0.78, angle=angle))
-    reports = life(client)
+    client.ask(CALL, step_request(mode, value, speed=0.78, angle=angle))
+    reports = feedback_until_end(client)
     assert {each["action"] for each in reports} == {"woosh.ros.action.StepControl"}
     assert [each["state"] for each in reports[:-1]] == [EXECUTING] * (len(reports) - 1)
     assert reports[-1]["state"] == SUCCESS
@@ -68,11 +68,11 @@ def test_steps(
     assert (pose.x - 3, pose.y, pose.theta) == pytest.approx(expected, abs=1e-5)
 
 
-def test_several_steps(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_steps_run_one_after_another(simulator: SimulatorThread, client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
     square = [{"mode": 1, "value": 1}, {"mode": 2, "value": math.pi / 2}] * 4
     client.ask(CALL, {"stepControl": {"action": 1, "steps": square}})
-    assert life(client)[-1]["state"] == SUCCESS
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
     pose = simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 0, 0), abs=1e-4)
     assert simulator.state.odometer == pytest.approx(1208.0, abs=1e-3)
@@ -80,144 +80,150 @@ def test_several_steps(simulator: SimulatorThread, client: JsonClient) -> None:
 
 def test_step_fails_at_a_wall(client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 10, "y": 5, "theta": 0}})
-    client.ask(CALL, step(1, 5.0))
-    end = life(client)[-1]
+    client.ask(CALL, step_request(1, 5.0))
+    end = feedback_until_end(client)[-1]
     assert end["state"] == FAILURE
     assert "obstacle" in end["msg"]
 
 
-def test_lifts(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_lift_actions_reach_their_heights(simulator: SimulatorThread, client: JsonClient) -> None:
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    assert life(client)[-1]["state"] == SUCCESS
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
     assert simulator.state.jack == pytest.approx(0.06)
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 2}})
-    assert life(client)[-1]["state"] == SUCCESS
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
     assert simulator.state.jack == 0.0
     for mode, height, there in ((1, 0.5, 0.5), (2, 0.2, 0.7), (2, -0.1, 0.6), (3, 0, 0), (4, 0, 0)):
         lift3 = {"action": 1, "executeMode": mode, "speed": 0.2, "height": height}
         client.ask(CALL, {"liftControl3": lift3})
-        end = life(client)[-1]
+        end = feedback_until_end(client)[-1]
         assert (end["action"], end["state"]) == ("woosh.ros.action.LiftControl3", SUCCESS)
         assert simulator.state.column == pytest.approx(there, abs=1e-6)
     client.ask(CALL, {"liftControl2": {"action": 1, "height": 0.4}})
-    life(client)
+    feedback_until_end(client)
     client.ask(CALL, {"liftControl3": {"action": 1, "executeMode": 0}})
-    assert life(client)[-1]["msg"] == "at 0.400 m"
+    assert feedback_until_end(client)[-1]["msg"] == "at 0.400 m"
 
 
-def test_move_base(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_move_base_reaches_its_target(simulator: SimulatorThread, client: JsonClient) -> None:
     target = {"x": 0.57, "y": 2.54, "theta": 1.57}
     client.ask(CALL, {"moveBase": {"action": 1, "poses": [target], "targetPose": target}})
-    reports = life(client)
+    reports = feedback_until_end(client)
     assert reports[-1]["state"] == SUCCESS
     assert len(reports) > 3
     pose = simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((0.57, 2.54, 1.57), abs=0.005)
 
 
-def test_move_base_with_poses_and_an_empty_target(
+def test_move_base_without_target_ends_at_the_last_pose(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     poses = [{"x": 3, "y": -2}, {"x": 2, "y": 1, "theta": 1}]
     move = {"action": 1, "poses": poses, "targetPose": {}, "executionMode": 1}
     client.ask(CALL, {"moveBase": move})
-    assert life(client)[-1]["state"] == SUCCESS
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
     pose = simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((2, 1, 1), abs=0.005)
 
 
-def test_cancel_pause_resume(simulator: SimulatorThread, client: JsonClient) -> None:
-    client.ask(CALL, step(1, 3.0, speed=0.1))
-    assert feedback(client)["state"] == EXECUTING
+def test_action_can_be_paused_resumed_and_cancelled(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask(CALL, step_request(1, 3.0, speed=0.1))
+    assert next_feedback(client)["state"] == EXECUTING
     client.ask(CALL, {"stepControl": {"action": 2}})
-    while (report := feedback(client))["state"] == EXECUTING:
+    while (report := next_feedback(client))["state"] == EXECUTING:
         pass
     assert report["state"] == PAUSE
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
     client.ask(CALL, {"stepControl": {"action": 3}})
-    assert feedback(client)["state"] == EXECUTING
+    assert next_feedback(client)["state"] == EXECUTING
     client.ask(CALL, {"stepControl": {"action": 0}})
-    assert life(client)[-1]["state"] == CANCEL
+    assert feedback_until_end(client)[-1]["state"] == CANCEL
     for action, word in ((0, "not running"), (2, "not running"), (3, "not running")):
-        assert word in client.refused(CALL, {"stepControl": {"action": action}})
+        assert word in client.refusal(CALL, {"stepControl": {"action": action}})
 
 
-def test_paused_step_goes_its_whole_way(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_resumed_step_covers_its_full_distance(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    client.ask(CALL, step(1, 2.0))
-    feedback(client)
+    client.ask(CALL, step_request(1, 2.0))
+    next_feedback(client)
     client.ask(CALL, {"stepControl": {"action": 2}})
     client.ask(CALL, {"stepControl": {"action": 3}})
-    assert life(client)[-1]["state"] == SUCCESS
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
     assert simulator.state.pose.x == pytest.approx(5.0, abs=1e-5)
 
 
 def test_newer_action_replaces_the_older_one(client: JsonClient) -> None:
-    client.ask(CALL, step(1, 3.0, speed=0.1))
-    assert feedback(client)["state"] == EXECUTING
+    client.ask(CALL, step_request(1, 3.0, speed=0.1))
+    assert next_feedback(client)["state"] == EXECUTING
     client.pushes.clear()
-    client.ask(CALL, step(2, 0.2))
-    # Said before the answer.
+    client.ask(CALL, step_request(2, 0.2))
+    # The cancellation is pushed before the answer.
     ends = [frame["body"]["fbs"][0] for frame in client.pushes if frame["type"] == FEEDBACKS]
     assert ends[-1]["state"] == CANCEL
     assert "replaced" in ends[-1]["msg"]
     client.pushes.clear()
-    assert [each["state"] for each in life(client)][-1] == SUCCESS
+    assert [each["state"] for each in feedback_until_end(client)][-1] == SUCCESS
 
 
-def test_another_motion_replaces_too_but_a_lift_does_not(client: JsonClient) -> None:
-    client.ask(CALL, step(1, 3.0, speed=0.1))
+def test_move_base_replaces_a_step_but_a_lift_does_not(client: JsonClient) -> None:
+    client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     ended = {}
     while len(ended) < 1:
-        one = feedback(client)
+        one = next_feedback(client)
         if one["state"] in TERMINAL:
             ended[one["action"]] = one["state"]
     assert ended == {"woosh.ros.action.LiftControl": SUCCESS}
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}})
-    while (one := feedback(client))["state"] not in TERMINAL:
+    while (one := next_feedback(client))["state"] not in TERMINAL:
         pass
     assert (one["action"], one["state"]) == ("woosh.ros.action.StepControl", CANCEL)
 
 
-def test_task_takes_the_wheels_and_keeps_them(client: JsonClient) -> None:
+def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
-    client.ask(CALL, step(1, 3.0, speed=0.1))
+    client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask("woosh.robot.ExecTask", {"taskId": 4, "type": 1, "markNo": "A23"})
-    while (one := feedback(client))["state"] not in TERMINAL:
+    while (one := next_feedback(client))["state"] not in TERMINAL:
         pass
     assert one["state"] == CANCEL
-    assert "task 4 is running" in client.refused(CALL, step(1, 1.0))
+    assert "task 4 is running" in client.refusal(CALL, step_request(1, 1.0))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    # A paused task lets go of the wheels, and takes them back only when they are free.
+    # A paused task releases the wheels, and can continue only when they are free.
     client.ask("woosh.robot.ActionOrder", {"order": 2})
-    client.ask(CALL, step(1, 3.0, speed=0.1))
-    assert "StepControl is running" in client.refused("woosh.robot.ActionOrder", {"order": 3})
+    client.ask(CALL, step_request(1, 3.0, speed=0.1))
+    assert "StepControl is running" in client.refusal("woosh.robot.ActionOrder", {"order": 3})
     client.ask(CALL, {"stepControl": {"action": 0}})
     client.ask("woosh.robot.ActionOrder", {"order": 3})
 
 
 def test_emergency_stop_ends_actions(simulator: SimulatorThread, client: JsonClient) -> None:
-    client.ask(CALL, step(1, 3.0, speed=0.1))
-    assert feedback(client)["state"] == EXECUTING
+    client.ask(CALL, step_request(1, 3.0, speed=0.1))
+    assert next_feedback(client)["state"] == EXECUTING
     simulator.set_emergency_stop(True)
-    end = life(client)[-1]
+    end = feedback_until_end(client)[-1]
     assert (end["state"], end["msg"]) == (EXECUTE_FAILED, "emergency stop is pressed")
     assert simulator.state.velocity.speed == 0.0
 
 
-def test_last_feedback_can_be_asked_for(client: JsonClient) -> None:
+def test_feedbacks_request_returns_the_last_state_of_each_action(client: JsonClient) -> None:
     assert client.ask(FEEDBACKS) == {"fbs": []}
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    client.ask(CALL, step(2, 0.1))
+    client.ask(CALL, step_request(2, 0.1))
     ended = 0
     while ended < 2:
-        ended += feedback(client)["state"] in TERMINAL
+        ended += next_feedback(client)["state"] in TERMINAL
     last = {each["action"]: each["state"] for each in client.ask(FEEDBACKS)["fbs"]}
     assert last == {"woosh.ros.action.LiftControl": 1, "woosh.ros.action.StepControl": 1}
 
 
-def test_charge_control(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_charge_control_starts_and_stops_charging(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
     client.ask(CALL, {"chargeControl": {"action": 1, "executeMode": 1}})
     while client.ask("woosh.robot.Battery")["chargeState"] != 3:
@@ -228,7 +234,7 @@ def test_charge_control(simulator: SimulatorThread, client: JsonClient) -> None:
     assert client.ask("woosh.robot.RobotState")["state"] == 2
 
 
-def test_navigation_mode_action(client: JsonClient) -> None:
+def test_nav_mode_action_limits_the_speed(client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": 8}}})
     client.ask(CALL, {"navMode": {"mode": 1, "maxSpeed": 0.25}})
@@ -242,7 +248,7 @@ def test_navigation_mode_action(client: JsonClient) -> None:
     assert max(speeds) == pytest.approx(0.25)
 
 
-def test_requests_about_the_way_mean_the_one_that_drives(client: JsonClient) -> None:
+def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
 
@@ -254,7 +260,7 @@ def test_requests_about_the_way_mean_the_one_that_drives(client: JsonClient) -> 
     target = {"x": 3.0, "y": -5.0, "theta": 0.0}
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": target}})
     assert goal() == target
-    client.push(FEEDBACKS)
+    client.next_push(FEEDBACKS)
     via = [{"x": 3.0, "y": -4.0, "theta": 0.0}]
     client.ask("woosh.robot.ChangeNavPath", {"paths": {"planPath": [{"path": {"poses": via}}]}})
     path = client.ask("woosh.robot.NavPath")["path"]["poses"]
@@ -262,22 +268,20 @@ def test_requests_about_the_way_mean_the_one_that_drives(client: JsonClient) -> 
     assert (3.0, -4.0) in [(pose["x"], pose["y"]) for pose in path]
     client.ask(CALL, {"moveBase": {"action": 0}})
     assert goal() == paused
-    client.ask(CALL, step(2, 3.0))
+    client.ask(CALL, step_request(2, 3.0))
     assert goal() is None
 
 
-def test_a_velocity_of_zero_stops_an_action_too(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.ask(CALL, step(1, 3.0, speed=0.5))
+def test_zero_twist_pauses_a_moving_action(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.ask(CALL, step_request(1, 3.0, speed=0.5))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     answer = client.request("woosh.robot.Twist")
     assert answer["msg"] == "stopped: StepControl is paused, continue or cancel it"
     assert simulator.state.velocity.speed == 0.0
     states: dict[str, int] = {}
     while states.get("woosh.ros.action.LiftControl") != SUCCESS:
-        one = feedback(client)
+        one = next_feedback(client)
         states[one["action"]] = one["state"]
     assert states["woosh.ros.action.StepControl"] == PAUSE
     client.ask(CALL, {"stepControl": {"action": 3}})
-    assert life(client)[-1]["state"] == SUCCESS
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS

@@ -1,4 +1,4 @@
-"""What the chassis does of its own accord: charging, and parking."""
+"""Automatic charging and parking."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, COMPLETED, CANCELED = 1, 2, 3, 7, 8
 PARKING, CHARGE = 2, 3
-CHARGE_AFTER_S, PARK_AFTER_S = 10.0, 30.0
+CHARGE_AFTER, PARK_AFTER = 10.0, 30.0  # simulated seconds
 
 
 @pytest.fixture
@@ -22,8 +22,8 @@ def simulator() -> Iterator[SimulatorThread]:
         tcp_port=0,
         speed=50,
         seed=1,
-        charge_after=CHARGE_AFTER_S,
-        park_after=PARK_AFTER_S,
+        charge_after=CHARGE_AFTER,
+        park_after=PARK_AFTER,
     )
     with SimulatorThread(config) as simulator:
         yield simulator
@@ -34,48 +34,48 @@ def _subscribed(client: JsonClient) -> None:
     client.subscribe(PROC)
 
 
-def drain(simulator: SimulatorThread, level: float = 15.0) -> None:
+def set_battery(simulator: SimulatorThread, level: float = 15.0) -> None:
     simulator.call(lambda s: setattr(s.chassis.battery, "level", level))
 
 
-def begun(client: JsonClient) -> Json:
-    return client.push(PROC, lambda body: body["state"] == EXECUTING)
+def next_started_task(client: JsonClient) -> Json:
+    return client.next_push(PROC, lambda body: body["state"] == EXECUTING)
 
 
-def test_it_charges_when_the_battery_is_low_and_parks_afterwards(
+def test_robot_charges_when_the_battery_is_low_then_parks(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     levels = {"alarm": 5, "low": 20, "idle": 20, "full": 21}
     client.ask("woosh.robot.setting.Power", levels)
-    drain(simulator, 19.6)
-    reports = [client.push(PROC)]
+    set_battery(simulator, 19.6)
+    reports = [client.next_push(PROC)]
     while reports[-1]["state"] != COMPLETED:
-        reports.append(client.push(PROC))
+        reports.append(client.next_push(PROC))
     assert {(each["type"], each["dest"]) for each in reports} == {(CHARGE, "C1")}
     assert [each["state"] for each in reports][:3] == [INIT, READY, EXECUTING]
     assert client.ask("woosh.robot.Battery")["power"] == 21
-    parking = begun(client)
+    parking = next_started_task(client)
     assert (parking["type"], parking["dest"]) == (PARKING, "P1")
     assert client.ask("woosh.robot.RobotState")["state"] == 3
-    assert client.push(PROC, lambda body: body["state"] == COMPLETED)
+    assert client.next_push(PROC, lambda body: body["state"] == COMPLETED)
     assert simulator.state.pose.distance((10.5, -8.5)) < 0.01
-    # There it stays.
-    pass_time(simulator, 3 * PARK_AFTER_S)
-    assert client.taken(PROC) == []
+    # It stays there.
+    pass_time(simulator, 3 * PARK_AFTER)
+    assert client.take_pushes(PROC) == []
 
 
-def test_it_stays_where_it_is_unless_that_is_allowed(
+def test_no_automatic_task_starts_unless_it_is_allowed(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     client.ask("woosh.robot.setting.AutoCharge", {"allow": False})
     client.ask("woosh.robot.setting.AutoPark", {"allow": False})
-    drain(simulator)
-    pass_time(simulator, 3 * PARK_AFTER_S)
-    assert client.taken(PROC) == []
+    set_battery(simulator)
+    pass_time(simulator, 3 * PARK_AFTER)
+    assert client.take_pushes(PROC) == []
     client.ask("woosh.robot.setting.AutoCharge", {"allow": True})
-    assert begun(client)["type"] == CHARGE
+    assert next_started_task(client)["type"] == CHARGE
     client.ask("woosh.robot.setting.AutoCharge", {"allow": False})
-    end = client.push(PROC)
+    end = client.next_push(PROC)
     assert (end["state"], end["msg"]) == (CANCELED, "automatic charging is no longer allowed")
 
 
@@ -91,47 +91,53 @@ def test_it_stays_where_it_is_unless_that_is_allowed(
         (("woosh.robot.Follow", {"type": True}), ("woosh.robot.Follow", {})),
     ],
 )
-def test_it_leaves_a_robot_alone_that_somebody_uses(
+def test_no_automatic_task_starts_while_the_robot_is_in_use(
     simulator: SimulatorThread,
     client: JsonClient,
     busy: tuple[str, Json],
     idle: tuple[str, Json],
 ) -> None:
     client.ask(*busy)
-    drain(simulator)
-    pass_time(simulator, 3 * PARK_AFTER_S)
-    assert client.taken(PROC) == []
+    set_battery(simulator)
+    pass_time(simulator, 3 * PARK_AFTER)
+    assert client.take_pushes(PROC) == []
     client.ask(*idle)
-    assert begun(client)["type"] == CHARGE
+    assert next_started_task(client)["type"] == CHARGE
 
 
-def test_it_leaves_a_paused_task_alone(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_no_automatic_task_replaces_a_paused_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
-    client.taken(PROC)
-    drain(simulator)
-    pass_time(simulator, 3 * PARK_AFTER_S)
-    assert client.taken(PROC) == []
+    client.take_pushes(PROC)
+    set_battery(simulator)
+    pass_time(simulator, 3 * PARK_AFTER)
+    assert client.take_pushes(PROC) == []
 
 
-def test_commands_put_it_off(simulator: SimulatorThread, client: JsonClient) -> None:
-    # Slowly: a command has to come in time, and a second is long enough even for a busy machine.
+def test_velocity_commands_postpone_automatic_tasks(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    # Slow, so that even a busy machine sends the next command before the delay ends.
     simulator.call(lambda s: setattr(s, "speed", 4.0))
-    drain(simulator)
+    set_battery(simulator)
     since = simulator.state.elapsed
-    while simulator.state.elapsed < since + 1.5 * CHARGE_AFTER_S:
-        client.ask("woosh.robot.Twist")  # as a joystick does that nobody touches
-    assert client.taken(PROC) == []
+    while simulator.state.elapsed < since + 1.5 * CHARGE_AFTER:
+        client.ask("woosh.robot.Twist")  # an untouched joystick sends zeros too
+    assert client.take_pushes(PROC) == []
 
 
-def test_a_task_of_a_client_replaces_it(simulator: SimulatorThread, client: JsonClient) -> None:
-    drain(simulator)
-    errand = begun(client)
+def test_client_task_replaces_an_automatic_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    set_battery(simulator)
+    charging = next_started_task(client)
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "markNo": "A2"})
-    end = client.push(PROC)
-    assert (end["robotTaskId"], end["state"]) == (errand["robotTaskId"], CANCELED)
+    end = client.next_push(PROC)
+    assert (end["robotTaskId"], end["state"]) == (charging["robotTaskId"], CANCELED)
     assert end["msg"] == "replaced by task 5"
-    assert client.push(PROC, lambda body: body["state"] == COMPLETED)["robotTaskId"] == "5"
+    assert client.next_push(PROC, lambda body: body["state"] == COMPLETED)["robotTaskId"] == "5"
 
 
 @pytest.mark.parametrize(
@@ -146,44 +152,48 @@ def test_a_task_of_a_client_replaces_it(simulator: SimulatorThread, client: Json
         ),
     ],
 )
-def test_whatever_a_client_drives_replaces_it(
+def test_client_motion_replaces_an_automatic_task(
     simulator: SimulatorThread, client: JsonClient, name: str, body: Json
 ) -> None:
-    drain(simulator)
-    begun(client)
+    set_battery(simulator)
+    next_started_task(client)
     client.ask(name, body)
-    end = client.push(PROC)
+    end = client.next_push(PROC)
     assert end["state"] == CANCELED
     assert end["msg"].startswith(("replaced by", "stopped by"))
 
 
-def test_an_emergency_stop_ends_it(simulator: SimulatorThread, client: JsonClient) -> None:
-    drain(simulator)
-    begun(client)
+def test_emergency_stop_cancels_an_automatic_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    set_battery(simulator)
+    next_started_task(client)
     simulator.set_emergency_stop(True)
-    end = client.push(PROC)
+    end = client.next_push(PROC)
     assert (end["state"], end["msg"]) == (CANCELED, "emergency stop is pressed")
     simulator.set_emergency_stop(False)
-    assert begun(client)["type"] == CHARGE
+    assert next_started_task(client)["type"] == CHARGE
 
 
-def test_a_client_can_cancel_it(simulator: SimulatorThread, client: JsonClient) -> None:
-    drain(simulator)
-    begun(client)
+def test_client_can_cancel_an_automatic_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    set_battery(simulator)
+    next_started_task(client)
     client.ask("woosh.robot.ActionOrder", {"order": 4})
-    assert client.push(PROC)["state"] == CANCELED
+    assert client.next_push(PROC)["state"] == CANCELED
 
 
-def test_a_map_without_a_charger_keeps_it_where_it_is(
+def test_no_automatic_task_starts_on_a_map_without_its_mark(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex", "mapName": "scenex2"})
-    drain(simulator)
-    pass_time(simulator, 3 * PARK_AFTER_S)
-    assert client.taken(PROC) == []
+    set_battery(simulator)
+    pass_time(simulator, 3 * PARK_AFTER)
+    assert client.take_pushes(PROC) == []
 
 
 @pytest.mark.parametrize("after", [{"charge_after": 0.0}, {"park_after": -1.0}])
-def test_a_delay_must_be_more_than_none(after: dict[str, float]) -> None:
+def test_delays_must_be_positive(after: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="more than 0 s"):
         SimulatorConfig(**after)

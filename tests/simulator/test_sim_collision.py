@@ -1,4 +1,4 @@
-"""The base's outline and what it can run into."""
+"""Collisions of the base's outline with walls and obstacles."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def chassis() -> Chassis:
     return Chassis(SimulatorConfig(seed=1))
 
 
-def do(chassis: Chassis, name: str, **fields: Any) -> Answer:
+def request(chassis: Chassis, name: str, **fields: Any) -> Answer:
     return dispatch(chassis, message_type(name)(**fields))
 
 
 def drive(chassis: Chassis, seconds: float, **twist: float) -> None:
     for _ in range(round(seconds / TIME_STEP)):
-        do(chassis, "woosh.robot.Twist", **twist)
+        request(chassis, "woosh.robot.Twist", **twist)
         chassis.tick(TIME_STEP)
 
 
@@ -40,7 +40,7 @@ def corners(pose: Pose) -> list[Pose]:
 
 
 def inside(pose: Pose, x: float, y: float, margin: float = 0.0) -> bool:
-    """Whether a point is in the outline that is made wider by `margin` on all sides."""
+    """Return True if a point is inside the outline, widened by `margin` on all sides."""
     return all(
         nx * p + ny * q < distance + margin
         for p, q in [pose.local(x, y)]
@@ -48,8 +48,8 @@ def inside(pose: Pose, x: float, y: float, margin: float = 0.0) -> bool:
     )
 
 
-def test_the_gap_is_that_of_points_along_the_wall() -> None:
-    """Against brute force: the deepest of many points along the wall."""
+def test_gap_matches_a_brute_force_search() -> None:
+    """Compare with the smallest gap of many points along the wall."""
     rng = random.Random(5)
     shape = hull(ORIGINAL)
     touching = 0
@@ -73,7 +73,7 @@ def test_the_gap_is_that_of_points_along_the_wall() -> None:
     assert touching > 100
 
 
-def test_a_wall_without_length_and_one_across_the_whole_outline() -> None:
+def test_gap_to_zero_length_and_very_long_walls() -> None:
     shape = hull(ORIGINAL)
     assert shape.gap(Pose(), [Wall(0.0, 0.0, 0.0, 0.0)]) == pytest.approx(-0.265)
     assert shape.gap(Pose(), [Wall(0.0, -9.0, 0.0, 9.0)]) == pytest.approx(-0.265)
@@ -84,7 +84,7 @@ def test_a_wall_without_length_and_one_across_the_whole_outline() -> None:
 
 @pytest.mark.parametrize("theta", [0.0, 0.4, math.pi / 4, math.pi / 2, 3.0])
 def test_no_corner_passes_a_wall(chassis: Chassis, theta: float) -> None:
-    """Wherever it drives to by remote control, the whole outline stays on this side."""
+    """Under remote control, the whole outline stays on the near side of the wall."""
     chassis.localise(Pose(10.5, 5.0, theta))
     aside = -math.sin(theta)
     drive(chassis, 6.0, linear=math.cos(theta), linear_y=aside)
@@ -93,17 +93,17 @@ def test_no_corner_passes_a_wall(chassis: Chassis, theta: float) -> None:
     assert 12.0 - 0.06 < furthest <= 12.0
 
 
-def test_turning_is_blocked_too(chassis: Chassis) -> None:
+def test_turning_stops_at_a_wall(chassis: Chassis) -> None:
     chassis.localise(Pose(11.7, 5.0, math.pi / 2))  # along the wall, 3.5 cm from it
     drive(chassis, 2.0, angular=1.0)
     assert chassis.base.blocked
     assert 0.0 < chassis.base.pose.theta - math.pi / 2 < 0.3
     assert chassis.base.velocity.turn == 0.0
-    drive(chassis, 1.0, linear_y=0.5)  # to its left, off the wall
+    drive(chassis, 1.0, linear_y=0.5)  # to the left, away from the wall
     assert chassis.base.pose.x < 11.5
 
 
-def test_a_wall_ahead_leaves_the_turn(chassis: Chassis) -> None:
+def test_robot_can_turn_while_a_wall_blocks_the_way_ahead(chassis: Chassis) -> None:
     chassis.localise(Pose(11.0, 5.0, 0.0))
     drive(chassis, 2.0, linear=1.0)
     before = chassis.base.pose
@@ -113,7 +113,7 @@ def test_a_wall_ahead_leaves_the_turn(chassis: Chassis) -> None:
     assert chassis.base.pose.theta > before.theta
 
 
-def test_another_map_is_looked_at_anew(chassis: Chassis) -> None:
+def test_gap_uses_the_walls_of_a_new_map(chassis: Chassis) -> None:
     chassis.localise(Pose(-2.2, -5.0, 0.0))
     assert chassis.gap(chassis.base.pose) == math.inf
     scene = chassis.scenes["scenex"]  # with shelves half a metre further south
@@ -122,8 +122,8 @@ def test_another_map_is_looked_at_anew(chassis: Chassis) -> None:
     assert chassis.readiness.located
 
 
-def test_a_corner_that_sticks_out_of_a_wall_is_met(chassis: Chassis) -> None:
-    """A pillar's corner that would hit a side between two corners of the outline."""
+def test_obstacle_between_two_outline_corners_is_detected(chassis: Chassis) -> None:
+    """A thin post hits a side of the outline between two of its corners."""
     chassis.localise(Pose(0.0, -1.0, -math.pi / 2 + math.pi / 4))
     chassis.obstacles.put("post", 1.0, -2.0, 0.02)
     drive(chassis, 4.0, linear=0.5)
@@ -132,7 +132,7 @@ def test_a_corner_that_sticks_out_of_a_wall_is_met(chassis: Chassis) -> None:
     assert inside(chassis.base.pose, 1.0, -2.0, margin=0.06)
 
 
-def test_what_was_put_into_the_robot_lets_it_out(chassis: Chassis) -> None:
+def test_robot_can_leave_an_obstacle_placed_on_it(chassis: Chassis) -> None:
     chassis.localise(Pose(0.0, 0.0, 0.0))
     chassis.obstacles.put("box", 0.5, 0.0, 0.3)
     drive(chassis, 1.0, linear=0.5)
@@ -141,24 +141,24 @@ def test_what_was_put_into_the_robot_lets_it_out(chassis: Chassis) -> None:
     assert chassis.base.pose.x < -0.5
 
 
-def test_the_expanded_outline_needs_more_room(chassis: Chassis) -> None:
+def test_expanded_outline_stops_further_from_a_wall(chassis: Chassis) -> None:
     chassis.localise(Pose(10.0, 5.0, 0.0))
-    do(chassis, "woosh.robot.SwitchFootPrint", type=util_robot_pb2.kExpand)
+    request(chassis, "woosh.robot.SwitchFootPrint", type=util_robot_pb2.kExpand)
     drive(chassis, 4.0, linear=1.0)
     assert 12.0 - 0.55 - 0.06 < chassis.base.pose.x <= 12.0 - 0.55
 
 
-def test_poses_with_the_nose_in_a_wall_are_refused(chassis: Chassis) -> None:
+def test_pose_whose_outline_cuts_a_wall_is_refused(chassis: Chassis) -> None:
     before = chassis.base.pose
-    answer = do(chassis, "woosh.robot.InitRobot", pose={"x": 11.65, "y": 5.0})
+    answer = request(chassis, "woosh.robot.InitRobot", pose={"x": 11.65, "y": 5.0})
     assert (answer.ok, chassis.base.pose) == (False, before)
     assert "inside a wall" in answer.msg
     across = {"x": 11.65, "y": 5.0, "theta": math.pi / 2}
-    assert do(chassis, "woosh.robot.InitRobot", pose=across).ok
+    assert request(chassis, "woosh.robot.InitRobot", pose=across).ok
 
 
-def test_looking_again_only_near_walls_changes_nothing(chassis: Chassis) -> None:
-    """The room remembered from before must never hide a wall, an obstacle or another map."""
+def test_cached_clearance_never_hides_a_wall(chassis: Chassis) -> None:
+    """The cached clearance is invalidated by motion, obstacles and a change of map."""
     rng = random.Random(3)
     shape = hull(ORIGINAL)
     pose = Pose(9.0, 3.2, 0.0)

@@ -1,4 +1,4 @@
-"""What a setter set, the getter, the push and RobotInfo say."""
+"""A changed setting shows alike in its getter, its push and RobotInfo."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 
-# Setter, its body, the state that shows it, the part of RobotInfo, what the state must hold.
+# Setter, its body, the state message it changes, its field in RobotInfo, expected fields.
 SETTERS: list[tuple[str, Json, str, str, Json]] = [
     ("SetOccupancy", {"occupy": True}, "DeviceState", "deviceState", {"software": 1 | 8}),
     ("SetMuteCall", {"mute": True}, "DeviceState", "deviceState", {"software": 1 | 16}),
@@ -47,44 +47,46 @@ SETTERS: list[tuple[str, Json, str, str, Json]] = [
 
 
 @pytest.mark.parametrize(("setter", "body", "state", "part", "expected"), SETTERS)
-def test_setters_show_everywhere(
+def test_setter_changes_getter_push_and_robot_info(
     client: JsonClient, setter: str, body: Json, state: str, part: str, expected: Json
 ) -> None:
     name = f"woosh.robot.{state}"
     before = client.ask(name)
     client.subscribe(name)
     client.ask(f"woosh.robot.{setter}", body)
-    pushed = client.push(name)
+    pushed = client.next_push(name)
     assert pushed != before
     assert pushed == {**pushed, **expected}
     assert client.ask(name) == pushed
     assert client.ask("woosh.robot.RobotInfo")[part] == pushed
-    # Setting the same again changes nothing, so it is not pushed again.
+    # Setting the same value again changes nothing, so nothing is pushed.
     client.ask(f"woosh.robot.{setter}", body)
-    assert client.taken(name) == []
+    assert client.take_pushes(name) == []
 
 
 @pytest.mark.parametrize("allow", ["AutoCharge", "AutoPark", "GoodsCheck"])
-def test_permissions(client: JsonClient, allow: str) -> None:
+def test_permission_setters_are_answered_and_pushed(client: JsonClient, allow: str) -> None:
     key = allow[0].lower() + allow[1:]
     client.subscribe("woosh.robot.Setting")
     assert client.ask(f"woosh.robot.setting.{allow}", {"allow": False}) == {"allow": False}
-    assert client.push("woosh.robot.Setting")["allow"][key] is False
+    assert client.next_push("woosh.robot.Setting")["allow"][key] is False
     assert client.ask(f"woosh.robot.setting.{allow}", {"allow": True}) == {"allow": True}
-    assert client.push("woosh.robot.Setting")["allow"][key] is True
+    assert client.next_push("woosh.robot.Setting")["allow"][key] is True
 
 
-def test_setters_answer_with_what_they_set(client: JsonClient) -> None:
+def test_setter_answers_with_the_new_value(client: JsonClient) -> None:
     assert client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})["work"] == 3
     assert client.ask("woosh.robot.SwitchFootPrint", {"type": 2}) == {"type": 2}
     assert client.ask("woosh.robot.setting.Identity", {"name": "x"}) == {"name": "x"}
 
 
 @pytest.mark.parametrize("setter", ["InitRobot", "SetRobotPose"])
-def test_poses_are_taken_over(simulator: SimulatorThread, client: JsonClient, setter: str) -> None:
+def test_pose_setter_moves_robot_and_scan(
+    simulator: SimulatorThread, client: JsonClient, setter: str
+) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
     client.ask(f"woosh.robot.{setter}", {"pose": {"x": 1.23, "y": 2.34, "theta": 1.57}})
-    pose = client.push("woosh.robot.PoseSpeed")["pose"]
+    pose = client.next_push("woosh.robot.PoseSpeed")["pose"]
     assert [pose["x"], pose["y"], pose["theta"]] == pytest.approx([1.23, 2.34, 1.57])
     scan = client.ask("woosh.robot.ScannerData")
     assert scan["pose"] == pose
@@ -97,14 +99,14 @@ def test_init_robot_in_place_ignores_the_empty_pose(client: JsonClient) -> None:
     assert client.ask("woosh.robot.PoseSpeed") == before
 
 
-def test_a_subscription_does_not_replay_and_ends(client: JsonClient) -> None:
+def test_subscription_pushes_only_later_changes_until_it_ends(client: JsonClient) -> None:
     client.subscribe("woosh.robot.Mode", "woosh.robot.Mode", "woosh.robot.Nonsense")
-    assert client.taken("woosh.robot.Mode") == []
+    assert client.take_pushes("woosh.robot.Mode") == []
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    assert len(client.taken("woosh.robot.Mode")) == 1
+    assert len(client.take_pushes("woosh.robot.Mode")) == 1
     client.subscribe("woosh.robot.Mode", sub=False)
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
-    assert client.taken("woosh.robot.Mode") == []
+    assert client.take_pushes("woosh.robot.Mode") == []
 
 
 def test_each_client_has_its_own_subscriptions(
@@ -113,11 +115,11 @@ def test_each_client_has_its_own_subscriptions(
     other = JsonClient(simulator.port)
     client.subscribe("woosh.robot.Mode")
     other.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    assert client.push("woosh.robot.Mode")["work"] == 3
-    # A later subscriber gets only what changes after it came.
+    assert client.next_push("woosh.robot.Mode")["work"] == 3
+    # A later subscriber gets only the changes after its subscription.
     other.subscribe("woosh.robot.Mode")
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
-    assert [body["work"] for body in other.taken("woosh.robot.Mode")] == [2]
+    assert [body["work"] for body in other.take_pushes("woosh.robot.Mode")] == [2]
     other.close()
 
 
@@ -133,7 +135,7 @@ def test_uploaded_scene_is_kept(simulator: SimulatorThread, client: JsonClient) 
     assert simulator.call(lambda s: dict(s.chassis.scene.files)) == {"map.png": b"\x01\x02\x03"}
 
 
-def test_scene_data_has_the_marks_in_their_groups(client: JsonClient) -> None:
+def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:
     data = client.ask("woosh.map.SceneDataEasy")
     (area,) = data["maps"]
     groups: dict[str, list[Any]] = area["storages"]
@@ -161,23 +163,23 @@ def test_predefined_tasks_name_marks_of_the_map(client: JsonClient) -> None:
 def test_wifi_orders_show_in_network(client: JsonClient) -> None:
     client.subscribe("woosh.ros.Feedbacks", "woosh.robot.Network")
     answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
-    network = client.push("woosh.robot.Network")
+    network = client.next_push("woosh.robot.Network")
     assert network["wifi"]["listJson"] == answer["content"]
     client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
-    assert client.push("woosh.robot.Network")["wifi"]["name"] == ""
+    assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
 
 
-def test_emergency_stop_shows_everywhere(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_emergency_stop_shows_in_all_states(simulator: SimulatorThread, client: JsonClient) -> None:
     topics = ["DeviceState", "RobotState", "OperationState", "HardwareState"]
     client.subscribe("woosh.robot.count.AbnormalCodes", *(f"woosh.robot.{t}" for t in topics))
     simulator.set_emergency_stop(True)
-    assert client.push("woosh.robot.RobotState")["state"] == 6
+    assert client.next_push("woosh.robot.RobotState")["state"] == 6
     info = client.ask("woosh.robot.RobotInfo")
     assert info["deviceState"]["hardware"] == 1024
     assert info["operationState"]["robot"] == 0
     assert [code["msg"] for code in info["abnormalCodes"]["scs"]] == ["emergency stop pressed"]
-    assert "emergency stop" in client.refused("woosh.robot.ExecTask", {"markNo": "A2"})
-    assert "emergency stop" in client.refused("woosh.robot.Twist", {"linear": 0.2})
+    assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"markNo": "A2"})
+    assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     simulator.set_emergency_stop(False)
     assert client.ask("woosh.robot.count.AbnormalCodes")["scs"] == []
     assert client.ask("woosh.robot.RobotState")["state"] == 2

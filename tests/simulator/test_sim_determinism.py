@@ -1,4 +1,4 @@
-"""With seed and requests at fixed simulated times two runs push the same frames, at any speed."""
+"""Runs with the same seed and script push the same frames, at any speed."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from woosh_robot_agent.simulator.protocol.pushes import TOPICS
 from woosh_robot_agent.simulator.serving.client import Client
 from woosh_robot_agent.simulator.serving.exchange import Exchange
 
-Do = Callable[[Chassis], None]
+Command = Callable[[Chassis], None]
 
 PROC, FEEDBACKS = "woosh.robot.TaskProc", "woosh.ros.Feedbacks"
 COMPLETED, CANCELED, PAUSED, ACTION_WAIT = 7, 8, 4, 5
 
 
-def ask(name: str, **body: Any) -> Do:
-    """A request that the chassis must take."""
+def ask(name: str, **body: Any) -> Command:
+    """Return a command that executes a request, which must succeed."""
 
-    def do(chassis: Chassis) -> None:
+    def execute(chassis: Chassis) -> None:
         message = json_format.ParseDict(body, message_type(name)())
         answer = dispatch(chassis, message)
         assert answer.ok, answer.msg
 
-    return do
+    return execute
 
 
-def put(name: str, x: float, y: float) -> Do:
+def put(name: str, x: float, y: float) -> Command:
     return lambda chassis: chassis.obstacles.put(name, x, y)
 
 
 STEPS = [{"mode": 1, "value": 0.5}, {"mode": 2, "value": 1.57}, {"mode": 3, "value": 0.3}]
 
-SCRIPT: list[tuple[float, Do]] = [
+SCRIPT: list[tuple[float, Command]] = [
     (1.0, ask("woosh.robot.ExecTask", taskId=11, type=4, direction=1, markNo="K10")),
     (30.0, ask("woosh.ros.CallAction", stepControl={"action": 1, "steps": STEPS})),
     (
@@ -78,8 +78,8 @@ def config(speed: float = 1.0) -> SimulatorConfig:
     return SimulatorConfig(port=0, tcp_port=0, speed=speed, seed=7, park_after=20.0)
 
 
-class Player:
-    """Does what the script says when its time has come."""
+class ScriptPlayer:
+    """Executes the commands of the script when they are due."""
 
     def __init__(self) -> None:
         self._left = list(SCRIPT)
@@ -90,7 +90,7 @@ class Player:
 
 
 class Recorder(Client):
-    """A client without a connection."""
+    """A client without a connection that records its frames."""
 
     def __init__(self) -> None:
         super().__init__(None, 0)  # type: ignore[arg-type]
@@ -100,10 +100,10 @@ class Recorder(Client):
         self.frames.append(json.loads(frame))
 
 
-def in_lock_step() -> list[Json]:
-    """All pushes of a run without sockets and without a clock."""
+def pushes_without_sockets() -> list[Json]:
+    """Return all pushes of a run that is stepped by hand."""
     chassis = Chassis(config())
-    exchange, recorder, player = Exchange(chassis), Recorder(), Player()
+    exchange, recorder, player = Exchange(chassis), Recorder(), ScriptPlayer()
     exchange.join(recorder)
     subscription = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
     exchange.receive(recorder, json.dumps(subscription))
@@ -114,9 +114,9 @@ def in_lock_step() -> list[Json]:
     return recorder.frames
 
 
-def over_a_socket(monkeypatch: pytest.MonkeyPatch, speed: float) -> list[Json]:
-    """All pushes of a run over a socket, whose time begins when the client has subscribed."""
-    subscribed, player, tick = threading.Event(), Player(), Chassis.tick
+def pushes_over_a_socket(monkeypatch: pytest.MonkeyPatch, speed: float) -> list[Json]:
+    """Return all pushes of a run over a socket that starts once the client has subscribed."""
+    subscribed, player, tick = threading.Event(), ScriptPlayer(), Chassis.tick
 
     def gated(chassis: Chassis, dt: float) -> None:
         if subscribed.is_set() and chassis.elapsed < END_S:
@@ -142,10 +142,10 @@ def occupied(frame: Json) -> bool:
 
 @pytest.fixture(scope="module")
 def reference() -> list[Json]:
-    return in_lock_step()
+    return pushes_without_sockets()
 
 
-def test_the_script_is_eventful(reference: list[Json]) -> None:
+def test_script_covers_most_topics_and_task_states(reference: list[Json]) -> None:
     assert {frame["type"] for frame in reference} >= TOPICS - {
         "woosh.robot.Setting",
         "woosh.robot.Network",
@@ -168,12 +168,12 @@ def test_the_script_is_eventful(reference: list[Json]) -> None:
     assert any(each.get("action", {}).get("state") == 2 for each in procs)
 
 
-def test_two_runs_in_lock_step_push_the_same(reference: list[Json]) -> None:
-    assert in_lock_step() == reference
+def test_runs_without_sockets_push_the_same_frames(reference: list[Json]) -> None:
+    assert pushes_without_sockets() == reference
 
 
 @pytest.mark.parametrize("speed", [100.0, 60.0])
-def test_runs_over_a_socket_push_the_same_at_any_speed(
+def test_runs_over_a_socket_push_the_same_frames_at_any_speed(
     monkeypatch: pytest.MonkeyPatch, reference: list[Json], speed: float
 ) -> None:
-    assert over_a_socket(monkeypatch, speed) == reference
+    assert pushes_over_a_socket(monkeypatch, speed) == reference

@@ -1,7 +1,6 @@
-"""Every command that the interface document shows, in its order, waiting only for actions to end.
+"""Every command in the interface document, in its order, waiting only for actions to end.
 
-The bodies are as a ROS client sends them: message fields that the document leaves out are there,
-and empty.
+The bodies have all fields, as from a ROS client. Those that the document leaves out are empty.
 """
 
 from __future__ import annotations
@@ -91,12 +90,12 @@ def speed(request: Any) -> float:
 
 @pytest.fixture
 def simulator(speed: float) -> Iterator[SimulatorThread]:
-    """At speed 1 the task is still far from its end when it is paused."""
+    """Simulator at each speed. At speed 1, the task is paused far from its end."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=speed)) as simulator:
         yield simulator
 
 
-def test_documented_commands(
+def test_documented_commands_succeed_twice(
     simulator: SimulatorThread, client: JsonClient, endpoints: Any, speed: float
 ) -> None:
     for service in endpoints["info_services"].values():
@@ -105,13 +104,13 @@ def test_documented_commands(
         client.ask(name, body)
     _fast_forward(simulator)
     _run_actions(simulator, client)
-    # And once more, from the state in which all that left the robot.
+    # Repeat from the state in which the first round left the robot.
     for name, body in COMMANDS:
         client.ask(name, body)
     _run_actions(simulator, client)
 
 
-def test_services_alone_twice_and_actions_after_them(
+def test_all_services_twice_then_all_actions_succeed(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     for name, body in COMMANDS + COMMANDS:
@@ -123,18 +122,18 @@ def test_services_alone_twice_and_actions_after_them(
 
 
 def _fast_forward(simulator: SimulatorThread) -> None:
-    """Waiting for motion takes long at speed 1: from here on it is only waited for."""
+    """Speed up the simulation for the part of the test that only waits for motion."""
 
-    def hurry(simulated: Any) -> None:
+    def speed_up(simulated: Any) -> None:
         simulated.speed = 100.0
 
-    simulator.call(hurry)
+    simulator.call(speed_up)
 
 
 def _run_actions(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe("woosh.robot.TaskProc", "woosh.ros.Feedbacks")
     client.ask(R + "ExecTask", exec_task("A2"))
-    client.push(R + "TaskProc", lambda body: body["dest"] == "A2" and body["state"] == 7)
+    client.next_push(R + "TaskProc", lambda body: body["dest"] == "A2" and body["state"] == 7)
     assert simulator.state.following is False
     for action in ACTIONS:
         _run_action(client, action)
@@ -146,5 +145,7 @@ def _run_actions(simulator: SimulatorThread, client: JsonClient) -> None:
 
 def _run_action(client: JsonClient, action: Json) -> None:
     client.ask("woosh.ros.CallAction", action)
-    end = client.push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, -2, 5))
+    end = client.next_push(
+        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, -2, 5)
+    )
     assert end["fbs"][0]["state"] == 1, end

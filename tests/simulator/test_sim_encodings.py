@@ -1,4 +1,4 @@
-"""Binary frames, on the WebSocket and on TCP, beside JSON."""
+"""Protobuf frames over WebSocket and TCP, beside JSON."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorThread
 
 
-def parsed(data: Any) -> MessagePackJson:
+def parse(data: Any) -> MessagePackJson:
     assert isinstance(data, bytes)
     pack = MessagePackJson()
     pack.ParseFromString(data)
     return pack
 
 
-def binary(client: JsonClient, frame: bytes) -> MessagePackJson:
-    """The answer to a binary frame, the next binary one."""
+def request_binary(client: JsonClient, frame: bytes) -> MessagePackJson:
+    """Send a protobuf frame and return its answer, the next frame."""
     client.send(frame)
-    return parsed(client._await(client.socket.recv()))
+    return parse(client._await(client.socket.recv()))
 
 
-def test_binary_over_websocket(client: JsonClient) -> None:
-    pack = binary(client, packed("woosh.robot.RobotInfo", robot_pb2.RobotInfo(), sn=5))
+def test_websocket_serves_protobuf_and_json(client: JsonClient) -> None:
+    pack = request_binary(client, packed("woosh.robot.RobotInfo", robot_pb2.RobotInfo(), sn=5))
     assert (pack.type, pack.ok, pack.sn) == ("woosh.robot.RobotInfo", True, 5)
     info = body_of(pack)
     assert info.robot_id == 30001
@@ -37,7 +37,7 @@ def test_binary_over_websocket(client: JsonClient) -> None:
     assert client.ask("woosh.robot.PoseSpeed")["pose"]["x"] == pytest.approx(info.pose_speed.pose.x)
 
 
-def test_everything_is_answered_over_tcp(tcp: TcpClient, endpoints: Any) -> None:
+def test_every_service_is_answered_over_tcp(tcp: TcpClient, endpoints: Any) -> None:
     services = endpoints["info_services"] | endpoints["command_services"]
     for sn, service in enumerate(services.values(), start=1):
         name = service["request"]
@@ -46,11 +46,11 @@ def test_everything_is_answered_over_tcp(tcp: TcpClient, endpoints: Any) -> None
         assert pack.ok or pack.msg
 
 
-def test_a_request_without_a_body_has_an_empty_one(tcp: TcpClient) -> None:
+def test_missing_body_is_an_empty_message(tcp: TcpClient) -> None:
     assert tcp.request("woosh.robot.Mode").ok
 
 
-def test_commands_and_pushes_over_tcp(tcp: TcpClient) -> None:
+def test_tcp_client_gets_pushes_and_refusals(tcp: TcpClient) -> None:
     tcp.send(subscription("woosh.robot.TaskProc"))
     request = robot_pack_pb2.ExecTask(type=1, mark_no="A2")  # type: ignore[arg-type]
     assert tcp.request("woosh.robot.ExecTask", request).ok
@@ -65,7 +65,7 @@ def test_commands_and_pushes_over_tcp(tcp: TcpClient) -> None:
     assert refused.body.value == b""
 
 
-def test_pushes_come_in_the_encoding_of_the_subscription(
+def test_pushes_use_the_encoding_of_the_subscription(
     simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
 ) -> None:
     client.send(subscription("woosh.robot.Mode"))
@@ -77,7 +77,7 @@ def test_pushes_come_in_the_encoding_of_the_subscription(
     client.send({"type": "woosh.robot.SwitchWorkMode", "body": {"mode": 3}, "sn": 77})
     frames = [client._await(client.socket.recv()) for _ in range(2)]
     (answer,) = (json.loads(frame) for frame in frames if isinstance(frame, str))
-    (push,) = (parsed(frame) for frame in frames if isinstance(frame, bytes))
+    (push,) = (parse(frame) for frame in frames if isinstance(frame, bytes))
     assert (answer["type"], answer["sn"]) == ("woosh.robot.Mode", 77)
     assert body_of(push).work == body_of(tcp.receive()).work == 3
 

@@ -1,4 +1,4 @@
-"""Faults of requests and their answers, as a client meets them."""
+"""Faults of requests and answers, as a client sees them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,21 @@ OCCUPIED = 8  # the bit in DeviceState.software
 HOUR = 3600.0
 
 
-def order(client: JsonClient, count: int) -> list[int]:
-    """The numbers of answers, as they come, to requests sent in a row."""
+def answer_order(client: JsonClient, count: int) -> list[int]:
+    """Send requests in a row and return the serial numbers of the answers as they arrive."""
     for sn in range(1, count + 1):
         client.send({"type": MODE, "sn": sn})
     return [client.receive()["sn"] for _ in range(count)]
 
 
-def test_refuse(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+def test_refuse_answers_with_its_text(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
     everything = simulator.inject("refuse", text="out of order")
     simulator.inject("refuse", type=OCCUPY, text="今天不行", count=1)
-    assert client.refused(OCCUPY, {"occupy": True}) == "今天不行"  # the newest, once
-    assert client.refused(OCCUPY, {"occupy": True}) == "out of order"
+    # The newest fault takes precedence, and ends after one request.
+    assert client.refusal(OCCUPY, {"occupy": True}) == "今天不行"
+    assert client.refusal(OCCUPY, {"occupy": True}) == "out of order"
     answer = tcp.request(MODE)
     assert (answer.ok, answer.msg, answer.type) == (False, "out of order", MODE)
     everything.clear()
@@ -36,22 +39,24 @@ def test_refuse(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) 
     assert everything.hits == 2
 
 
-def test_refuse_one_type(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_refuse_applies_to_its_type_only(simulator: SimulatorThread, client: JsonClient) -> None:
     simulator.inject("refuse", type=OCCUPY)
     client.ask(MODE)
-    assert client.refused(OCCUPY) == "refused by the simulator"
+    assert client.refusal(OCCUPY) == "refused by the simulator"
     simulator.clear_faults()
     client.ask(OCCUPY)
 
 
-def test_delay_lets_others_pass(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_delayed_answer_lets_later_ones_pass(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     simulator.inject("delay", type=BATTERY, seconds=0.3)
     client.send({"type": BATTERY, "sn": 501})
     client.send({"type": MODE, "sn": 502})
     assert [client.receive()["sn"] for _ in range(2)] == [502, 501]
 
 
-def test_delay_is_let_go_at_the_end_of_all_faults(
+def test_clearing_all_faults_releases_delayed_answers(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     fault = simulator.inject("delay", seconds=HOUR, jitter=HOUR, count=3)
@@ -65,7 +70,7 @@ def test_delay_is_let_go_at_the_end_of_all_faults(
     assert sorted(client.receive()["sn"] for _ in range(3)) == [1, 2, 3]
 
 
-def test_delay_of_pushes(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_delay_applies_to_pushes(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe(BATTERY, MODE)
     simulator.inject("delay", seconds=0.3, frames="pushes", type=BATTERY)
     simulator.push(robot_pb2.Battery(power=3))
@@ -73,8 +78,8 @@ def test_delay_of_pushes(simulator: SimulatorThread, client: JsonClient) -> None
     assert [client.receive()["type"] for _ in range(2)] == [MODE, BATTERY]
 
 
-def test_equal_seeds_jitter_equally() -> None:
-    """The pauses are far apart, so that the order tells them apart."""
+def test_equal_seeds_give_equal_jitter() -> None:
+    """The delays differ so much that the order of the answers shows them."""
     seen = []
     for _ in range(2):
         with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=3)) as simulator:
@@ -83,20 +88,20 @@ def test_equal_seeds_jitter_equally() -> None:
             for sn in range(1, 11):
                 client.send({"type": MODE, "sn": sn})
             wait_until(lambda fault=fault: fault.hits == 10)
-            simulator.clear_faults()  # in the order in which they would have come
+            simulator.clear_faults()  # releases the answers in the order of their delays
             seen.append([client.receive()["sn"] for _ in range(10)])
             client.close()
     assert seen[0] == seen[1]
     assert sorted(seen[0]) == list(range(1, 11)) != seen[0]
 
 
-def test_reorder() -> None:
+def test_reorder_shuffles_within_its_window() -> None:
     seen = []
     for _ in range(2):
         with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=5)) as simulator:
             simulator.inject("reorder", window=5, seconds=HOUR)
             client = JsonClient(simulator.port)
-            seen.append(order(client, 15))
+            seen.append(answer_order(client, 15))
             client.close()
     assert seen[0] == seen[1]
     for begin in (0, 5, 10):
@@ -104,9 +109,11 @@ def test_reorder() -> None:
         assert sorted(group) == list(range(begin + 1, begin + 6)) != group
 
 
-def test_reorder_keeps_nothing_for_ever(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_reorder_releases_frames_on_timeout_and_on_clear(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     fault = simulator.inject("reorder", window=100, seconds=0.1)
-    assert sorted(order(client, 3)) == [1, 2, 3]
+    assert sorted(answer_order(client, 3)) == [1, 2, 3]
     fault.clear()
     fault = simulator.inject("reorder", window=100, seconds=HOUR)
     client.send({"type": MODE, "sn": 9})
@@ -115,7 +122,7 @@ def test_reorder_keeps_nothing_for_ever(simulator: SimulatorThread, client: Json
     assert client.receive()["sn"] == 9
 
 
-def test_reorder_keeps_clients_apart(
+def test_reorder_treats_each_client_separately(
     simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
 ) -> None:
     fault = simulator.inject("reorder", window=2, seconds=HOUR)
@@ -128,15 +135,17 @@ def test_reorder_keeps_clients_apart(
     assert [tcp.receive().sn for _ in range(2)] == [4, 3]
 
 
-def test_lose_answer(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_lose_answer_executes_the_request(simulator: SimulatorThread, client: JsonClient) -> None:
     simulator.inject("lose_answer", type=OCCUPY, count=1)
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 500})
-    assert client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED  # it was done
+    assert client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED  # the request was executed
     client.ask(OCCUPY, {"occupy": False})
     assert simulator.counts[OCCUPY] == 2
 
 
-def test_answer_twice(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+def test_answer_twice_executes_the_request_once(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
     simulator.inject("answer_twice")
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 500})
     first, second = client.receive(), client.receive()
@@ -144,11 +153,11 @@ def test_answer_twice(simulator: SimulatorThread, client: JsonClient, tcp: TcpCl
     assert first["sn"] == 500
     tcp.send(packed(MODE, sn=7))
     assert tcp.receive() == tcp.receive()
-    assert simulator.counts[OCCUPY] == 1  # done once
+    assert simulator.counts[OCCUPY] == 1  # executed once
 
 
 @pytest.mark.parametrize(("by", "sn", "wrong"), [(1, 4, 5), (1, 2**31 - 1, 1), (10, 2**31 - 5, 6)])
-def test_wrong_sn(
+def test_wrong_sn_shifts_the_serial_number(
     simulator: SimulatorThread, client: JsonClient, by: int, sn: int, wrong: int
 ) -> None:
     simulator.inject("wrong_sn", by=by, count=1)
@@ -158,7 +167,9 @@ def test_wrong_sn(
     assert client.receive()["sn"] == sn
 
 
-def test_wrong_type(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+def test_wrong_type_replaces_the_type_name(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
     simulator.inject("wrong_type", type=BATTERY)
     answer = client.request(BATTERY)
     assert (answer["type"], answer["body"]["power"] > 0) == ("woosh.robot.Network", True)
@@ -168,7 +179,7 @@ def test_wrong_type(simulator: SimulatorThread, client: JsonClient, tcp: TcpClie
     assert client.request(MODE)["type"] == MODE
 
 
-def test_faults_add_up(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_faults_can_be_combined(simulator: SimulatorThread, client: JsonClient) -> None:
     simulator.inject("answer_twice", type=BATTERY)
     simulator.inject("wrong_type", other=MODE)
     simulator.inject("delay", seconds=0.01)
@@ -178,19 +189,21 @@ def test_faults_add_up(simulator: SimulatorThread, client: JsonClient) -> None:
     assert client.request(BATTERY)["type"] == BATTERY
 
 
-def test_of_hooks_the_last_of_a_kind_counts(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_hook_replaces_the_earlier_one_of_its_kind(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     simulator.delay(BATTERY, HOUR)
     simulator.delay(BATTERY, 0.01)
     simulator.refuse(BATTERY, "no")
     simulator.refuse(BATTERY, "never")
-    assert client.refused(BATTERY) == "never"
+    assert client.refusal(BATTERY) == "never"
     assert [fault.name for fault in simulator.faults] == ["delay", "refuse"]
     simulator.accept(BATTERY)
     client.ask(BATTERY)
     assert simulator.faults == []
 
 
-def test_requests_that_wait_are_limited() -> None:
+def test_waiting_requests_of_a_connection_are_limited() -> None:
     config = SimulatorConfig(port=0, tcp_port=0, max_waiting=3)
     with SimulatorThread(config) as simulator:
         client, other = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
@@ -203,7 +216,7 @@ def test_requests_that_wait_are_limited() -> None:
             assert (answer["type"], answer["ok"]) == (OCCUPY, False)
             assert "3 requests of this connection are waiting" in answer["msg"]
         assert simulator.counts[OCCUPY] == 5
-        other.send(packed(MODE, sn=1))  # it has a limit of its own
+        other.send(packed(MODE, sn=1))  # each connection has its own limit
         simulator.wait_received(MODE)
         simulator.clear_faults()
         assert [client.receive()["sn"] for _ in range(3)] == [1, 2, 3]
@@ -213,14 +226,14 @@ def test_requests_that_wait_are_limited() -> None:
         other.close()
 
 
-def test_requests_that_a_frozen_chassis_has_to_do_are_limited() -> None:
+def test_waiting_requests_of_a_frozen_chassis_are_limited() -> None:
     config = SimulatorConfig(port=0, tcp_port=0, max_waiting=2)
     with SimulatorThread(config) as simulator:
         client, tcp = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
         simulator.inject("freeze")
         for sn in range(1, 5):
             client.send({"type": MODE, "sn": sn})
-        for _ in range(3):  # which have no answer that could refuse them
+        for _ in range(3):  # subscriptions have no answer, so the connection is closed
             tcp.send(subscription(MODE))
         simulator.wait_received(MODE, 4)
         with pytest.raises((AssertionError, ConnectionError)):
@@ -238,7 +251,9 @@ def test_requests_that_a_frozen_chassis_has_to_do_are_limited() -> None:
         tcp.close()
 
 
-def test_a_client_that_leaves_takes_what_waits_with_it(simulator: SimulatorThread) -> None:
+def test_waiting_answers_are_dropped_when_the_client_disconnects(
+    simulator: SimulatorThread,
+) -> None:
     simulator.inject("delay", seconds=HOUR)
     client = JsonClient(simulator.port)
     client.send({"type": MODE, "sn": 1})

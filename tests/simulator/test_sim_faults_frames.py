@@ -1,4 +1,4 @@
-"""Faults of single frames, over each way of speaking with the chassis."""
+"""Faults of single frames, over each transport and encoding."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ LEGACY = int(websockets.version.version.split(".")[0]) < 14
 
 
 class Peer(Protocol):
-    """A client that takes what comes, and looks at it only when told to."""
+    """A client that receives frames undecoded and parses them on demand."""
 
     def ask(self, sn: int, type_name: str = MODE) -> None: ...
 
     def subscribe(self, type_name: str) -> None: ...
 
-    def raw(self) -> bytes: ...
+    def receive_raw(self) -> bytes: ...
 
     def parse(self, data: bytes) -> tuple[str, int, Any]:
-        """Type, number and body; ValueError if it is no frame."""
+        """Return type, serial number and body. Raise ValueError if it is not a valid frame."""
 
     def close(self) -> None: ...
 
@@ -47,7 +47,7 @@ class JsonPeer:
     def subscribe(self, type_name: str) -> None:
         self._client.send({"type": "woosh.Subscription", "body": {"topics": [type_name], "sub": 1}})
 
-    def raw(self) -> bytes:
+    def receive_raw(self) -> bytes:
         socket = self._client.socket
         data = self._client._await(socket.recv() if LEGACY else socket.recv(decode=False))
         return data.encode() if isinstance(data, str) else data
@@ -81,7 +81,7 @@ class BinaryPeer(_PackPeer):
     def subscribe(self, type_name: str) -> None:
         self._client.send(subscription(type_name))
 
-    def raw(self) -> bytes:
+    def receive_raw(self) -> bytes:
         data = self._client._await(self._client.socket.recv())
         assert isinstance(data, bytes)
         return data
@@ -100,7 +100,7 @@ class TcpPeer(_PackPeer):
     def subscribe(self, type_name: str) -> None:
         self._client.send(subscription(type_name))
 
-    def raw(self) -> bytes:
+    def receive_raw(self) -> bytes:
         return self._client.receive_bytes()
 
     def close(self) -> None:
@@ -117,26 +117,26 @@ def peer(simulator: SimulatorThread, request: pytest.FixtureRequest) -> Iterator
 
 def exchange(peer: Peer, sn: int, type_name: str = MODE) -> tuple[str, int, Any]:
     peer.ask(sn, type_name)
-    return peer.parse(peer.raw())
+    return peer.parse(peer.receive_raw())
 
 
 @pytest.mark.parametrize("name", ["garbage", "truncated", "invalid_utf8"])
-def test_frames_that_nobody_can_read(simulator: SimulatorThread, peer: Peer, name: str) -> None:
+def test_damaged_frames_are_unreadable(simulator: SimulatorThread, peer: Peer, name: str) -> None:
     if name == "invalid_utf8" and LEGACY and isinstance(peer, JsonPeer):
-        return  # this client ends the connection itself, as the next test has it
+        return  # this client closes the connection, see the next test
     fault = simulator.inject(name, type=BATTERY, count=2)
     for sn in (1, 2):
         peer.ask(sn, BATTERY)
         with pytest.raises(ValueError):
-            peer.parse(peer.raw())
+            peer.parse(peer.receive_raw())
     assert not fault.active
     assert exchange(peer, 3, BATTERY)[:2] == (BATTERY, 3)
     assert simulator.connections == 1
     assert simulator.counts[BATTERY] == 3
 
 
-def test_text_that_is_no_utf8(simulator: SimulatorThread, client: JsonClient) -> None:
-    """By the WebSocket's rules it ends the connection, unless a client asks for raw text."""
+def test_invalid_utf8_closes_a_websocket(simulator: SimulatorThread, client: JsonClient) -> None:
+    """A client must close the connection with code 1007, unless it reads text as bytes."""
     simulator.inject("invalid_utf8", count=1)
     client.send({"type": MODE, "sn": 1})
     with pytest.raises(ConnectionClosed) as error:
@@ -146,13 +146,13 @@ def test_text_that_is_no_utf8(simulator: SimulatorThread, client: JsonClient) ->
 
 
 @pytest.mark.parametrize("name", ["garbage", "truncated", "unknown_fields", "wrong_field_type"])
-def test_pushes_too(simulator: SimulatorThread, peer: Peer, name: str) -> None:
+def test_faults_damage_pushes(simulator: SimulatorThread, peer: Peer, name: str) -> None:
     simulator.inject(name, frames="pushes", type=BATTERY)
     peer.subscribe(BATTERY)
     assert exchange(peer, 3)[:2] == (MODE, 3)
     push = robot_pb2.Battery(power=7)
     simulator.push(push)
-    data = peer.raw()
+    data = peer.receive_raw()
     if name in ("garbage", "truncated"):
         with pytest.raises(ValueError):
             peer.parse(data)
@@ -162,32 +162,34 @@ def test_pushes_too(simulator: SimulatorThread, peer: Peer, name: str) -> None:
     assert exchange(peer, 4)[:2] == (MODE, 4)
 
 
-def test_all_frames(simulator: SimulatorThread, peer: Peer) -> None:
+def test_faults_damage_answers_and_pushes(simulator: SimulatorThread, peer: Peer) -> None:
     peer.subscribe(BATTERY)
     assert exchange(peer, 3)[:2] == (MODE, 3)
     simulator.inject("garbage", frames="all", length=10, count=2)
     simulator.push(robot_pb2.Battery(power=7))
-    assert len(peer.raw()) == 10
+    assert len(peer.receive_raw()) == 10
     peer.ask(4)
-    assert len(peer.raw()) == 10
+    assert len(peer.receive_raw()) == 10
     assert exchange(peer, 5)[:2] == (MODE, 5)
 
 
-def test_frames_that_break_off(simulator: SimulatorThread, peer: Peer) -> None:
+def test_frame_truncated_on_the_wire_ends_the_connection(
+    simulator: SimulatorThread, peer: Peer
+) -> None:
     simulator.inject("truncated", where="wire", count=1)
     peer.ask(1)
     with pytest.raises((ConnectionClosed, ConnectionError, AssertionError)):
-        peer.raw()
+        peer.receive_raw()
     again = type(peer)(simulator)  # type: ignore[call-arg]
     assert exchange(again, 2)[:2] == (MODE, 2)
     again.close()
 
 
-def test_oversize_frames_are_right_otherwise(simulator: SimulatorThread, peer: Peer) -> None:
+def test_oversize_frame_is_valid(simulator: SimulatorThread, peer: Peer) -> None:
     usual = exchange(peer, 1)[2]
     simulator.inject("oversize", mib=3, count=1)
     peer.ask(1)
-    data = peer.raw()
+    data = peer.receive_raw()
     assert 3 * MIB <= len(data) < 3 * MIB + 100
     assert isinstance(usual, dict) is isinstance(peer, JsonPeer)
     type_name, sn, body = peer.parse(data)
@@ -196,15 +198,15 @@ def test_oversize_frames_are_right_otherwise(simulator: SimulatorThread, peer: P
     assert exchange(peer, 2)[:2] == (MODE, 2)
 
 
-def test_oversize_is_over_the_usual_limit(simulator: SimulatorThread) -> None:
+def test_oversize_exceeds_64_mib_by_default(simulator: SimulatorThread) -> None:
     peer = TcpPeer(simulator)
     simulator.inject("oversize")
     peer.ask(1)
-    assert len(peer.raw()) > 64 * MIB
+    assert len(peer.receive_raw()) > 64 * MIB
     peer.close()
 
 
-def test_unknown_fields_leave_the_others_alone(simulator: SimulatorThread, peer: Peer) -> None:
+def test_unknown_fields_keep_the_other_fields(simulator: SimulatorThread, peer: Peer) -> None:
     usual = exchange(peer, 1, BATTERY)[2]
     simulator.inject("unknown_fields")
     type_name, sn, body = exchange(peer, 2, BATTERY)
@@ -218,7 +220,7 @@ def test_unknown_fields_leave_the_others_alone(simulator: SimulatorThread, peer:
         assert body == usual
 
 
-def test_wrong_field_type(simulator: SimulatorThread, peer: Peer) -> None:
+def test_wrong_field_type_changes_one_field(simulator: SimulatorThread, peer: Peer) -> None:
     usual = exchange(peer, 1, BATTERY)[2]
     simulator.inject("wrong_field_type")
     body = exchange(peer, 2, BATTERY)[2]
@@ -235,13 +237,15 @@ def test_wrong_field_type(simulator: SimulatorThread, peer: Peer) -> None:
         assert body == usual
 
 
-def test_an_empty_body_of_the_wrong_type(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_wrong_field_type_replaces_an_empty_body(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     simulator.inject("wrong_field_type", type="woosh.robot.SetOccupancy")
     client.send({"type": "woosh.robot.SetOccupancy", "sn": 1})
     assert client.receive()["body"] == "neither"
 
 
-def test_equal_seeds_damage_equally() -> None:
+def test_equal_seeds_damage_frames_equally() -> None:
     seen = []
     for _ in range(2):
         with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=8)) as simulator:
@@ -251,7 +255,7 @@ def test_equal_seeds_damage_equally() -> None:
             frames = []
             for sn in range(3):
                 peer.ask(sn)
-                frames.append(peer.raw())
+                frames.append(peer.receive_raw())
             kinds = []
             for sn in range(5):
                 body = exchange(peer, sn, BATTERY)[2]

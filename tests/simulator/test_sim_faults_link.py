@@ -1,4 +1,4 @@
-"""Faults of the connection as a whole, and what all faults have in common."""
+"""Faults of the whole connection, and behaviour common to all faults."""
 
 from __future__ import annotations
 
@@ -27,20 +27,22 @@ UPGRADE = (
     b"GET / HTTP/1.1\r\nHost: here\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
-GONE = (AssertionError, ConnectionError)  # how a TcpClient meets the end of its connection
+DISCONNECTED = (AssertionError, ConnectionError)  # raised by a TcpClient
 
 
 def connect(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), TIMEOUT)
 
 
-def test_drop(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+def test_drop_closes_all_connections_once(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
     assert tcp.request(MODE).ok
     wait_until(lambda: simulator.connections == 2)
     assert not simulator.inject("drop").active
     with pytest.raises(ConnectionClosed):
         client.receive()
-    with pytest.raises(GONE):
+    with pytest.raises(DISCONNECTED):
         tcp.receive()
     again = TcpClient(simulator.tcp_port)
     assert again.request(MODE).ok
@@ -49,10 +51,12 @@ def test_drop(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) ->
     assert simulator.faults == []
 
 
-def test_accept_then_drop(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_accept_then_drop_closes_new_connections_only(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.ask(MODE)
     fault = simulator.inject("accept_then_drop", count=2)
-    new = JsonClient(simulator.port)  # its handshake was answered
+    new = JsonClient(simulator.port)  # the handshake still succeeds
     with pytest.raises(ConnectionClosed):
         new.receive()
     new.close()
@@ -63,16 +67,16 @@ def test_accept_then_drop(simulator: SimulatorThread, client: JsonClient) -> Non
     third = TcpClient(simulator.tcp_port)
     assert third.request(MODE).ok
     third.close()
-    client.ask(MODE)  # who was there before stays
+    client.ask(MODE)  # older connections stay open
     assert simulator.counts[MODE] == 3
 
 
-def test_off_and_back_at_the_same_ports(simulator: SimulatorThread) -> None:
+def test_off_refuses_connections_and_returns_to_the_same_ports(simulator: SimulatorThread) -> None:
     ports = simulator.port, simulator.tcp_port
     first = TcpClient(simulator.tcp_port)
     assert first.request(MODE).ok
     fault = simulator.inject("off")
-    with pytest.raises(GONE):
+    with pytest.raises(DISCONNECTED):
         first.receive()
     first.close()
     for port in ports:
@@ -89,8 +93,10 @@ def test_off_and_back_at_the_same_ports(simulator: SimulatorThread) -> None:
     tcp.close()
 
 
-def test_half_open(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
-    """Nothing comes back, from old connections and from new ones, until it is over."""
+def test_half_open_connections_get_no_data_until_cleared(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
+    """Neither old nor new connections get any data until the fault is cleared."""
     client.ask(MODE)
     fault = simulator.inject("half_open")
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 900})
@@ -117,7 +123,7 @@ def test_half_open(simulator: SimulatorThread, client: JsonClient, tcp: TcpClien
     assert simulator.counts[OCCUPY] == 1
 
 
-def test_shared_faults_last_until_the_last_of_them(
+def test_overlapping_faults_last_until_the_last_is_cleared(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     faults = [simulator.inject("half_open") for _ in range(2)]
@@ -130,7 +136,9 @@ def test_shared_faults_last_until_the_last_of_them(
     assert simulator.injected["half_open"] == 2
 
 
-def test_freeze(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) -> None:
+def test_freeze_stops_clock_and_answers_but_not_pongs(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
     client.ask(MODE)
     fault = simulator.inject("freeze")
     elapsed = simulator.state.elapsed
@@ -154,8 +162,8 @@ def test_freeze(simulator: SimulatorThread, client: JsonClient, tcp: TcpClient) 
     wait_until(lambda: simulator.state.elapsed > elapsed)
 
 
-def test_nothing_leaves_a_frozen_chassis(simulator: SimulatorThread, client: JsonClient) -> None:
-    """Neither pushes nor answers of requests from before."""
+def test_frozen_chassis_sends_nothing(simulator: SimulatorThread, client: JsonClient) -> None:
+    """Neither pushes nor delayed answers to earlier requests leave it."""
     client.subscribe("woosh.robot.Battery")
     delayed = simulator.inject("delay", seconds=0.1)
     client.send({"type": MODE, "sn": 800})
@@ -168,15 +176,17 @@ def test_nothing_leaves_a_frozen_chassis(simulator: SimulatorThread, client: Jso
     assert {client.receive().get("sn") for _ in range(2)} == {800, None}
 
 
-def test_freeze_ends_by_itself(simulator: SimulatorThread, client: JsonClient) -> None:
-    """Its own clock goes on, though that of the chassis stands still."""
+def test_freeze_ends_after_its_duration(simulator: SimulatorThread, client: JsonClient) -> None:
+    """Its duration elapses although the simulated time stands still."""
     fault = simulator.inject("freeze", for_=10.0)
     client.send({"type": MODE, "sn": 3})
     assert client.receive()["sn"] == 3
     assert not fault.active
 
 
-def test_half_open_while_frozen(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_freeze_lasts_after_half_open_is_cleared(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     frozen, held = simulator.inject("freeze"), simulator.inject("half_open")
     client.send({"type": MODE, "sn": 3})
     held.clear()
@@ -187,7 +197,7 @@ def test_half_open_while_frozen(simulator: SimulatorThread, client: JsonClient) 
     assert client.receive()["sn"] == 3
 
 
-def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None:
+def test_clearing_an_ended_fault_does_nothing(simulator: SimulatorThread) -> None:
     fault = simulator.inject("half_open")
     fault.clear()
     fault.clear()
@@ -203,14 +213,14 @@ def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None
         (
             "delay",
             {"seconds": "1"},
-            "delay: seconds: '1' is not a number from 0 to 86400 in s of",
+            "delay: seconds: '1' is not a number from 0 to 86400, in s of",
         ),
         ("delay", {"seconds": -1}, "seconds: -1 is not"),
         ("delay", {"seconds": float("nan")}, "seconds: nan is not"),
         ("delay", {"seconds": 10**400}, "is not a number from 0 to 86400"),
-        ("delay", {"count": 10**400}, "is not an integer from 0"),
-        ("delay", {"for_": float("inf")}, "for: inf is not a number from 0 in s of"),
-        ("delay", {"count": 1.5}, "count: 1.5 is not an integer from 0"),
+        ("delay", {"count": 10**400}, "is not an integer of at least 0"),
+        ("delay", {"for_": float("inf")}, "for: inf is not a number of at least 0, in s"),
+        ("delay", {"count": 1.5}, "count: 1.5 is not an integer of at least 0"),
         ("delay", {"count": True}, "count: True is not an integer"),
         ("delay", {"frames": "some"}, "frames: 'some' is not answers or pushes or all"),
         ("refuse", {"text": 5}, "text: 5 is not a text"),
@@ -220,7 +230,7 @@ def test_a_fault_that_is_over_can_be_cleared(simulator: SimulatorThread) -> None
         ("burst", {"type": "woosh.robot.Speak"}, "is not one of"),
     ],
 )
-def test_wrong_ones_say_what_is_right(
+def test_invalid_faults_are_refused_with_a_hint(
     simulator: SimulatorThread, name: str, arguments: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(FaultError) as error:
@@ -230,7 +240,7 @@ def test_wrong_ones_say_what_is_right(
     assert simulator.faults == []
 
 
-def test_begin_and_end_are_logged_once(
+def test_fault_begin_and_end_are_logged_once(
     simulator: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.simulator.faults")
@@ -249,7 +259,7 @@ def test_begin_and_end_are_logged_once(
     ]
 
 
-def test_in_the_callers_loop() -> None:
+def test_faults_work_in_the_event_loop_of_the_caller() -> None:
     async def scenario() -> None:
         config = SimulatorConfig(port=0, tcp_port=0, speed=100)
         async with SimulatedChassis(config) as simulator:
@@ -263,12 +273,12 @@ def test_in_the_callers_loop() -> None:
             writer.close()
             simulator.inject("half_open")
             simulator.inject("freeze")
-            simulator.inject("off")  # it ends all the same
+            simulator.inject("off")  # the simulator can still shut down
 
     asyncio.run(scenario())
 
 
-def test_the_table_is_complete() -> None:
+def test_markdown_table_lists_every_fault() -> None:
     rows = markdown().splitlines()
     assert len(rows) == len(FAULTS) + 2
     assert all(row.count(" | ") == 3 for row in rows)

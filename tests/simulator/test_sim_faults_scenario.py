@@ -1,4 +1,4 @@
-"""Faults by schedule: from files and from the command line."""
+"""Scheduled faults, from scenario files and from the command line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.faults import Step, markdown, parse_fault
 
 SCENARIO = """\
-# comes second, but happens first
+# entries need not be in order of time
 - {at: 30, do: lost_localisation, for: 10}
 - at: 10
   do: emergency_stop
@@ -41,7 +41,7 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-def test_files_are_read(scenario: Path) -> None:
+def test_scenario_file_is_read(scenario: Path) -> None:
     steps = load_scenario(scenario).steps
     assert [(step.at, step.name) for step in steps] == [
         (30.0, "lost_localisation"),
@@ -66,7 +66,7 @@ def test_files_are_read(scenario: Path) -> None:
         ("- {at: 1}", "entry 1: `do` must name a fault"),
         (
             "- {at: -1, do: drop}",
-            "entry 1: drop: at: -1 is not a number from 0 in s of",
+            "entry 1: drop: at: -1 is not a number of at least 0, in s of",
         ),
         ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
         ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of drop, "),
@@ -76,7 +76,9 @@ def test_files_are_read(scenario: Path) -> None:
         ("- {at: 1, do: on}", "entry 1: `do` must name a fault"),
     ],
 )
-def test_wrong_files_say_what_is_right(tmp_path: Path, text: str, complaint: str) -> None:
+def test_invalid_scenario_files_are_refused_with_a_hint(
+    tmp_path: Path, text: str, complaint: str
+) -> None:
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
     with pytest.raises(FaultError) as error:
@@ -85,7 +87,7 @@ def test_wrong_files_say_what_is_right(tmp_path: Path, text: str, complaint: str
     assert complaint in str(error.value)
 
 
-def test_the_command_lines_form() -> None:
+def test_fault_option_is_parsed() -> None:
     assert parse_fault("drop") == Step(0.0, "drop", {})
     step = parse_fault("refuse text='not today' type=woosh.robot.Speak at=5 for=10 count=2")
     assert (step.at, step.name) == (5.0, "refuse")
@@ -106,13 +108,13 @@ def test_the_command_lines_form() -> None:
         ("delay seconds=1 seconds=2", "delay: seconds is given twice"),
         (
             "delay seconds=x",
-            "delay: seconds: 'x' is not a number from 0 to 86400 in s of",
+            "delay: seconds: 'x' is not a number from 0 to 86400, in s of",
         ),
-        ("delay count=1.5", "delay: count: '1.5' is not an integer from 0"),
+        ("delay count=1.5", "delay: count: '1.5' is not an integer of at least 0"),
         ("delay what=1", "delay has no argument 'what'; its arguments are: seconds, "),
     ],
 )
-def test_wrong_command_lines_say_what_is_right(
+def test_invalid_fault_options_are_refused_with_a_hint(
     text: str, complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as exit_:
@@ -121,7 +123,9 @@ def test_wrong_command_lines_say_what_is_right(
     assert complaint in capsys.readouterr().err
 
 
-def test_a_wrong_file_by_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_scenario_file_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit):
         main(["--scenario", str(tmp_path / "none.yaml")])
     assert "No such file" in capsys.readouterr().err
@@ -132,8 +136,8 @@ def codes(client: JsonClient) -> list[dict[str, Any]]:
     return found
 
 
-def test_things_happen_in_simulated_time(scenario: Path) -> None:
-    """And in two runs alike."""
+def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
+    """Equal seeds give equal codes and times."""
     config = SimulatorConfig(
         port=0, tcp_port=0, speed=100, seed=2, scenario=load_scenario(scenario)
     )
@@ -149,7 +153,7 @@ def test_things_happen_in_simulated_time(scenario: Path) -> None:
             }
             assert [fault.name for fault in simulator.faults] == ["refuse"]
             client = JsonClient(simulator.port)
-            assert client.refused("woosh.robot.Speak") == "not now: busy"
+            assert client.refusal("woosh.robot.Speak") == "not now: busy"
             runs.append([(code["msg"], int(code["time"])) for code in codes(client)])
             client.close()
     assert runs[0] == runs[1]
@@ -160,7 +164,7 @@ def test_things_happen_in_simulated_time(scenario: Path) -> None:
     ]
 
 
-def test_what_is_due_at_the_start_is_there_for_the_first_client() -> None:
+def test_faults_due_at_the_start_begin_before_the_first_client() -> None:
     scenario = Scenario((parse_fault("off for=20"),))
     config = SimulatorConfig(port=0, tcp_port=0, speed=50, scenario=scenario)
     with SimulatorThread(config) as simulator:
@@ -168,29 +172,29 @@ def test_what_is_due_at_the_start_is_there_for_the_first_client() -> None:
         seen = simulator.injected["off"]
         wait_until(lambda: not simulator.faults)
         wait_until(lambda: simulator.port == port)
-        simulator.clear_faults()  # returns when it listens
+        simulator.clear_faults()  # returns once the simulator listens again
         client = JsonClient(port)
         client.ask("woosh.robot.Mode")
         client.close()
     assert seen == 1
 
 
-def test_as_a_program(scenario: Path) -> None:
+def test_program_runs_scenario_and_fault_options(scenario: Path) -> None:
     arguments = ("--scenario", str(scenario), "--speed", "100", "-v", "--seed", "2")
     refuse = "refuse type=woosh.robot.SetOccupancy text='by hand'"
     freeze = "freeze at=20 for=5"
     with running(*arguments, "--fault", refuse, "--fault", freeze) as (process, port, _):
         assert process.stderr
-        said = []
+        log = []
         for line in process.stderr:
-            said += [line.strip().partition("injector: ")[2]] if "injector" in line else []
+            log += [line.strip().partition("injector: ")[2]] if "injector" in line else []
             if "fault: drop" in line:
                 break
         client = JsonClient(port)
-        assert client.refused("woosh.robot.SetOccupancy") == "by hand"
-        assert client.refused("woosh.robot.Speak") == "not now: busy"
+        assert client.refusal("woosh.robot.SetOccupancy") == "by hand"
+        assert client.refusal("woosh.robot.Speak") == "not now: busy"
         client.close()
-    assert said == [
+    assert log == [
         "fault begins: refuse text='by hand' type=woosh.robot.SetOccupancy",
         "fault begins: emergency_stop for=5.5",
         "fault ends: emergency_stop for=5.5",
@@ -203,7 +207,7 @@ def test_as_a_program(scenario: Path) -> None:
     ]
 
 
-def test_the_list() -> None:
+def test_list_faults_prints_the_table() -> None:
     out = subprocess.run(
         [*PROGRAM, "--list-faults"], capture_output=True, text=True, check=True
     ).stdout

@@ -1,4 +1,4 @@
-"""Clients that mean harm: the simulated chassis goes on serving them and the others."""
+"""Hostile clients: the simulated chassis keeps serving them and the others."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ MIB = 1024 * 1024
 HOSTILE = {
     "nested lists": "[" * 100_000,
     "nested body": '{"type":"woosh.robot.Speak","sn":999,"body":' + "[" * 5000 + "]" * 5000 + "}",
-    "a type that is no name": '{"type":"' + "x" * 1_000_000 + '","sn":999}',
-    "very many objects": '{"type":"woosh.robot.Speak","sn":999,"body":['
+    "very long type": '{"type":"' + "x" * 1_000_000 + '","sn":999}',
+    "1.5 million objects": '{"type":"woosh.robot.Speak","sn":999,"body":['
     + "{}," * 1_500_000
     + "{}]}",
-    "a number of very many digits": '{"type":"woosh.robot.Speak","sn":' + "9" * 100_000 + "}",
-    "a long number": '{"type":"woosh.robot.Speak","sn":' + "9" * 4000 + "}",
-    "keys twice": '{"type":"woosh.robot.Speak","type":"woosh.Subscription","body":{"topics":1}}',
-    "subscription to everything": '{"type":"woosh.Subscription","body":{"topics":['
+    "number with 100,000 digits": '{"type":"woosh.robot.Speak","sn":' + "9" * 100_000 + "}",
+    "number with 4,000 digits": '{"type":"woosh.robot.Speak","sn":' + "9" * 4000 + "}",
+    "duplicate keys": '{"type":"woosh.robot.Speak","type":"woosh.Subscription",'
+    '"body":{"topics":1}}',
+    "subscription to 100,000 topics": '{"type":"woosh.Subscription","body":{"topics":['
     + ",".join(['"x"'] * 100_000)
     + '],"sub":true}}',
-    "deep any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","sn":999,"body":{"info":'
+    "deeply nested Any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","sn":999,"body":{"info":'
     + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
     + "{}"
     + "}" * 300
@@ -37,7 +38,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("what", HOSTILE)
-def test_a_hostile_frame_ends_nothing(
+def test_hostile_frame_closes_no_connection(
     simulator: SimulatorThread, client: JsonClient, tcp: TcpClient, what: str
 ) -> None:
     client.send(HOSTILE[what])
@@ -46,24 +47,26 @@ def test_a_hostile_frame_ends_nothing(
     assert simulator.connections == 2
 
 
-def test_an_answer_is_not_much_longer_than_its_request(client: JsonClient) -> None:
+def test_refusal_of_a_very_long_type_is_short(client: JsonClient) -> None:
     answer = client.request("x" * 1_000_000)
     assert answer["ok"] is False
     assert len(answer["msg"]) < 1000
     assert len(answer["type"]) < 1000
 
 
-def test_deep_groups(simulator: SimulatorThread, tcp: TcpClient) -> None:
+def test_deeply_nested_groups_close_no_connection(
+    simulator: SimulatorThread, tcp: TcpClient
+) -> None:
     tcp.send(b"\xfb\x06" * 100_000 + b"\xfc\x06" * 100_000)
     tcp.send(packed(MODE)[:-1])
     assert tcp.request(MODE).ok
     assert simulator.connections == 1
 
 
-def test_what_waits_for_a_client_that_does_not_read_is_bounded(
+def test_client_with_too_many_unread_bytes_is_dropped(
     simulator: SimulatorThread, tcp: TcpClient
 ) -> None:
-    """By bytes too: few frames can be large."""
+    """The limit counts bytes as well as frames, because a few frames can be large."""
     assert tcp.request(MODE).ok
     frame = b"x" * (20 * MIB)
     for _ in range(6):
@@ -74,7 +77,7 @@ def test_what_waits_for_a_client_that_does_not_read_is_bounded(
         time.sleep(0.01)
 
 
-def test_the_record_of_what_clients_sent_is_bounded(
+def test_record_of_received_messages_is_limited_in_bytes(
     simulator: SimulatorThread, tcp: TcpClient
 ) -> None:
     speech = Speak(text="x" * (8 * MIB))
@@ -84,8 +87,8 @@ def test_the_record_of_what_clients_sent_is_bounded(
     assert len(simulator.received) == 7
 
 
-async def _handshake(port: int, origin: str) -> str:
-    """The first line that the simulator answers to a client of this origin."""
+async def _handshake_status(port: int, origin: str) -> str:
+    """Return the status line of the answer to a WebSocket handshake with this origin."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     header = f"Origin: {origin}\r\n" if origin else ""
     writer.write(
@@ -113,20 +116,22 @@ async def _handshake(port: int, origin: str) -> str:
         ("null", "403"),
     ],
 )
-def test_web_pages_of_others_are_refused(
+def test_handshakes_from_foreign_web_pages_are_refused(
     simulator: SimulatorThread, origin: str, status: str
 ) -> None:
-    """A page in the browser of this machine reaches its loopback too."""
-    assert f" {status} " in asyncio.run(_handshake(simulator.port, origin))
+    """A web page in a browser on this machine can reach the loopback address."""
+    assert f" {status} " in asyncio.run(_handshake_status(simulator.port, origin))
 
 
-def test_web_pages_are_not_refused_where_everybody_is_let_in() -> None:
+def test_all_origins_are_accepted_on_a_public_address() -> None:
     config = SimulatorConfig(host="0.0.0.0", port=0, tcp_port=0)
     with SimulatorThread(config) as simulator:
-        assert " 101 " in asyncio.run(_handshake(simulator.port, "https://somewhere.example"))
+        assert " 101 " in asyncio.run(
+            _handshake_status(simulator.port, "https://somewhere.example")
+        )
 
 
-def test_a_socket_that_says_nothing_makes_room_for_others(
+def test_silent_connection_is_closed(
     monkeypatch: pytest.MonkeyPatch, simulator: SimulatorThread
 ) -> None:
     monkeypatch.setattr(connections, "_FIRST_FRAME_TIMEOUT", 2.0)
@@ -139,7 +144,7 @@ def test_a_socket_that_says_nothing_makes_room_for_others(
     silent.close()
 
 
-def test_clients_that_are_too_many_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_excess_connections_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     config = SimulatorConfig(port=0, tcp_port=0, max_connections=1)
     with caplog.at_level(logging.WARNING), SimulatorThread(config) as simulator:
         first = TcpClient(simulator.tcp_port)

@@ -1,4 +1,4 @@
-"""Obstacles in the way of tasks, actions and steps: noticed, waited for, driven round."""
+"""Obstacles in the way of tasks, actions and steps: reported, waited for, avoided."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ GOAL = {"pose": {"x": 9.0, "y": 0.0}}
 
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
-    """As slow as a real one at first: what is sent in a row comes before the obstacle is met."""
+    """Simulator in real time at first, so that requests arrive before the obstacle does."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as simulator:
         yield simulator
 
 
 @pytest.fixture(autouse=True)
-def _placed(simulator: SimulatorThread, client: JsonClient) -> None:
+def _obstacle_ahead(simulator: SimulatorThread, client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
     put(simulator, 6.0)
     client.subscribe(PROC, OPERATION, ABNORMAL, CODE, FEEDBACKS)
@@ -43,41 +43,41 @@ def remove(simulator: SimulatorThread) -> None:
     simulator.call(lambda s: s.chassis.obstacles.remove("box"))
 
 
-def hurry(simulator: SimulatorThread) -> None:
+def speed_up(simulator: SimulatorThread) -> None:
     simulator.call(lambda s: setattr(s, "speed", 50.0))
 
 
-def go(simulator: SimulatorThread, client: JsonClient, mode: int, timeout: int = 0) -> None:
-    """Start the task beyond the obstacle, in a navigation mode."""
+def start_task(simulator: SimulatorThread, client: JsonClient, mode: int, timeout: int = 0) -> None:
+    """Start a task with a goal beyond the obstacle, in the given navigation mode."""
     client.ask("woosh.robot.ExecTask", GOAL)
     setting = {"type": 2, "mode": mode, "waitTimeout": timeout}
     client.ask("woosh.robot.ChangeNavMode", {"navMode": setting})
-    hurry(simulator)
+    speed_up(simulator)
 
 
 def warns(proc: Json) -> bool:
     return bool(proc.get("action", {}).get("state") == ACTION_WARNING)
 
 
-def impeded(client: JsonClient) -> Json:
-    """The report of the task that something stands in its way, which shows everywhere else too."""
-    report = client.push(PROC, warns)
+def next_impeded_report(client: JsonClient) -> Json:
+    """Return the next report of an impeded task, and check that the other states agree."""
+    report = client.next_push(PROC, warns)
     assert report["state"] == EXECUTING
     assert "an obstacle stands in the way" in report["msg"]
-    assert client.push(OPERATION, lambda body: body["nav"] == IMPEDE)["robot"] == 1
-    (code,) = client.push(ABNORMAL)["scs"]
+    assert client.next_push(OPERATION, lambda body: body["nav"] == IMPEDE)["robot"] == 1
+    (code,) = client.next_push(ABNORMAL)["scs"]
     assert (code["level"], code["msg"]) == (2, "an obstacle stands in the way")
     return report
 
 
-def end(client: JsonClient) -> Json:
-    return client.push(PROC, lambda body: body["state"] in (COMPLETED, FAILED))
+def end_of_task(client: JsonClient) -> Json:
+    return client.next_push(PROC, lambda body: body["state"] in (COMPLETED, FAILED))
 
 
-def test_it_drives_round_an_obstacle(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_task_avoids_an_obstacle(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed", "woosh.robot.NavPath")
-    client.ask("woosh.robot.ExecTask", GOAL)  # avoiding is what it does unless told otherwise
-    hurry(simulator)
+    client.ask("woosh.robot.ExecTask", GOAL)  # avoidance is the default mode
+    speed_up(simulator)
     nearest, corners, warnings, states, codes = math.inf, 0, 0, [], []
     while True:
         frame = client.receive()
@@ -107,129 +107,133 @@ def test_it_drives_round_an_obstacle(simulator: SimulatorThread, client: JsonCli
 
 
 @pytest.mark.parametrize("mode", [WAIT, NARROW])
-def test_it_waits_until_the_obstacle_is_gone(
+def test_task_waits_until_the_obstacle_is_removed(
     simulator: SimulatorThread, client: JsonClient, mode: int
 ) -> None:
-    go(simulator, client, mode)
-    impeded(client)
+    start_task(simulator, client, mode)
+    next_impeded_report(client)
     pass_time(simulator, 5.0)
     where = simulator.state.pose
     assert 0.5 < 6.0 - where.x - 0.3 < 1.0
     pass_time(simulator, 120.0)
     assert simulator.state.pose == where
     assert client.ask(OPERATION)["nav"] == IMPEDE
-    assert client.taken(PROC) == []
+    assert client.take_pushes(PROC) == []
     remove(simulator)
-    going = client.push(PROC)
+    going = client.next_push(PROC)
     assert (going["state"], going["action"]["state"]) == (EXECUTING, ACTION_EXECUTING)
-    assert client.push(OPERATION)["nav"] == 0
-    assert client.push(ABNORMAL)["scs"] == []
-    assert end(client)["state"] == COMPLETED
+    assert client.next_push(OPERATION)["nav"] == 0
+    assert client.next_push(ABNORMAL)["scs"] == []
+    assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_it_plans_anew_after_a_timeout(simulator: SimulatorThread, client: JsonClient) -> None:
-    go(simulator, client, TIMEOUT, timeout=20)
-    since = impeded(client)["time"]
-    avoided = client.push(CODE, lambda body: body["code"] == AVOIDED)
+def test_task_replans_after_the_wait_timeout(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    start_task(simulator, client, TIMEOUT, timeout=20)
+    since = next_impeded_report(client)["time"]
+    avoided = client.next_push(CODE, lambda body: body["code"] == AVOIDED)
     assert 19.0 <= int(avoided["time"]) / 1000 - since <= 22.0
-    assert end(client)["state"] == COMPLETED
+    assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_it_fails_after_a_timeout(simulator: SimulatorThread, client: JsonClient) -> None:
-    go(simulator, client, OVERTIME, timeout=10)
-    since = impeded(client)["time"]
-    failed = end(client)
+def test_task_fails_after_the_wait_timeout(simulator: SimulatorThread, client: JsonClient) -> None:
+    start_task(simulator, client, OVERTIME, timeout=10)
+    since = next_impeded_report(client)["time"]
+    failed = end_of_task(client)
     assert failed["state"] == FAILED
     assert "remove it or choose another goal" in failed["msg"]
     assert 9 <= failed["time"] - since <= 12
     assert client.ask(OPERATION)["nav"] == 0
-    # When the way is free again, the task can be recovered from where it failed.
+    # Once the way is free, the task can be recovered where it failed.
     remove(simulator)
     client.ask("woosh.robot.ActionOrder", {"order": 5})
-    assert client.push(PROC)["state"] == EXECUTING
-    assert end(client)["state"] == COMPLETED
+    assert client.next_push(PROC)["state"] == EXECUTING
+    assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_where_there_is_no_way_round_it_waits_and_fails(
+def test_task_waits_then_fails_if_there_is_no_way_round(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     put(simulator, 9.0, 0.6)  # on the goal itself
-    go(simulator, client, AVOID)
-    impeded(client)
-    failed = end(client)
+    start_task(simulator, client, AVOID)
+    next_impeded_report(client)
+    failed = end_of_task(client)
     assert failed["state"] == FAILED
     assert "an obstacle stands in the way" in failed["msg"]
 
 
-def test_a_set_goes_on_after_the_recovery_of_its_task(
+def test_task_set_continues_after_its_failed_task_recovers(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     put(simulator, -2.0, 0.6, y=6.0)  # on A1
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
-    hurry(simulator)
-    assert end(client)["state"] == FAILED
+    speed_up(simulator)
+    assert end_of_task(client)["state"] == FAILED
     pass_time(simulator, 20.0)
-    assert client.taken(PROC) == []
+    assert client.take_pushes(PROC) == []
     remove(simulator)
     client.ask("woosh.robot.ActionOrder", {"order": 5})
-    ends = [end(client) for _ in range(2)]
+    ends = [end_of_task(client) for _ in range(2)]
     assert [(each["robotTaskId"], each["state"]) for each in ends] == [
         ("66601", COMPLETED),
         ("66602", COMPLETED),
     ]
 
 
-def test_an_obstacle_that_moves_away_lets_it_pass(
+def test_task_continues_when_the_obstacle_moves_away(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     put(simulator, 9.0, 0.6)
-    go(simulator, client, AVOID)
-    impeded(client)
+    start_task(simulator, client, AVOID)
+    next_impeded_report(client)
     put(simulator, 6.0, 0.6, y=5.0)
-    assert end(client)["state"] == COMPLETED
+    assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_the_mode_can_change_before_the_obstacle(
+def test_waiting_task_avoids_the_obstacle_after_a_mode_change(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
-    go(simulator, client, WAIT)
-    impeded(client)
+    start_task(simulator, client, WAIT)
+    next_impeded_report(client)
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "mode": AVOID}})
-    assert client.push(CODE, lambda body: body["code"] == AVOIDED)
-    assert end(client)["state"] == COMPLETED
+    assert client.next_push(CODE, lambda body: body["code"] == AVOIDED)
+    assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_a_strict_path_is_not_left(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_task_never_leaves_a_strict_path(simulator: SimulatorThread, client: JsonClient) -> None:
     segment = {"path": {"poses": [{"x": 9.0, "y": 0.0}]}, "optimal": 9}
     client.ask("woosh.robot.ExecTask", {"planPath": {"planPath": [segment]}})
-    hurry(simulator)
-    impeded(client)
-    assert end(client)["state"] == FAILED
+    speed_up(simulator)
+    next_impeded_report(client)
+    assert end_of_task(client)["state"] == FAILED
     assert abs(simulator.state.pose.y) < 0.01
 
 
-def test_a_paused_task_is_not_impeded(simulator: SimulatorThread, client: JsonClient) -> None:
-    go(simulator, client, WAIT)
-    impeded(client)
+def test_paused_task_is_not_impeded(simulator: SimulatorThread, client: JsonClient) -> None:
+    start_task(simulator, client, WAIT)
+    next_impeded_report(client)
     client.ask("woosh.robot.ActionOrder", {"order": 2})
-    assert client.push(OPERATION)["nav"] == 0
-    assert client.push(ABNORMAL)["scs"] == []
+    assert client.next_push(OPERATION)["nav"] == 0
+    assert client.next_push(ABNORMAL)["scs"] == []
     client.ask("woosh.robot.ActionOrder", {"order": 3})
-    impeded(client)
+    next_impeded_report(client)
     client.ask("woosh.robot.ActionOrder", {"order": 4})
-    assert client.push(OPERATION)["nav"] == 0
+    assert client.next_push(OPERATION)["nav"] == 0
 
 
-def test_an_action_says_that_it_is_held_up(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_move_base_reports_an_obstacle_in_the_way(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 9.0}}})
     client.ask(CALL, {"navMode": {"mode": 2}})
-    hurry(simulator)
-    (report,) = client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 10)["fbs"]
+    speed_up(simulator)
+    (report,) = client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 10)["fbs"]
     assert "an obstacle stands in the way" in report["msg"]
-    assert client.push(OPERATION)["nav"] == IMPEDE
+    assert client.next_push(OPERATION)["nav"] == IMPEDE
     remove(simulator)
-    assert client.push(OPERATION)["nav"] == 0
-    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
+    assert client.next_push(OPERATION)["nav"] == 0
+    assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
 
 
 @pytest.mark.parametrize(
@@ -241,38 +245,38 @@ def test_an_action_says_that_it_is_held_up(simulator: SimulatorThread, client: J
         ({"mode": 4, "value": 2.0, "angle": math.pi / 4}, (1.2, 1.2)),
     ],
 )
-def test_a_step_stops_before_an_obstacle(
+def test_step_stops_before_an_obstacle(
     simulator: SimulatorThread, client: JsonClient, step: Json, place: tuple[float, float]
 ) -> None:
     x, y = place
     put(simulator, x, y=y)
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
-    hurry(simulator)
-    assert client.push(OPERATION)["nav"] == IMPEDE
-    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
-    assert client.push(OPERATION)["nav"] == 0
-    # It never touched: there is a gap to the outline.
+    speed_up(simulator)
+    assert client.next_push(OPERATION)["nav"] == IMPEDE
+    assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
+    assert client.next_push(OPERATION)["nav"] == 0
+    # It stopped before contact.
     assert 0.5 < simulator.state.pose.distance(place) - 0.3 < 1.1
     remove(simulator)
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
-    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
+    assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
 
 
-def test_a_step_without_avoidance_drives_until_it_touches(
+def test_step_without_avoidance_drives_until_contact(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     put(simulator, 2.0)
     step = {"mode": 1, "value": 3.0}
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step], "avoid": 1}})
-    hurry(simulator)
-    assert client.push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
+    speed_up(simulator)
+    assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
     assert 0.39 < 2.0 - 0.3 - simulator.state.pose.x < 0.45  # its front is 0.4 m ahead
 
 
-def test_an_obstacle_dropped_on_the_robot_lets_it_leave(
+def test_task_can_leave_an_obstacle_placed_on_the_robot(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     put(simulator, -0.5)
     client.ask("woosh.robot.ExecTask", GOAL)
-    hurry(simulator)
-    assert end(client)["state"] == COMPLETED
+    speed_up(simulator)
+    assert end_of_task(client)["state"] == COMPLETED

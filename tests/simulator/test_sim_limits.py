@@ -1,4 +1,4 @@
-"""Limits that people set by command line."""
+"""Limits set on the command line."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ MODE = "woosh.robot.Mode"
 @pytest.mark.parametrize(
     "option", ["--max-frame", "--max-connections", "--max-waiting", "--max-outbox"]
 )
-def test_limits_are_at_least_one(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_limits_must_be_at_least_one(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main([option, "0"])
     assert f"{option[2:].replace('-', '_')} 0 is not at least 1" in capsys.readouterr().err
 
 
-def test_frames_and_connections_are_limited() -> None:
+def test_frame_size_and_connections_are_limited() -> None:
     with running("--max-frame", "1000", "--max-connections", "1") as (_, port, tcp_port):
         client = JsonClient(port)
         client.ask(MODE)

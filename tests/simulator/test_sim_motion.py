@@ -32,7 +32,7 @@ def chassis() -> Chassis:
     return Chassis(SimulatorConfig(seed=1))
 
 
-def do(chassis: Chassis, name: str, **fields: Any) -> Answer:
+def request(chassis: Chassis, name: str, **fields: Any) -> Answer:
     return dispatch(chassis, message_type(name)(**fields))
 
 
@@ -49,11 +49,11 @@ def open_floor(pose: Pose) -> float:
 
 
 @pytest.mark.parametrize("distance", [0.0004, 0.003, 0.05, 0.7, 3.0, -2.0])
-def test_approach_stops_exactly_and_within_limits(distance: float) -> None:
+def test_approach_stops_exactly_at_the_goal_within_limits(distance: float) -> None:
     position = speed = 0.0
     for _ in range(400):
         wanted = approach(distance - position, 0.8, 1.0, TIME_STEP)
-        # Never slower down than the base can brake, so never beyond the goal.
+        # It never brakes harder than the base can, so it never passes the goal.
         assert abs(wanted) >= abs(speed) - TIME_STEP * 1.0 - 1e-9
         speed = (
             wanted
@@ -78,7 +78,7 @@ def test_base_integrates_an_arc_exactly() -> None:
     assert base.odometer == pytest.approx(0.5 * steps * TIME_STEP)
 
 
-def test_base_keeps_its_limits() -> None:
+def test_base_respects_speed_and_acceleration_limits() -> None:
     base = Base(Pose(), odometer=0.0)
     before = STANDSTILL
     for _ in range(40):
@@ -94,15 +94,15 @@ def test_base_keeps_its_limits() -> None:
     assert base.velocity.turn == pytest.approx(-MAX_TURN_RATE)
 
 
-def test_twist_moves_then_ramps_to_zero(chassis: Chassis) -> None:
+def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:
     start = chassis.base.pose
     for _ in range(10):
-        assert do(chassis, "woosh.robot.Twist", linear=0.5).ok
+        assert request(chassis, "woosh.robot.Twist", linear=0.5).ok
         run(chassis, 0.1)
     assert chassis.base.velocity == Velocity(0.5)
     after = run(chassis, 2.0)
     speeds = [velocity.forward for velocity in after]
-    # 0.5 s from the last command, of which 0.1 s have passed.
+    # The timeout is 0.5 s after the last command, and 0.1 s have passed.
     held = speeds.index(next(speed for speed in speeds if speed < 0.5))
     assert held == round(0.4 * STEPS_PER_S)
     ramp = speeds[held:]
@@ -114,45 +114,45 @@ def test_twist_moves_then_ramps_to_zero(chassis: Chassis) -> None:
     assert start.bearing(chassis.base.pose.point) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_explicit_zero_stops_at_once(chassis: Chassis) -> None:
-    do(chassis, "woosh.robot.Twist", linear=0.5, angular=0.5)
+def test_zero_twist_stops_at_once(chassis: Chassis) -> None:
+    request(chassis, "woosh.robot.Twist", linear=0.5, angular=0.5)
     run(chassis, 0.4)
     assert chassis.base.moving
-    do(chassis, "woosh.robot.Twist")
+    request(chassis, "woosh.robot.Twist")
     assert chassis.base.velocity == STANDSTILL
     where = chassis.base.pose
     run(chassis, 0.5)
     assert chassis.base.pose == where
 
 
-def test_sideways_needs_a_base_that_can(chassis: Chassis) -> None:
+def test_only_an_omnidirectional_base_moves_sideways(chassis: Chassis) -> None:
     start = chassis.base.pose
-    do(chassis, "woosh.robot.Twist", linear_y=0.3)
+    request(chassis, "woosh.robot.Twist", linear_y=0.3)
     run(chassis, 1.5)
     assert start.bearing(chassis.base.pose.point) == pytest.approx(math.pi / 2)
     differential = Chassis(SimulatorConfig(omnidirectional=False))
-    answer = do(differential, "woosh.robot.Twist", linear_y=0.3)
+    answer = request(differential, "woosh.robot.Twist", linear_y=0.3)
     assert (answer.ok, "sideways" in answer.msg) == (False, True)
 
 
 def test_walls_stop_the_base(chassis: Chassis) -> None:
-    do(chassis, "woosh.robot.InitRobot", pose={"x": 10.0, "y": 5.0})
+    request(chassis, "woosh.robot.InitRobot", pose={"x": 10.0, "y": 5.0})
     for _ in range(60):
-        do(chassis, "woosh.robot.Twist", linear=1.0)
+        request(chassis, "woosh.robot.Twist", linear=1.0)
         run(chassis, 0.1)
     # The nose is 0.4 m in front of the centre, and one step is up to 0.05 m.
     assert 11.5 < chassis.base.pose.x <= 12.0 - 0.4
     assert chassis.base.velocity.forward == 0.0
     # It can back off again.
-    do(chassis, "woosh.robot.Twist", linear=-0.5)
+    request(chassis, "woosh.robot.Twist", linear=-0.5)
     run(chassis, 0.5)
     assert chassis.base.pose.x < 11.5
 
 
-def test_odometer_and_battery_count_what_is_driven(chassis: Chassis) -> None:
+def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
     odometer, level = chassis.base.odometer, chassis.battery.level
     for _ in range(100):
-        do(chassis, "woosh.robot.Twist", linear=1.0, angular=1.0)
+        request(chassis, "woosh.robot.Twist", linear=1.0, angular=1.0)
         run(chassis, 0.1)
     driven = chassis.base.odometer - odometer
     assert 9.0 < driven < 10.0
@@ -195,7 +195,7 @@ def test_laser_agrees_with_rays_cast_one_by_one(chassis: Chassis, pose: Pose) ->
 
 
 def _hit(origin: Pose, angle: float, wall: Any) -> float | None:
-    """Where the ray meets the wall's line, by solving the two equations."""
+    """Return the distance at which the ray meets the wall, by solving the line equations."""
     dx, dy = math.cos(angle), math.sin(angle)
     ex, ey = wall.x2 - wall.x1, wall.y2 - wall.y1
     determinant = ex * dy - dx * ey
@@ -207,12 +207,12 @@ def _hit(origin: Pose, angle: float, wall: Any) -> float | None:
     return along if along > 0.0 and 0.0 <= share <= 1.0 else None
 
 
-def test_the_gate_lets_rays_out(chassis: Chassis) -> None:
+def test_rays_through_the_gate_are_infinite(chassis: Chassis) -> None:
     chassis.base.place(Pose(9.0, 0.0, 0.0))
     assert math.inf in chassis.scan()
 
 
-def test_equal_seeds_measure_alike() -> None:
+def test_laser_noise_depends_only_on_the_seed() -> None:
     scans = []
     for _ in range(2):
         chassis = Chassis(SimulatorConfig(seed=7))

@@ -27,23 +27,23 @@ def drive(chassis: Chassis, seconds: float, linear: float = 0.5) -> None:
         chassis.tick(TIME_STEP)
 
 
-def ahead(chassis: Chassis) -> float:
+def distance_ahead(chassis: Chassis) -> float:
     return chassis.scan()[chassis.laser.rays // 2]
 
 
-def test_the_laser_sees_what_was_put_and_no_more_what_was_removed(chassis: Chassis) -> None:
-    before = ahead(chassis)
+def test_laser_sees_obstacles_until_they_are_removed(chassis: Chassis) -> None:
+    before = distance_ahead(chassis)
     chassis.obstacles.put("box", 2.0, 0.0, 0.5)
-    assert ahead(chassis) == pytest.approx(2.0 - 0.5 - chassis.laser.forward, abs=0.03)
+    assert distance_ahead(chassis) == pytest.approx(2.0 - 0.5 - chassis.laser.forward, abs=0.03)
     chassis.obstacles.put("box", 3.0, 0.0, 0.5)
-    assert ahead(chassis) == pytest.approx(3.0 - 0.5 - chassis.laser.forward, abs=0.03)
+    assert distance_ahead(chassis) == pytest.approx(3.0 - 0.5 - chassis.laser.forward, abs=0.03)
     assert chassis.obstacles.names == ("box",)
     chassis.obstacles.remove("box")
-    assert ahead(chassis) == before
+    assert distance_ahead(chassis) == before
     assert chassis.walls == chassis.map.walls
 
 
-def test_the_base_stops_and_goes_on(chassis: Chassis) -> None:
+def test_base_stops_until_the_obstacle_is_removed(chassis: Chassis) -> None:
     chassis.obstacles.put("box", 2.0, 0.0, 0.5)
     drive(chassis, 5.0)
     assert chassis.base.blocked
@@ -54,8 +54,8 @@ def test_the_base_stops_and_goes_on(chassis: Chassis) -> None:
     assert chassis.base.pose.x > stopped + 0.2
 
 
-def test_equal_seeds_meet_obstacles_alike() -> None:
-    """What was put and removed at known moments leaves two runs the same."""
+def test_equal_runs_with_obstacles_are_equal() -> None:
+    """Obstacles placed and removed at fixed steps affect two runs equally."""
     runs = []
     for _ in range(2):
         chassis = Chassis(SimulatorConfig(seed=3))
@@ -90,7 +90,7 @@ def test_clearance_counts_walls_and_obstacles(chassis: Chassis) -> None:
 @pytest.mark.parametrize(
     ("x", "radius"), [(math.nan, 0.3), (math.inf, 0.3), (0.0, 0.0), (0.0, -1.0), (0.0, math.nan)]
 )
-def test_impossible_obstacles_are_refused(x: float, radius: float) -> None:
+def test_invalid_obstacles_are_refused(x: float, radius: float) -> None:
     obstacles = Obstacles()
     with pytest.raises(ValueError, match="obstacle a"):
         obstacles.put("a", x, 0.0, radius)

@@ -1,4 +1,4 @@
-"""Which job owns the wheels when another one wants them."""
+"""Ownership of the wheels when a paused job resumes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def steps(action: action_pb2.ControlAction) -> CallAction:
     return CallAction(step_control=action_pb2.StepControl(action=action, steps=[step]))
 
 
-def test_a_resumed_task_ends_following() -> None:
+def test_resumed_task_ends_following() -> None:
     chassis = Chassis(SimulatorConfig(seed=1))
     ask(chassis, ExecTask(mark_no="A2", type=task_pb2.kPick))
     ask(chassis, ActionOrder(order=util_action_pb2.kPause))
@@ -36,7 +36,7 @@ def test_a_resumed_task_ends_following() -> None:
     assert (chassis.follower.active, chassis.ownership.driver[:4]) == (False, "task")
 
 
-def test_a_resumed_action_ends_following() -> None:
+def test_resumed_action_ends_following() -> None:
     chassis = Chassis(SimulatorConfig(seed=1))
     ask(chassis, steps(action_pb2.kExecute))
     ask(chassis, steps(action_pb2.kPause))

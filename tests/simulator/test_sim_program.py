@@ -30,6 +30,7 @@ READY = re.compile(
 
 @contextmanager
 def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
+    """Run the simulator as a program. Yield its process, WebSocket port and TCP port."""
     command = [*PROGRAM, "--port", "0", "--tcp-port", "0", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout
@@ -43,7 +44,7 @@ def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], int, int]]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_runs_and_ends(number: signal.Signals) -> None:
+def test_program_runs_until_a_signal(number: signal.Signals) -> None:
     options = ("--robot-id", "7", "--base", "differential", "--uninitialised")
     with running(*options) as (process, port, tcp_port):
         client, tcp = JsonClient(port), TcpClient(tcp_port)
@@ -52,20 +53,20 @@ def test_runs_and_ends(number: signal.Signals) -> None:
         assert client.ask("woosh.robot.RobotState")["state"] == 1
         assert tcp.request("woosh.robot.Mode").ok
         process.send_signal(number)
-        # With clients still connected.
+        # The clients are still connected.
         out, err = process.communicate(timeout=TIMEOUT)
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
         tcp.close()
 
 
-def test_further_signals_change_nothing() -> None:
-    # As from `ros2 launch`: a terminal sends SIGINT to all programs, and launch sends it again.
+def test_repeated_signals_end_it_cleanly() -> None:
+    # `ros2 launch` repeats the SIGINT that the terminal sends to all programs.
     with running() as (process, port, _):
         client = JsonClient(port)
         while process.poll() is None:
             process.send_signal(signal.SIGINT)
-            time.sleep(0.001)  # for the process to get on, not for something to happen
+            time.sleep(0.001)  # only lets the process run
         out, err = process.communicate()
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
@@ -90,13 +91,13 @@ sys.exit(main(["--port", "0", "--tcp-port", "0"]))
     "module",
     ["asyncio", "woosh_robot_agent.protos", "woosh_robot_agent.simulator.server"],
 )
-def test_a_signal_while_it_starts_ends_it(module: str) -> None:
+def test_signal_during_startup_ends_it_cleanly(module: str) -> None:
     command = [sys.executable, "-c", SIGNAL_ON_IMPORT, module]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
-def test_needs_no_ros() -> None:
+def test_program_imports_no_ros() -> None:
     code = (
         "import sys, woosh_robot_agent.simulator.__main__\n"
         "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
@@ -105,7 +106,7 @@ def test_needs_no_ros() -> None:
     assert out.stdout == "[]\n"
 
 
-def test_port_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
+def test_port_in_use_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["--port", str(port), "--tcp-port", "0"]) == 1
@@ -119,14 +120,16 @@ def test_port_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     "arguments", [["--speed", "0"], ["--speed", "1000"], ["--port", "70000"], ["--robot-id", "0"]]
 )
-def test_bad_options(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_out_of_range_options_are_refused(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as exit_:
         main(arguments)
     assert exit_.value.code == 2
     assert "is not within" in capsys.readouterr().err
 
 
-def test_warns_when_not_local() -> None:
+def test_program_warns_if_not_on_loopback() -> None:
     command = [*PROGRAM, "--host", "0.0.0.0", "--port", "0", "--tcp-port", "0"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -140,7 +143,7 @@ def test_warns_when_not_local() -> None:
 
 @pytest.fixture
 def hall(tmp_path: Path) -> Path:
-    """A scene whose map is a picture."""
+    """Folder of a scene whose map is a picture."""
     picture = Path(scenes.__file__).parents[1] / "data" / "wooshmap" / "wooshmap.yaml"
     (tmp_path / "scene.yaml").write_text(
         "name: hall\n"
@@ -152,7 +155,7 @@ def hall(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_scene_of_ones_own(hall: Path) -> None:
+def test_program_starts_in_a_custom_scene(hall: Path) -> None:
     with running("--scene", str(hall)) as (_, port, _):
         client = JsonClient(port)
         scene = client.ask("woosh.robot.Scene")
@@ -162,16 +165,16 @@ def test_scene_of_ones_own(hall: Path) -> None:
     assert names == ["wooshmap", "scenex", "hall"]
 
 
-def test_equal_seeds_push_the_same() -> None:
-    assert _pushes(seed=4) == _pushes(seed=4)
+def test_equal_seeds_push_the_same_poses() -> None:
+    assert _pushed_poses(seed=4) == _pushed_poses(seed=4)
 
 
-def test_equal_seeds_push_the_same_on_a_picture(hall: Path) -> None:
-    assert _pushes(4, hall) == _pushes(4, hall)
+def test_equal_seeds_push_the_same_poses_on_a_picture(hall: Path) -> None:
+    assert _pushed_poses(4, hall) == _pushed_poses(4, hall)
 
 
-def _pushes(seed: int, *own: Path) -> list[Any]:
-    """Everything pushed during one task that was asked for at a known moment."""
+def _pushed_poses(seed: int, *own: Path) -> list[Any]:
+    """Return the PoseSpeed frames pushed during a task."""
     config = SimulatorConfig(port=0, tcp_port=0, speed=100, seed=seed, scenes=own)
     with SimulatorThread(config) as simulator:
         client = TcpClient(simulator.tcp_port)

@@ -1,4 +1,4 @@
-"""Every message of the table is answered, and refusals say why."""
+"""Every request of the endpoint table is answered, and refusals give the reason."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 
-# Where an empty request is not a sensible one.
+# Bodies of the requests that must not be empty.
 BODIES: dict[str, Any] = {
     "woosh.robot.SwitchControlMode": {"mode": 1},
     "woosh.robot.SwitchWorkMode": {"mode": 2},
@@ -42,7 +42,7 @@ def test_every_service_is_answered_with_its_type(client: JsonClient, endpoints: 
         assert isinstance(answer["timestamp"], int)
 
 
-def test_every_topic_can_be_asked_for(client: JsonClient, endpoints: Any) -> None:
+def test_every_topic_can_be_requested(client: JsonClient, endpoints: Any) -> None:
     for topic in endpoints["topics"].values():
         assert client.request(topic["push"])["type"] == topic["push"]
 
@@ -104,7 +104,9 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
         ("woosh.robot.RobotWiFi", _wifi(3, "s" * 33), "longer than 32 bytes"),
     ],
 )
-def test_refusals_say_why(client: JsonClient, name: str, body: Any, reason: str) -> None:
+def test_invalid_requests_are_refused_with_a_reason(
+    client: JsonClient, name: str, body: Any, reason: str
+) -> None:
     before = client.ask("woosh.robot.RobotInfo")
     answer = client.request(name, body)
     assert answer["ok"] is False
@@ -114,7 +116,7 @@ def test_refusals_say_why(client: JsonClient, name: str, body: Any, reason: str)
 
 
 @pytest.mark.parametrize(
-    ("spoil", "mend", "reason", "state"),
+    ("change", "restore", "reason", "state"),
     [
         (
             ("woosh.robot.SwitchControlMode", {"mode": 2}),
@@ -142,8 +144,8 @@ def test_refusals_say_why(client: JsonClient, name: str, body: Any, reason: str)
         ),
     ],
 )
-def test_modes_refuse_tasks(
-    client: JsonClient, spoil: Any, mend: Any, reason: str, state: int
+def test_jobs_are_refused_outside_automatic_task_mode(
+    client: JsonClient, change: Any, restore: Any, reason: str, state: int
 ) -> None:
     requests: list[tuple[str, Any]] = [
         ("woosh.robot.ExecTask", {"markNo": "A2"}),
@@ -152,18 +154,18 @@ def test_modes_refuse_tasks(
         ("woosh.ros.CallAction", {"moveBase": {"action": 1, "targetPose": {"x": 1}}}),
         ("woosh.ros.CallAction", {"liftControl": {"action": 1, "executeMode": 1}}),
     ]
-    client.ask(*spoil)
+    client.ask(*change)
     assert client.ask("woosh.robot.OperationState")["robot"] == 0
     for name, body in requests:
-        assert client.refused(name, body) == reason
+        assert client.refusal(name, body) == reason
     assert client.ask("woosh.robot.RobotState")["state"] == state
-    client.ask(*mend)
+    client.ask(*restore)
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
     for name, body in requests[:2]:
         client.ask(name, body)
 
 
-def test_uninitialised_chassis_refuses_until_init_robot(
+def test_uninitialised_chassis_refuses_tasks_until_init_robot(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     def forget(simulated: Any) -> None:
@@ -171,21 +173,21 @@ def test_uninitialised_chassis_refuses_until_init_robot(
 
     simulator.call(forget)
     assert client.ask("woosh.robot.RobotState")["state"] == 1
-    assert "not initialised" in client.refused("woosh.robot.ExecTask", {"markNo": "A2"})
-    assert "not initialised" in client.refused("woosh.robot.SetRobotPose", {"pose": {"x": 1}})
+    assert "not initialised" in client.refusal("woosh.robot.ExecTask", {"markNo": "A2"})
+    assert "not initialised" in client.refusal("woosh.robot.SetRobotPose", {"pose": {"x": 1}})
     client.ask("woosh.robot.InitRobot", {"isRecord": True, "pose": {}})
     assert client.ask("woosh.robot.RobotState")["state"] == 2
     client.ask("woosh.robot.ExecTask", {"markNo": "A2"})
 
 
-def test_no_serial_number_is_answered_without_one(client: JsonClient) -> None:
+def test_request_without_serial_number_is_answered_without_one(client: JsonClient) -> None:
     client.send({"type": "woosh.robot.Mode"})
     answer = client.receive()
     assert answer["ok"] is True
     assert "sn" not in answer
 
 
-def test_requests_are_read_tolerantly(client: JsonClient) -> None:
+def test_snake_case_enum_names_and_unknown_fields_are_accepted(client: JsonClient) -> None:
     body = {"task_id": 77, "type": "kPick", "mark_no": "A2", "customs": [1], "planPath": None}
     client.ask("woosh.robot.ExecTask", body)
     proc = client.ask("woosh.robot.TaskProc")
@@ -193,8 +195,8 @@ def test_requests_are_read_tolerantly(client: JsonClient) -> None:
 
 
 def test_known_networks_are_limited(client: JsonClient) -> None:
-    for number in range(99):  # and the one that it is connected to
+    for number in range(99):  # plus the one that it is connected to
         client.ask("woosh.robot.RobotWiFi", _wifi(2, f"network {number}"))
     client.ask("woosh.robot.RobotWiFi", _wifi(2, "network 0"))
-    text = client.refused("woosh.robot.RobotWiFi", _wifi(2, "one more"))
+    text = client.refusal("woosh.robot.RobotWiFi", _wifi(2, "one more"))
     assert text == "100 networks are already known: forget one first"

@@ -1,4 +1,4 @@
-"""Many clients, bad frames, and what tests can do to the simulator."""
+"""Many clients, bad frames, and the simulator's hooks for tests."""
 
 from __future__ import annotations
 
@@ -36,18 +36,20 @@ def test_bad_frames_are_skipped(simulator: SimulatorThread, client: JsonClient) 
     assert simulator.connections == 1
 
 
-def test_bad_frames_over_tcp(simulator: SimulatorThread, tcp: TcpClient) -> None:
+def test_bad_frames_over_tcp_are_skipped(simulator: SimulatorThread, tcp: TcpClient) -> None:
     for frame in (b"\xff\xff", b"", b"{}"):
         tcp.send(frame)
     assert tcp.request("woosh.robot.Mode").ok
     with socket.create_connection(("127.0.0.1", simulator.tcp_port)) as other:
-        other.sendall(b"\xff" * 20)  # a length that never ends
+        other.sendall(b"\xff" * 20)  # a varint that never ends
         other.settimeout(5)
         assert other.recv(1) == b""
     assert tcp.request("woosh.robot.Mode").ok
 
 
-def test_http_and_silence_at_the_port(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_plain_http_request_disturbs_no_client(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     with socket.create_connection(("127.0.0.1", simulator.port)) as other:
         other.sendall(b"GET / HTTP/1.0\r\n\r\n")
         other.settimeout(5)
@@ -55,13 +57,13 @@ def test_http_and_silence_at_the_port(simulator: SimulatorThread, client: JsonCl
     assert client.ask("woosh.robot.Mode")["ctrl"] == 1
 
 
-def test_many_clients(simulator: SimulatorThread) -> None:
+def test_pushes_reach_many_clients(simulator: SimulatorThread) -> None:
     clients = [JsonClient(simulator.port) for _ in range(20)]
     for each in clients:
         each.subscribe("woosh.robot.Mode")
     clients[0].ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     for each in clients:
-        assert each.push("woosh.robot.Mode")["work"] == 3
+        assert each.next_push("woosh.robot.Mode")["work"] == 3
     for each in clients:
         each.close()
 
@@ -79,21 +81,21 @@ def test_connections_are_limited() -> None:
         second.close()
 
 
-def test_slow_client_is_dropped_and_holds_up_nobody() -> None:
+def test_slow_client_is_dropped_and_delays_no_other() -> None:
     config = SimulatorConfig(port=0, tcp_port=0, max_outbox=5)
     with SimulatorThread(config) as simulator:
         slow, quick = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
         assert quick.request("woosh.robot.Mode").ok
         slow.send(subscription("woosh.robot.count.StatusCode"))
         simulator.wait_received("woosh.Subscription")
-        while simulator.connections > 1:  # it never reads
+        while simulator.connections > 1:  # `slow` never reads
             simulator.push(robot_count_pb2.StatusCode(msg="x" * 1_000_000))
             assert quick.request("woosh.robot.Mode").ok
         slow.close()
         quick.close()
 
 
-def test_what_clients_sent_is_recorded(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_received_messages_are_recorded(simulator: SimulatorThread, client: JsonClient) -> None:
     assert simulator.last("woosh.robot.Twist") is None
     client.subscribe("woosh.robot.Mode")
     client.ask("woosh.robot.Twist", {"linear": 0.25})
@@ -107,19 +109,19 @@ def test_what_clients_sent_is_recorded(simulator: SimulatorThread, client: JsonC
         simulator.wait_received("woosh.robot.Twist", count=2, timeout=0.01)
 
 
-def test_refuse_and_accept(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_refuse_hook_lasts_until_accept(simulator: SimulatorThread, client: JsonClient) -> None:
     simulator.refuse("woosh.robot.SetOccupancy", "not today")
-    assert client.refused("woosh.robot.SetOccupancy", {"occupy": True}) == "not today"
+    assert client.refusal("woosh.robot.SetOccupancy", {"occupy": True}) == "not today"
     assert client.ask("woosh.robot.DeviceState")["software"] == 1
     simulator.accept("woosh.robot.SetOccupancy")
     client.ask("woosh.robot.SetOccupancy", {"occupy": True})
 
 
-def test_mute_delay_and_wrong_type(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_mute_delay_and_answer_as_hooks(simulator: SimulatorThread, client: JsonClient) -> None:
     simulator.mute("woosh.robot.SetOccupancy")
     client.send({"type": "woosh.robot.SetOccupancy", "body": {"occupy": True}, "sn": 500})
     assert client.ask("woosh.robot.DeviceState")["software"] == 9
-    # An answer that is held back lets later ones pass.
+    # A delayed answer lets later ones pass.
     simulator.delay("woosh.robot.Battery", 0.5)
     client.send({"type": "woosh.robot.Battery", "sn": 501})
     client.send({"type": "woosh.robot.Mode", "sn": 502})
@@ -130,7 +132,7 @@ def test_mute_delay_and_wrong_type(simulator: SimulatorThread, client: JsonClien
     assert client.request("woosh.robot.Battery")["type"] == "woosh.robot.Battery"
 
 
-def test_interceptors_see_and_change_everything(
+def test_interceptor_can_change_and_add_frames(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     def wrong_then_right(frame: Outgoing) -> Iterable[Outgoing]:
@@ -146,7 +148,7 @@ def test_interceptors_see_and_change_everything(
     assert [client.receive()["sn"] for _ in range(2)] == [4, 5]
 
 
-def test_an_interceptor_that_fails_ends_nothing(
+def test_failing_interceptor_closes_no_connection(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     def fail(frame: Outgoing) -> Iterable[Outgoing]:
@@ -161,20 +163,20 @@ def test_an_interceptor_that_fails_ends_nothing(
         pass
     remove()
     client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 801})
-    client.push("woosh.robot.PoseSpeed")
+    client.next_push("woosh.robot.PoseSpeed")
     client.ask("woosh.robot.Mode")
 
 
-def test_raw_frames_and_pushes(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_raw_frames_and_pushes_can_be_sent(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe("woosh.robot.Battery")
     simulator.push(robot_pb2.Battery(power=3))
-    assert client.push("woosh.robot.Battery")["power"] == 3
-    simulator.push(robot_pb2.Mode())  # nobody subscribed to it
+    assert client.next_push("woosh.robot.Battery")["power"] == 3
+    simulator.push(robot_pb2.Mode())  # no client has subscribed to it
     simulator.send_raw('{"type": "x"}')
     assert client.receive() == {"type": "x"}
 
 
-def test_drop_stop_and_listen_again(simulator: SimulatorThread) -> None:
+def test_simulator_can_drop_clients_and_listen_again(simulator: SimulatorThread) -> None:
     first = TcpClient(simulator.tcp_port)
     assert first.request("woosh.robot.SwitchWorkMode").msg
     simulator.drop()
@@ -200,11 +202,13 @@ def test_subscriptions_end_with_the_connection(simulator: SimulatorThread) -> No
     first.close()
     second = JsonClient(simulator.port)
     second.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    assert second.taken("woosh.robot.Mode") == []
+    assert second.take_pushes("woosh.robot.Mode") == []
     second.close()
 
 
-def test_freeze_and_thaw(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_half_open_connection_is_answered_after_clear(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.subscribe("woosh.robot.Mode")
     simulator.inject("half_open")
     pong = client._await(client.socket.ping())
@@ -220,7 +224,7 @@ def test_freeze_and_thaw(simulator: SimulatorThread, client: JsonClient) -> None
     client._await(pong)
 
 
-def test_in_the_callers_loop() -> None:
+def test_simulator_runs_in_the_event_loop_of_the_caller() -> None:
     async def scenario() -> None:
         config = SimulatorConfig(port=0, tcp_port=0, speed=100)
         async with SimulatedChassis(config) as simulator:
@@ -236,7 +240,7 @@ def test_in_the_callers_loop() -> None:
     asyncio.run(scenario())
 
 
-def test_a_port_that_is_taken(simulator: SimulatorThread) -> None:
+def test_port_in_use_raises_an_error(simulator: SimulatorThread) -> None:
     other = SimulatorThread(SimulatorConfig(port=simulator.port, tcp_port=0))
     with pytest.raises(OSError):
         other.start()

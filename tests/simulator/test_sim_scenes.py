@@ -1,4 +1,4 @@
-"""Scenes from files: the shipped ones, one's own, and those that cannot be used."""
+"""Scenes from files: shipped, custom and invalid ones."""
 
 from __future__ import annotations
 
@@ -74,10 +74,10 @@ def cells(file: Path) -> list[list[int]]:
     return found
 
 
-# Shipped
+# Shipped scenes
 
 
-def test_the_default_scene_is_shipped() -> None:
+def test_default_scene_is_wooshmap() -> None:
     chassis = Chassis(SimulatorConfig(seed=1))
     assert list(chassis.scenes) == ["wooshmap", "scenex"]
     (area,) = chassis.scene.maps
@@ -90,7 +90,7 @@ def test_the_default_scene_is_shipped() -> None:
     assert chassis.base.pose == Pose(4.23276472, -6.6727581, -0.255771846)
 
 
-def test_every_mark_of_the_shipped_scenes_can_be_reached() -> None:
+def test_every_mark_of_the_shipped_scenes_is_reachable() -> None:
     for scene in scenes.known_scenes()[0].values():
         for area in scene.maps:
             planner = Planner(area, 0.5)
@@ -98,7 +98,7 @@ def test_every_mark_of_the_shipped_scenes_can_be_reached() -> None:
                 assert planner.plan((2.0, 0.0), mark.pose.point), (area.name, mark)
 
 
-def test_scenes_of_two_chassis_are_apart() -> None:
+def test_two_chassis_do_not_share_scenes() -> None:
     one, two = Chassis(SimulatorConfig()), Chassis(SimulatorConfig())
     one.scene.files["a"] = b""
     one.scene.maps.clear()
@@ -106,8 +106,8 @@ def test_scenes_of_two_chassis_are_apart() -> None:
     assert two.scene.maps
 
 
-def test_the_shipped_picture_shows_the_walls() -> None:
-    """The PNG is what drawing the scene gives; its YAML says where it lies."""
+def test_shipped_picture_matches_the_walls() -> None:
+    """The PNG equals the drawn scene, and its YAML file gives the right origin."""
     area = load_scene(SHIPPED / "wooshmap").maps[0]
     drawn = draw(area)
     with (
@@ -126,7 +126,7 @@ def test_the_shipped_picture_shows_the_walls() -> None:
     assert not grid.known(12.3, 0.0)
 
 
-def test_laser_and_base_meet_the_same_in_the_picture_as_in_the_walls() -> None:
+def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
     walls = Chassis(SimulatorConfig(seed=1))
     cells = Chassis(SimulatorConfig(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
     rng = random.Random(3)
@@ -151,7 +151,7 @@ def test_laser_and_base_meet_the_same_in_the_picture_as_in_the_walls() -> None:
         assert stops[0].distance(stops[1].point) < 0.2
 
 
-def test_the_picture_is_planned_on_as_the_walls_are() -> None:
+def test_planned_paths_are_alike_on_picture_and_walls() -> None:
     walls = load_scene(SHIPPED / "wooshmap").maps[0]
     cells = load_scene(SHIPPED / "wooshmap" / "wooshmap.yaml").maps[0]
     goals = [mark.pose.point for mark in walls.marks.values()]
@@ -171,7 +171,7 @@ def test_the_picture_is_planned_on_as_the_walls_are() -> None:
                 assert walls.clearance(x, y) >= 0.43
     planner = Planner(cells, 0.53)
     assert planner.plan(start, (-4.9, -6.0)) is None  # too near to the partition
-    assert planner.plan(start, (12.3, 0.0)) is None  # unknown
+    assert planner.plan(start, (12.3, 0.0)) is None  # unknown floor
     assert planner.plan((12.3, 0.0), start) is None
     assert planner.plan(start, (99.0, 0.0)) is None
 
@@ -192,14 +192,15 @@ def test_paths_go_round_obstacles(name: str) -> None:
         for share in range(101):
             x, y = (a[i] + (b[i] - a[i]) * share / 100 for i in (0, 1))
             assert obstacles.clearance(x, y) >= 0.48
-    # It is not remembered, and one on the goal leaves no path.
+    # Obstacles are not remembered between searches.
     assert planner.plan(start, goal) == [goal]
-    obstacles.put("b", -4.5, -1.8, 0.6)  # where the way behind the partition turns
+    obstacles.put("b", -4.5, -1.8, 0.6)  # where the path round the partition turns
     assert planner.plan(start, (-9.5, -7.5), obstacles.walls) != behind
     assert planner.plan(start, (-9.5, -7.5)) == behind
+    # An obstacle on the goal leaves no path.
     obstacles.put("a", 6.0, 0.3, 0.5)
     assert planner.plan(start, goal, obstacles.walls) is None
-    # A ring around the start.
+    # A ring of obstacles around the start leaves no path.
     for step in range(12):
         angle = step * math.tau / 12
         obstacles.put(f"ring {step}", 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.4)
@@ -222,7 +223,7 @@ def test_paths_go_round_obstacles(name: str) -> None:
     ],
     ids=["png", "png1", "palette", "rgb", "png16", "pgm", "pgm16"],
 )
-def test_formats_read_alike(
+def test_picture_formats_give_equal_grids(
     tmp_path: Path, suffix: str, convert: Callable[[Image.Image], Image.Image]
 ) -> None:
     expected = cells(write_map(tmp_path, room_picture(), ".png"))
@@ -232,13 +233,13 @@ def test_formats_read_alike(
     assert expected[7][10] == 0
 
 
-def test_plain_pgm(tmp_path: Path) -> None:
+def test_plain_pgm_is_read(tmp_path: Path) -> None:
     data = b"P2\n# by hand\n3 2\n100\n0 100 80\n100 0 100\n"
     assert cells(write_map(tmp_path, data, ".pgm")) == [[0, 100, 0], [100, 0, -1]]
 
 
-def test_modes_and_negate(tmp_path: Path) -> None:
-    """What nav2's map_server makes of the same pixels."""
+def test_modes_and_negate_work_as_in_map_server(tmp_path: Path) -> None:
+    """The expected cells are those of nav2's map_server."""
     greys = Image.fromarray(np.array([[0, 60, 100, 205, 206, 254]], np.uint8))
     assert cells(write_map(tmp_path, greys)) == [[100, 100, -1, -1, 0, 0]]
     assert cells(write_map(tmp_path, greys, negate="1")) == [[0, -1, -1, 100, 100, 100]]
@@ -252,7 +253,7 @@ def test_modes_and_negate(tmp_path: Path) -> None:
     assert cells(write_map(tmp_path, clear, mode="scale")) == [[-1, 100, 91, 0, 0, 0]]
 
 
-def test_a_map_of_nav2_alone_is_a_scene(tmp_path: Path) -> None:
+def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
     file = write_map(tmp_path, room_picture())
     for path in (file, tmp_path):
         scene = load_scene(path)
@@ -260,7 +261,7 @@ def test_a_map_of_nav2_alone_is_a_scene(tmp_path: Path) -> None:
         assert (scene.name, area.name) == ("room" if path is file else tmp_path.name, "room")
         assert (area.low, area.high) == ((-1.0, -2.0), pytest.approx((5.0, 2.0)))
     chassis = Chassis(SimulatorConfig(seed=1, scenes=(file,)))
-    # It starts on free floor without having been told where.
+    # Without a start pose, the robot starts on free floor.
     assert chassis.gap(chassis.base.pose) > 0.0
     chassis.base.place(Pose(1.0, 0.0, 0.0))
     ahead = chassis.scan()[chassis.laser.rays // 2]
@@ -269,7 +270,7 @@ def test_a_map_of_nav2_alone_is_a_scene(tmp_path: Path) -> None:
     assert chassis.clearance(4.0, 0.0) == pytest.approx(0.9, abs=0.06)
 
 
-def test_unknown_floor_is_seen_through_but_not_driven_on(tmp_path: Path) -> None:
+def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
     greys = np.array(room_picture())
     greys[:, 30:40] = 205
     chassis = Chassis(SimulatorConfig(scenes=(write_map(tmp_path, Image.fromarray(greys)),)))
@@ -284,7 +285,7 @@ def test_unknown_floor_is_seen_through_but_not_driven_on(tmp_path: Path) -> None
     assert (answer.ok, "outside map" in answer.msg) == (False, True)
 
 
-def test_a_grid_without_walls_shows_nothing(tmp_path: Path) -> None:
+def test_laser_sees_nothing_on_an_empty_grid(tmp_path: Path) -> None:
     file = write_map(tmp_path, Image.fromarray(np.full((80, 80), 254, np.uint8)))
     chassis = Chassis(SimulatorConfig(scenes=(file,)))
     assert set(chassis.scan()) == {math.inf}
@@ -294,8 +295,8 @@ def test_a_grid_without_walls_shows_nothing(tmp_path: Path) -> None:
     assert set(chassis.scan()) == {math.inf}
 
 
-def test_rays_meet_cells_where_walking_along_them_does(tmp_path: Path) -> None:
-    """Against brute force: small steps along each ray."""
+def test_ray_casting_matches_brute_force(tmp_path: Path) -> None:
+    """Compare with small steps along each ray."""
     rng = np.random.default_rng(6)
     greys = np.where(rng.random((50, 70)) < 0.03, 0, 254).astype(np.uint8)
     grid = load_scene(write_map(tmp_path, Image.fromarray(greys))).maps[0].grid
@@ -312,7 +313,7 @@ def test_rays_meet_cells_where_walking_along_them_does(tmp_path: Path) -> None:
                 if 0 <= column < 70 and 0 <= row < 50 and grid.cells[row, column] == 100:
                     walked = 0.001 * step
                     break
-            # A corner that is just grazed may be missed by the steps.
+            # The steps may miss a corner that the ray only grazes.
             assert distance == pytest.approx(walked, abs=0.002) or distance < walked
 
 
@@ -348,7 +349,7 @@ def write_scene(folder: Path, text: str = SCENE) -> Path:
     return folder
 
 
-def test_a_scene_of_ones_own(tmp_path: Path) -> None:
+def test_custom_scene_is_loaded(tmp_path: Path) -> None:
     chassis = Chassis(SimulatorConfig(seed=1, scenes=(write_scene(tmp_path),)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "lab"]
     assert (chassis.scene.name, chassis.map.name) == ("lab", "upstairs")
@@ -359,7 +360,7 @@ def test_a_scene_of_ones_own(tmp_path: Path) -> None:
     assert ground.marks["A1"].kind is MarkKind.RACK
     assert ground.marks["17"].id == 2
     assert (upstairs.id, upstairs.floor, upstairs.version) == (9, "2F", 5)
-    # On one map the laser sees the wall that was drawn as a line and the picture behind it.
+    # The laser sees both the wall given as a line and the picture behind it.
     chassis.base.place(Pose(1.0, 0.0, 0.0))
     ranges = chassis.scan()
     middle = chassis.laser.rays // 2
@@ -377,7 +378,7 @@ def test_a_scene_of_ones_own(tmp_path: Path) -> None:
     assert call.call_info.events[0].caller.key_id == 2
 
 
-def test_several_scenes_start_in_the_first(tmp_path: Path) -> None:
+def test_robot_starts_in_the_first_scene(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     (tmp_path / "two").mkdir()
     one = write_map(tmp_path / "one", room_picture())
@@ -388,7 +389,7 @@ def test_several_scenes_start_in_the_first(tmp_path: Path) -> None:
     assert [each.name for each in chassis.scenes["wooshmap"].maps] == ["ground", "upstairs"]
 
 
-BROKEN = [
+INVALID_SCENES = [
     ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of name, start, maps, tasks"),
     ("name: ground\n", "floor: x\n", "scene.yaml: maps[0]: name is missing"),
     ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is used twice"),
@@ -430,8 +431,10 @@ BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "reason"), BROKEN)
-def test_unusable_scenes_say_where_and_why(tmp_path: Path, old: str, new: str, reason: str) -> None:
+@pytest.mark.parametrize(("old", "new", "reason"), INVALID_SCENES)
+def test_invalid_scenes_are_refused_with_place_and_reason(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
     assert old in SCENE
     with pytest.raises(SceneError) as error:
         load_scene(write_scene(tmp_path, SCENE.replace(old, new)))
@@ -439,7 +442,7 @@ def test_unusable_scenes_say_where_and_why(tmp_path: Path, old: str, new: str, r
     assert len(str(error.value)) < 600
 
 
-BROKEN_MAPS = [
+INVALID_MAPS = [
     ("resolution: 0.1", "", "room.yaml: resolution is missing"),
     ("resolution: 0.1", "resolution: 0", "resolution: must be within"),
     ("0.0]", "0.5]", "origin: a rotated map is not supported"),
@@ -455,8 +458,10 @@ BROKEN_MAPS = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "reason"), BROKEN_MAPS)
-def test_unusable_maps_say_where_and_why(tmp_path: Path, old: str, new: str, reason: str) -> None:
+@pytest.mark.parametrize(("old", "new", "reason"), INVALID_MAPS)
+def test_invalid_maps_are_refused_with_place_and_reason(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
     file = write_map(tmp_path, room_picture())
     text = file.read_text()
     assert old in text
@@ -466,7 +471,7 @@ def test_unusable_maps_say_where_and_why(tmp_path: Path, old: str, new: str, rea
     assert reason in str(error.value)
 
 
-def test_unusable_pictures_say_why(tmp_path: Path) -> None:
+def test_invalid_pictures_are_refused_with_a_reason(tmp_path: Path) -> None:
     buffer = io.BytesIO()
     room_picture().save(buffer, "PNG")
     good = buffer.getvalue()
@@ -487,14 +492,16 @@ def test_unusable_pictures_say_why(tmp_path: Path) -> None:
         assert reason in str(error.value)
 
 
-def test_too_many_pixels_altogether(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_total_pixels_of_a_scene_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(scene_files, "_MAX_PIXELS", 2 * 60 * 40)
     maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
     with pytest.raises(SceneError, match=r"maps\[2\]: the pictures of the scene have"):
         load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
 
 
-def test_a_start_in_a_wall_is_refused(tmp_path: Path) -> None:
+def test_start_inside_a_wall_is_refused(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, SCENE.replace("[1.0, 0.0, 0.5]", "[2.9, 0.0, 0.5]"))
     with pytest.raises(
         SceneError, match=r"scene lab: the robot cannot start at .* on map upstairs"
@@ -502,9 +509,7 @@ def test_a_start_in_a_wall_is_refused(tmp_path: Path) -> None:
         Chassis(SimulatorConfig(scenes=(scene,)))
 
 
-def test_the_program_takes_scenes_and_says_what_is_wrong(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ports = ["--port", "0", "--tcp-port", "0"]
     assert main([*ports, "--scene", str(tmp_path / "none")]) == 1
     assert main([*ports, "--scene", str(tmp_path)]) == 1
@@ -515,10 +520,10 @@ def test_the_program_takes_scenes_and_says_what_is_wrong(
     assert "not a scene: give a scene.yaml" in second
 
 
-# On the wire
+# Scene data sent to clients
 
 
-def test_scene_data_has_the_pictures(tmp_path: Path) -> None:
+def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
     config = SimulatorConfig(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
     with SimulatorThread(config) as simulator:
         client = JsonClient(simulator.port)

@@ -47,25 +47,25 @@ def floor_png(wall_x: float = 8.0) -> bytes:
     return buffer.getvalue()
 
 
-def switch(scene: str, map_name: str = "", **files: bytes) -> Json:
-    """The body of a request; in the names of files _ stands for the dot."""
-    return {"sceneName": scene, "mapName": map_name, "fileDatas": datas(files)}
+def switch_request(scene: str, map_name: str = "", **files: bytes) -> Json:
+    """Return the body of a SwitchMap request. In file names, `_` stands for the dot."""
+    return {"sceneName": scene, "mapName": map_name, "fileDatas": file_datas(files)}
 
 
-def datas(files: dict[str, bytes]) -> list[Json]:
+def file_datas(files: dict[str, bytes]) -> list[Json]:
     return [
         {"name": name.replace("_", "."), "data": base64.b64encode(data).decode()}
         for name, data in files.items()
     ]
 
 
-def switched(client: JsonClient, request: Json) -> Json:
+def switch_map(client: JsonClient, request: Json) -> Json:
     client.ask("woosh.robot.SwitchMap", request)
     return client.ask("woosh.robot.Scene")
 
 
-def ahead(client: JsonClient) -> float:
-    """What the laser measures straight ahead of the robot at (4, -6), looking along x."""
+def distance_ahead(client: JsonClient) -> float:
+    """Move the robot to (4, -6) and return the laser's distance along x, in metres."""
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 4.0, "y": -6.0, "theta": 0.0}})
     ranges = client.ask("woosh.robot.ScannerData")["ranges"]
     return float(ranges[len(ranges) // 2])
@@ -75,84 +75,92 @@ def maps(client: JsonClient) -> dict[str, Any]:
     return {each["name"]: each for each in client.ask("woosh.map.SceneDataEasy")["maps"]}
 
 
-def test_an_uploaded_map_is_what_the_laser_sees(client: JsonClient) -> None:
-    scene = switched(client, switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
+def test_laser_sees_the_uploaded_map(client: JsonClient) -> None:
+    scene = switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
     assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("lab", "floor", "1")
-    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
     assert list(maps(client)) == ["floor"]
-    # Only the picture again: the rest is there still.
-    scene = switched(client, switch("lab", floor_png=floor_png(7.0)))
+    # Uploading a new picture keeps the other files.
+    scene = switch_map(client, switch_request("lab", floor_png=floor_png(7.0)))
     assert (scene["mapName"], scene["version"]) == ("floor", "2")
-    assert ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
-    # Without files it is only switched.
+    assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
+    # Without files, the request only switches the scene.
     client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
-    assert ahead(client) == pytest.approx(12.0 - 4.0 - 0.25, abs=0.02)
-    assert switched(client, {"sceneName": "lab"})["version"] == "2"
-    assert ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
+    assert distance_ahead(client) == pytest.approx(12.0 - 4.0 - 0.25, abs=0.02)
+    assert switch_map(client, {"sceneName": "lab"})["version"] == "2"
+    assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
 
 
 def test_navigation_plans_on_the_uploaded_map(client: JsonClient) -> None:
-    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    ahead(client)
+    client.ask(
+        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png())
+    )
+    distance_ahead(client)
     client.subscribe("woosh.robot.TaskProc", "woosh.robot.PoseSpeed")
     beyond = {"poses": [{"x": 9.2, "y": 0.0}], "targetPose": {"x": 9.2, "y": 0.0}}
     client.subscribe("woosh.ros.Feedbacks")
     client.ask("woosh.ros.CallAction", {"moveBase": {"action": 1, **beyond}})
-    end = client.push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5))
+    end = client.next_push(
+        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5)
+    )
     assert "no free path" in end["fbs"][0]["msg"]
     near = {"poses": [{"x": 0.0, "y": 3.0}], "targetPose": {"x": 0.0, "y": 3.0}}
     client.ask("woosh.ros.CallAction", {"moveBase": {"action": 1, **near}})
-    end = client.push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5))
+    end = client.next_push(
+        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5)
+    )
     assert end["fbs"][0]["state"] == 1
 
 
-def test_a_map_joins_those_of_a_shipped_scene(client: JsonClient) -> None:
+def test_uploaded_map_is_added_to_a_shipped_scene(client: JsonClient) -> None:
     before = maps(client)["wooshmap"]
-    scene = switched(client, switch("wooshmap", floor_yaml=NAV2, floor_png=floor_png()))
+    scene = switch_map(client, switch_request("wooshmap", floor_yaml=NAV2, floor_png=floor_png()))
     assert (scene["mapName"], scene["mapId"], scene["version"]) == ("floor", 1, "1")
     after = maps(client)
     assert list(after) == ["wooshmap", "floor"]
     assert after["wooshmap"]["version"] == str(int(before["version"]) + 1)
     assert after["wooshmap"]["storages"] == before["storages"]
-    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
 
 
-def test_a_new_picture_of_a_map_keeps_its_marks(client: JsonClient) -> None:
+def test_new_picture_of_a_map_keeps_its_marks(client: JsonClient) -> None:
     before = maps(client)["wooshmap"]
     picture = NAV2.replace(b"floor.png", b"wooshmap.png")
-    request = switch("wooshmap", wooshmap_yaml=picture, wooshmap_png=floor_png())
-    assert switched(client, request)["version"] == str(int(before["version"]) + 1)
+    request = switch_request("wooshmap", wooshmap_yaml=picture, wooshmap_png=floor_png())
+    assert switch_map(client, request)["version"] == str(int(before["version"]) + 1)
     after = maps(client)["wooshmap"]
     assert (after["id"], after["storages"]) == (before["id"], before["storages"])
-    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
     client.ask("woosh.robot.ExecTask", {"taskId": "5", "type": 1, "markNo": "A2"})
 
 
-def test_an_uploaded_scene_brings_everything(client: JsonClient) -> None:
+def test_uploaded_scene_brings_maps_marks_and_tasks(client: JsonClient) -> None:
     files = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png(), "notes_txt": b"hi"}
-    scene = switched(client, switch("lab", **files))
+    scene = switch_map(client, switch_request("lab", **files))
     assert (scene["mapName"], scene["mapId"], scene["version"]) == ("hall", 0, "1")
-    assert ahead(client) == pytest.approx(9.0 - 4.0 - 0.25, abs=0.02)
+    assert distance_ahead(client) == pytest.approx(9.0 - 4.0 - 0.25, abs=0.02)
     assert set(maps(client)) == {"hall", "yard"}
     assert maps(client)["hall"]["storages"]["racks"][0]["identity"]["no"] == "X1"
     (task,) = client.ask("woosh.task.RepeatTasks")["repeatTasks"]
     assert task["taskSet"]["base"]["id"] == 77
-    assert switched(client, {"mapName": "yard"})["version"] == "7"
-    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
-    # Each upload counts all maps on.
-    scene = switched(client, switch("lab", "yard", notes_txt=b"ho"))
+    assert switch_map(client, {"mapName": "yard"})["version"] == "7"
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    # Each upload increments the versions of all maps.
+    scene = switch_map(client, switch_request("lab", "yard", notes_txt=b"ho"))
     assert (scene["mapName"], scene["version"]) == ("yard", "8")
     assert maps(client)["hall"]["version"] == "2"
 
 
-def test_a_robot_that_cannot_be_there_is_lost(client: JsonClient) -> None:
-    ahead(client)
-    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png(4.2)))
+def test_robot_inside_an_uploaded_wall_loses_localisation(client: JsonClient) -> None:
+    distance_ahead(client)
+    client.ask(
+        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png(4.2))
+    )
     assert client.ask("woosh.robot.DeviceState")["software"] & 1 == 0
-    assert "locali" in client.refused("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+    assert "locali" in client.refusal("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
 
 
-BAD: list[tuple[dict[str, bytes], str]] = [
+INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
     ({"floor_yaml": NAV2}, "floor.png: the file is missing: upload it too"),
     ({"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"}, "floor.png: not readable as a PNG or PGM"),
     ({"floor_yaml": b"image: [", "floor_png": floor_png()}, "floor.yaml: not readable as YAML"),
@@ -184,9 +192,9 @@ BAD: list[tuple[dict[str, bytes], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("files", "reason"), BAD)
+@pytest.mark.parametrize(("files", "reason"), INVALID_UPLOADS)
 @pytest.mark.parametrize("scene", ["new", "wooshmap"])
-def test_bad_uploads_change_nothing(
+def test_invalid_uploads_are_refused_and_change_nothing(
     simulator: SimulatorThread, client: JsonClient, scene: str, files: dict[str, bytes], reason: str
 ) -> None:
     def state() -> Any:
@@ -202,14 +210,14 @@ def test_bad_uploads_change_nothing(
         )
 
     before = state()
-    request = {"sceneName": scene, "fileDatas": datas(files)}
-    text = client.refused("woosh.robot.SwitchMap", request)
+    request = {"sceneName": scene, "fileDatas": file_datas(files)}
+    text = client.refusal("woosh.robot.SwitchMap", request)
     assert reason in text
     assert len(text) < 1000
     assert state() == before
 
 
-def test_too_much_is_refused() -> None:
+def test_total_size_of_uploads_is_limited() -> None:
     big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
     files = uploads.merge_files({}, big)
     assert list(uploads.merge_files(files, big)) == ["big.bin"]
@@ -217,35 +225,39 @@ def test_too_much_is_refused() -> None:
         uploads.merge_files(files, [FileData(name="more.bin", data=big[0].data)])
 
 
-def test_a_bad_second_upload_leaves_the_first(client: JsonClient) -> None:
-    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    text = client.refused("woosh.robot.SwitchMap", switch("lab", floor_png=b"junk"))
+def test_invalid_second_upload_keeps_the_first(client: JsonClient) -> None:
+    client.ask(
+        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png())
+    )
+    text = client.refusal("woosh.robot.SwitchMap", switch_request("lab", floor_png=b"junk"))
     assert text.startswith("scene lab is not changed: floor.png: ")
     assert client.ask("woosh.robot.Scene")["version"] == "1"
-    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
-    missing = switch("lab", "attic", floor_png=floor_png(7.0))
-    assert "unknown map attic of scene lab, which has floor" in client.refused(
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    missing = switch_request("lab", "attic", floor_png=floor_png(7.0))
+    assert "unknown map attic of scene lab, which has floor" in client.refusal(
         "woosh.robot.SwitchMap", missing
     )
-    assert ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
 
 
-def test_a_name_twice_is_refused(client: JsonClient) -> None:
+def test_duplicate_file_name_is_refused(client: JsonClient) -> None:
     files = [{"name": "a.bin", "data": ""}, {"name": "a.bin", "data": "AA=="}]
     request = {"sceneName": "new", "fileDatas": files}
-    assert client.refused("woosh.robot.SwitchMap", request) == "file a.bin is uploaded twice"
+    assert client.refusal("woosh.robot.SwitchMap", request) == "file a.bin is uploaded twice"
 
 
-def test_nothing_is_written(
+def test_uploads_write_no_files(
     client: JsonClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    client.ask("woosh.robot.SwitchMap", switch("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    client.ask(
+        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png())
+    )
     assert os.listdir(tmp_path) == []
 
 
-def test_damaged_files_never_fail_inside(client: JsonClient) -> None:
-    """Each damaged upload is taken or refused with a reason, never an internal error."""
+def test_damaged_uploads_cause_no_internal_error(client: JsonClient) -> None:
+    """Each damaged upload is accepted, or refused with a reason."""
     rng = random.Random(9)
     whole = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png()}
     for _ in range(150):
@@ -262,5 +274,5 @@ def test_damaged_files_never_fail_inside(client: JsonClient) -> None:
             else:
                 data[place:place] = rng.randbytes(rng.randint(1, 10))
         files[name] = bytes(data)
-        answer = client.request("woosh.robot.SwitchMap", switch("lab", **files))
+        answer = client.request("woosh.robot.SwitchMap", switch_request("lab", **files))
         assert answer["ok"] or "internal error" not in answer["msg"], (name, bytes(data))

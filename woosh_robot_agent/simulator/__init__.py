@@ -72,7 +72,7 @@ signals before it imports anything slow."""
 def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    # Imported first: it tells what to do if the protobuf modules are not compiled.
+    # Imported first, for its helpful error if the protobuf modules are not compiled.
     importlib.import_module("woosh_robot_agent.protos")
     value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
     globals()[name] = value

@@ -57,8 +57,8 @@ _Level = robot_count_pb2.StatusCode
 class Chassis:
     """The model of the robot, without sockets and without a clock of its own.
 
-    `tick` advances the simulated time. Requests change the state between ticks. Messages of which
-    each one must be pushed are collected, and `take_events` returns them.
+    `tick` advances the simulated time. Requests change the state between ticks. Events, which must
+    all be pushed, are collected until `take_events` returns them.
 
     Args:
         config: The options.
@@ -127,7 +127,7 @@ class Chassis:
             self, self.tasks, self.ownership, config.charge_after, config.park_after
         )
 
-        if not self._fits(start):
+        if not self._can_stand(start):
             raise SceneError(
                 f"scene {self.scene.name}: the robot cannot start at {start} on map "
                 f"{self.map.name}, which is not free floor: name another pose under start"
@@ -223,7 +223,7 @@ class Chassis:
         """Switch to another scene or map while there is no task. The coordinates stay the same."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        if not self._fits(self.base.pose):
+        if not self._can_stand(self.base.pose):
             self.readiness.located = False
         self.tasks.forget_failed()
 
@@ -258,7 +258,7 @@ class Chassis:
         rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
         return self.laser.scan(self.base.pose, self.walls, rng, self.map.grid)
 
-    def _fits(self, pose: Pose) -> bool:
+    def _can_stand(self, pose: Pose) -> bool:
         """Return True if the robot can stand at `pose`."""
         return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 

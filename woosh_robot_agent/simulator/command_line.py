@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import woosh_robot_agent.protos  # noqa: F401 - tells what to do if nothing is compiled
+import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
 from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
@@ -37,7 +37,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         level=[logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
         format="%(levelname)s %(name)s: %(message)s",
     )
-    # websockets logs every aborted handshake as an error, which port scans cause every day.
+    # websockets logs every aborted handshake as an error. Port scans would fill the log.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
         config = _config(options)
@@ -138,7 +138,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--seed",
         type=int,
         default=default.seed,
-        help="make runs repeatable: laser noise, clock, random choices of faults",
+        help="seed of laser noise, simulated clock and random faults, for repeatable runs",
     )
     parser.add_argument(
         "--scene",
@@ -146,7 +146,7 @@ def make_parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="FOLDER",
-        help="folder with scene.yaml, or YAML file of a map of nav2; can be repeated, the robot "
+        help="folder with scene.yaml, or YAML file of a nav2 map; can be repeated, the robot "
         "starts in the first one",
     )
     parser.add_argument(
@@ -197,7 +197,11 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
 def _add_limits(parser: argparse.ArgumentParser, default: SimulatorConfig) -> None:
     group = parser.add_argument_group("limits")
     add = functools.partial(group.add_argument, type=int, metavar="N")
-    add("--max-frame", default=default.max_frame, help="largest frame of a client, in bytes")
+    add(
+        "--max-frame",
+        default=default.max_frame,
+        help="maximum size of a frame from a client, in bytes",
+    )
     add("--max-connections", default=default.max_connections, help="maximum number of clients")
     add(
         "--max-waiting",

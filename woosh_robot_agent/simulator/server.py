@@ -86,7 +86,7 @@ class SimulatedChassis:
         """Close everything, within about a second."""
         if self._ticker:
             self._ticker.cancel()
-        self._injector.clear()  # connections that a fault pauses could not close
+        self._injector.clear()  # paused connections could not close
         await self.settle()
         await self._connections.close()
         await self._ports.close(reserve=False)

@@ -107,7 +107,7 @@ class SimulatorThread:
             self._thread.join(_CALL_TIMEOUT)
 
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
-        """Run `do` in the simulator's thread and return what it returns."""
+        """Call `do` in the simulator's thread and return its result."""
         simulator = self._simulator
 
         async def run() -> T:

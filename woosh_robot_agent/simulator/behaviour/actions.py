@@ -54,7 +54,7 @@ class Actions:
         """True if there is an action, paused ones included."""
         return bool(self._runs)
 
-    def user(self, device: Device) -> str:
+    def owner(self, device: Device) -> str:
         """Return the short name of the action that owns `device`, empty if none does."""
         for run in self._runs.values():
             if run.job.device is device and not run.paused:

@@ -1,4 +1,4 @@
-"""Jobs: what actions and tasks consist of."""
+"""Jobs: the units of work of which actions and tasks consist."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Progress:
     Attributes:
         done: The job has ended, successfully or not.
         failure: Reason of the failure; empty if the job did not fail.
-        text: Progress as a text for people.
+        text: Description of the progress, for reports.
         impeded: An obstacle blocks the job at the moment; `text` describes it.
     """
 

@@ -27,7 +27,7 @@ def jobs_at_mark(
 
     A robot that carries something leaves the dock again. A robot that charges stays.
     """
-    work = work_of(robot, kind, direction)
+    work = work_jobs(robot, kind, direction)
     start = mark.pose.moved(-_DOCKING_DISTANCE, 0.0, 0.0)
     clearance = outer_radius(FOOTPRINTS[robot.footprint]) + PATH_MARGIN
     if (
@@ -42,7 +42,7 @@ def jobs_at_mark(
     return [Navigate(start), enter, *work] if stays else [Navigate(start), enter, *work, leave]
 
 
-def work_of(
+def work_jobs(
     robot: Robot, kind: util_task_pb2.Type, direction: util_task_pb2.Direction
 ) -> list[Job]:
     """Return the jobs of a task after its arrival; none for a task that only drives."""

@@ -46,7 +46,7 @@ _ANGLE_TOLERANCE = 1e-4
 """Angle from a heading at which it counts as reached, in radians."""
 
 _OBSTACLE_TIMEOUT = 30.0
-"""Time after which a navigation gives up that finds no way round an obstacle, in seconds."""
+"""Time after which a navigation fails if it finds no way round an obstacle, in seconds."""
 
 _WAITING_MODES = (
     navigation_pb2.kNavWait,
@@ -115,10 +115,10 @@ class Navigate:
         """
         before = self._stops, self._strict
         self._stops, self._strict = deque([*via, self.goal]), strict
-        objection = self._plan(robot)
-        if objection:
+        failure = self._plan(robot)
+        if failure:
             self._stops, self._strict = before
-            raise RefusedError(objection)
+            raise RefusedError(failure)
 
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Set the arrival type, the behaviour at obstacles and the speed limit."""
@@ -137,9 +137,9 @@ class Navigate:
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if self._corners is None:
-            objection = self._plan(robot)
-            if objection:
-                return failed(objection)
+            failure = self._plan(robot)
+            if failure:
+                return failed(failure)
         if not self._announced:
             self._announced = True
             robot.codes.report(NEW_NAVIGATION, _Level.kNormal, self.kind)
@@ -154,7 +154,7 @@ class Navigate:
         else:
             self._waited = 0.0
             self._tried_obstacles = None
-        # A base that is blocked by something unseen, such as a wall beside it, keeps trying.
+        # A base that is blocked by something not ahead, such as a wall beside it, keeps trying.
         while self._corners:
             corners, stop = self._corners[0], self._stops[0]
             if corners:

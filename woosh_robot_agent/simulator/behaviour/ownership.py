@@ -8,7 +8,7 @@ All requests that start or resume a job go through `Ownership`. Its rules:
 - A new action replaces an action that runs or is paused on the same device. It is refused while a
   task owns the device.
 - A task or action that is resumed takes its device back, unless another job owns it by then.
-- An automatic task makes way for every command of a client that needs the wheels or its device.
+- Every command of a client that needs the wheels or the task's device cancels an automatic task.
 - Remote control and following are refused while a task or action drives, and end each other. Each
   task or action that drives ends both.
 - A velocity of zero stops everything that drives. Tasks and actions are paused.
@@ -53,15 +53,15 @@ class Ownership:
     @property
     def driver(self) -> str:
         """Name of the task or action that owns the wheels, empty if none does."""
-        if self._tasks.uses(Device.WHEELS):
+        if self._tasks.owns(Device.WHEELS):
             return f"task {self._tasks.proc.robot_task_id}"
-        return self._actions.user(Device.WHEELS)
+        return self._actions.owner(Device.WHEELS)
 
     @property
     def navigation(self) -> Navigate | None:
         """The navigation that owns the wheels, or else a paused one."""
         job = self._tasks.job
-        if self._tasks.paused and self._actions.user(Device.WHEELS):
+        if self._tasks.paused and self._actions.owner(Device.WHEELS):
             return self._actions.navigation
         return job if isinstance(job, Navigate) else self._actions.navigation
 
@@ -73,7 +73,7 @@ class Ownership:
     def tick(self, dt: float) -> None:
         """Let tasks and actions work for `dt` seconds."""
         job = self._tasks.job
-        self._tasks.tick(dt, device_free=job is None or not self._actions.user(job.device))
+        self._tasks.tick(dt, device_free=job is None or not self._actions.owner(job.device))
         self._actions.tick(dt)
 
     def start_tasks(self, orders: Sequence[TaskOrder]) -> None:
@@ -155,7 +155,7 @@ class Ownership:
     def stop_wheels(self, reason: str) -> None:
         """Stop at once. A task or action that drives is paused."""
         self._tasks.cancel_automatic(reason)
-        if self._tasks.uses(Device.WHEELS):
+        if self._tasks.owns(Device.WHEELS):
             self._tasks.pause(reason)
         self._actions.pause_on(Device.WHEELS, reason)
         self._end_manual_driving()
@@ -189,18 +189,18 @@ class Ownership:
             self._end_manual_driving()
 
     def _take_device_for_action(self, device: Device, name: str) -> None:
-        if device is Device.WHEELS or self._tasks.uses(device):
+        if device is Device.WHEELS or self._tasks.owns(device):
             self._tasks.cancel_automatic(f"replaced by {short_name(name)}")
-        if self._tasks.uses(device):
+        if self._tasks.owns(device):
             task = self._tasks.proc.robot_task_id
             raise RefusedError(f"task {task} is running: pause or cancel it first")
         if device is Device.WHEELS:
             self._end_manual_driving()
 
     def _require_no_action(self, device: Device) -> None:
-        user = self._actions.user(device)
-        if user:
-            raise RefusedError(f"{user} is running: wait for it or cancel it first")
+        owner = self._actions.owner(device)
+        if owner:
+            raise RefusedError(f"{owner} is running: wait for it or cancel it first")
 
     def _end_manual_driving(self) -> None:
         self._follower.stop()

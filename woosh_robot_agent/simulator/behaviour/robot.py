@@ -1,4 +1,4 @@
-"""The view of the robot that jobs, tasks and actions have."""
+"""The interface of the robot that jobs, tasks and actions use."""
 
 from __future__ import annotations
 

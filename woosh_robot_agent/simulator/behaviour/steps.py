@@ -44,8 +44,8 @@ class Shift:
     def remaining(self, start: Pose, now: Pose) -> float:
         """Return the remaining signed distance, in metres."""
         heading = start.theta + self.direction
-        gone = (now.x - start.x) * math.cos(heading) + (now.y - start.y) * math.sin(heading)
-        return self.distance - gone
+        travelled = (now.x - start.x) * math.cos(heading) + (now.y - start.y) * math.sin(heading)
+        return self.distance - travelled
 
     def velocity(self, remaining: float, dt: float) -> Velocity:
         """Return the velocity for the next `dt` seconds."""

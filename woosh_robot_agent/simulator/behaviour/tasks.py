@@ -31,7 +31,7 @@ class TaskOrder:
         type: Type of the task.
         dest: Number of the target mark, empty if the target is not a mark.
         jobs: Jobs of the task, in order.
-        automatic: The robot has given the task to itself.
+        automatic: The robot has started the task by itself.
     """
 
     id: int
@@ -80,7 +80,7 @@ class Tasks:
 
     @property
     def automatic(self) -> bool:
-        """True if there is a task that the robot has given to itself."""
+        """True if the current task is an automatic one."""
         return self.active and self._automatic
 
     @property
@@ -93,7 +93,7 @@ class Tasks:
         """Device that the current job needs, or the one that failed."""
         return self._jobs[0].device
 
-    def uses(self, device: Device) -> bool:
+    def owns(self, device: Device) -> bool:
         """Return True if the task owns `device`. A paused task owns nothing."""
         job = self.job
         return job is not None and not self.paused and job.device is device
@@ -156,7 +156,7 @@ class Tasks:
         self._rest_of_set.clear()
 
     def cancel_automatic(self, reason: str) -> None:
-        """Cancel the task if the robot has given it to itself."""
+        """Cancel the task if it is an automatic one."""
         if self.automatic:
             self.cancel(reason)
 

@@ -15,12 +15,14 @@ _MAX_SN = 2**31 - 1
 TYPE = Parameter(
     "type", str, "", "affects only answers to requests of this type; empty: all", is_message=True
 )
-COUNT = Parameter("count", int, 0, "number of times; 0: no limit", low=0)
+COUNT = Parameter(
+    "count", int, 0, "number of times that the fault takes effect; 0: no limit", low=0
+)
 FRAMES = Parameter(
     "frames",
     str,
     "answers",
-    "frames that it affects; for pushes, `type` is the type of the push",
+    "frames that the fault affects; for pushes, `type` is the type of the push",
     choices=("answers", "pushes", "all"),
 )
 
@@ -107,7 +109,7 @@ class _Shuffle:
         kept = self._kept.pop(client)
         mixed = kept[:]
         self._injection.rng.shuffle(mixed)
-        if mixed == kept:  # the original order would not be a fault
+        if mixed == kept:  # the shuffle had no effect
             mixed.reverse()
         for release in mixed:
             release()
@@ -142,7 +144,7 @@ FAULTS = (
         on_frames(_delay),
         (
             Parameter(
-                "seconds", float, 1.0, "the delay", unit="s of real time", low=0.0, high=86400.0
+                "seconds", float, 1.0, "minimum delay", unit="s of real time", low=0.0, high=86400.0
             ),
             Parameter(
                 "jitter",
@@ -163,12 +165,12 @@ FAULTS = (
         "answers are collected and sent in another order",
         _reorder,
         (
-            Parameter("window", int, 4, "number of answers that are collected", low=2, high=1000),
+            Parameter("window", int, 4, "number of answers to collect", low=2, high=1000),
             Parameter(
                 "seconds",
                 float,
                 0.2,
-                "maximum time for which an answer is kept",
+                "maximum time to hold an answer back",
                 unit="s of real time",
                 low=0.0,
                 high=3600.0,
@@ -191,20 +193,27 @@ FAULTS = (
     ),
     Fault(
         "wrong_sn",
-        "answers have another `sn` than their requests",
+        "the `sn` of an answer differs from that of its request",
         on_frames(_wrong_sn),
         (
-            Parameter("by", int, 1_000_000, "difference of the two", low=1, high=_MAX_SN - 1),
+            Parameter(
+                "by",
+                int,
+                1_000_000,
+                "difference between the two serial numbers",
+                low=1,
+                high=_MAX_SN - 1,
+            ),
             TYPE,
             COUNT,
         ),
     ),
     Fault(
         "wrong_type",
-        "answers have another `type` than their body",
+        "the `type` of an answer differs from that of its body",
         on_frames(_wrong_type),
         (
-            Parameter("other", str, "woosh.robot.Network", "the wrong type"),
+            Parameter("other", str, "woosh.robot.Network", "wrong type of the answers"),
             TYPE,
             COUNT,
         ),

@@ -135,7 +135,9 @@ FAULTS = (
                 "without x and y: distance in front of the current position of the robot",
                 unit="m",
             ),
-            Parameter("radius", float, 0.3, "its radius", unit="m", low=0.01, high=100.0),
+            Parameter(
+                "radius", float, 0.3, "radius of the obstacle", unit="m", low=0.01, high=100.0
+            ),
         ),
         check=_check_position,
     ),
@@ -145,12 +147,12 @@ FAULTS = (
         _burst,
         (
             Parameter("count", int, 1000, "number of pushes", low=1, high=10_000_000),
-            Parameter("type", str, "woosh.robot.PoseSpeed", "their type", is_message=True),
+            Parameter("type", str, "woosh.robot.PoseSpeed", "type of the pushes", is_message=True),
             Parameter(
                 "rate",
                 float,
                 0.0,
-                "their rate; 0: as fast as clients read",
+                "rate of the pushes; 0: as fast as clients read",
                 unit="1/s of real time",
                 low=0.0,
             ),

@@ -16,7 +16,7 @@ from woosh_robot_agent.simulator.serving.hooks import Hooks
 
 
 class Target(Protocol):
-    """The view of the simulated chassis that faults have."""
+    """The interface of the simulated chassis that faults use."""
 
     @property
     def chassis(self) -> Chassis:
@@ -66,7 +66,12 @@ Begin = Callable[[Target, "Injection"], "End | None"]
 """Begins a fault. Returns the function that ends it, or None for a momentary fault."""
 
 FOR = Parameter(
-    "for", float, 0.0, "time after which it ends; 0: no limit", unit="s of simulated time", low=0.0
+    "for",
+    float,
+    0.0,
+    "time after which the fault ends; 0: no limit",
+    unit="s of simulated time",
+    low=0.0,
 )
 
 
@@ -76,11 +81,11 @@ class Fault:
 
     Attributes:
         name: Name of the fault.
-        description: Description for people.
+        description: Effect of the fault, for the documentation.
         begin: Function that begins the fault.
         own: Parameters, without the common ones of lasting faults.
         lasting: The fault lasts until it is cleared or expires. Otherwise it is momentary.
-        shared: Several injections at a time act as one, which ends with the last of them.
+        shared: Simultaneous injections act as one fault, which ends with the last of them.
         check: Raises FaultError for an invalid combination of arguments.
     """
 
@@ -98,20 +103,20 @@ class Fault:
         return (*self.own, FOR) if self.lasting else self.own
 
     def resolve(
-        self, arguments: Mapping[str, object], also: tuple[Parameter, ...] = ()
+        self, arguments: Mapping[str, object], extra: tuple[Parameter, ...] = ()
     ) -> dict[str, Any]:
         """Return the checked arguments, with all defaults filled in.
 
         Args:
             arguments: The given arguments.
-            also: Further parameters, which are not those of the fault.
+            extra: Additional parameters that are allowed here, such as `at`.
 
         Raises:
             FaultError: An argument is unknown or invalid.
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
             raise FaultError(f"{self.name} is momentary: leave out `for`")
-        resolved = resolve(self.name, (*self.parameters, *also), arguments)
+        resolved = resolve(self.name, (*self.parameters, *extra), arguments)
         if self.check:
             self.check(resolved)
         return resolved
@@ -151,12 +156,12 @@ class Injection:
 
     def __str__(self) -> str:
         """Return the fault as on the command line, without arguments at their defaults."""
-        said = [
+        parts = [
             f"{parameter.name}={shlex.quote(str(self.arguments[parameter.name]))}"
             for parameter in self.fault.parameters
             if self.arguments[parameter.name] != parameter.default
         ]
-        return " ".join([self.fault.name, *said])
+        return " ".join([self.fault.name, *parts])
 
     @property
     def name(self) -> str:

@@ -41,14 +41,14 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
         before = frame.damage
 
-        def both(codec: Codec, data: str | bytes) -> Encoded:
+        def damage_further(codec: Codec, data: str | bytes) -> Encoded:
             damaged = before(codec, data) if before else data
             # A frame that is already unreadable, or written by a fault, is not damaged further.
             if callable(damaged) or (before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
 
-        return [dataclasses.replace(frame, damage=both)]
+        return [dataclasses.replace(frame, damage=damage_further)]
 
     return on_frames(alter)
 
@@ -58,20 +58,20 @@ def _garbage(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     if isinstance(data, str):
         # No JSON text begins with a question mark.
         return "?" + "".join(injection.rng.choices(string.printable, k=length - 1))
-    # No protobuf message begins with a field number of ten continued bytes.
+    # No valid protobuf message begins with ten 0xFF bytes: a varint has at most ten bytes.
     return (b"\xff" * 10 + injection.rng.randbytes(length))[:length]
 
 
 def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     if injection["where"] == "wire":
-        return _broken_off(data)
+        return _truncated_on_wire(data)
     cut = len(data) // 2
     while _readable(codec, data[:cut]):  # by chance, half a protobuf message may be valid
         cut += 1
     return data[:cut]
 
 
-def _broken_off(data: str | bytes) -> Write:
+def _truncated_on_wire(data: str | bytes) -> Write:
     raw = _bytes(data)
 
     async def write(transport: ServerTransport) -> None:
@@ -177,14 +177,17 @@ def _tag(number: int, wire_type: int) -> bytes:
     return varint(number << 3 | wire_type)
 
 
-_WHICH = (TYPE, COUNT, FRAMES)
+_SELECTION = (TYPE, COUNT, FRAMES)
 
 FAULTS = (
     Fault(
         "garbage",
         "frames are replaced by noise: text instead of JSON, bytes instead of protobuf",
         _damaging(_garbage),
-        (Parameter("length", int, 64, "their length", unit="bytes", low=1, high=_MIB), *_WHICH),
+        (
+            Parameter("length", int, 64, "length of the noise", unit="bytes", low=1, high=_MIB),
+            *_SELECTION,
+        ),
     ),
     Fault(
         "truncated",
@@ -195,36 +198,39 @@ FAULTS = (
                 "where",
                 str,
                 "payload",
-                "payload: half the text in a valid frame; wire: half the frame, then the "
+                "payload: a valid frame with half the data; wire: half the frame, then the "
                 "connection is aborted",
                 choices=("payload", "wire"),
             ),
-            *_WHICH,
+            *_SELECTION,
         ),
     ),
     Fault(
         "oversize",
         "frames are padded to a size that clients refuse, with blanks or an unknown field",
         _damaging(_oversize),
-        (Parameter("mib", int, 65, "their size", unit="MiB", low=1, high=4096), *_WHICH),
+        (
+            Parameter("mib", int, 65, "size of the frames", unit="MiB", low=1, high=4096),
+            *_SELECTION,
+        ),
     ),
     Fault(
         "invalid_utf8",
         "the type name in frames is invalid UTF-8",
         _damaging(_invalid_utf8),
-        _WHICH,
+        _SELECTION,
     ),
     Fault(
         "unknown_fields",
         "frames and their bodies have additional fields that clients do not know",
         _damaging(_unknown_fields),
-        _WHICH,
+        _SELECTION,
     ),
     Fault(
         "wrong_field_type",
         "a random field of the body has a value of another type; protobuf readers treat it as an "
         "unknown field",
         _damaging(_wrong_field_type),
-        _WHICH,
+        _SELECTION,
     ),
 )

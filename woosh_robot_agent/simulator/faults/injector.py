@@ -69,7 +69,7 @@ class Injector:
 
     def clear(self) -> None:
         """End all faults."""
-        # Shared ones last: a frozen chassis executes its queue after all other faults have ended.
+        # Shared faults last: a frozen chassis must execute its queue without the other faults.
         for injection in sorted(self.active, key=lambda each: each.fault.shared):
             injection.clear()
 

@@ -11,11 +11,11 @@ def _drop(target: Target, injection: Injection) -> None:
 
 
 def _accept_then_drop(target: Target, injection: Injection) -> End:
-    def turn_away() -> bool:
+    def refuse_connection() -> bool:
         injection.hit()
         return False
 
-    return target.hooks.add_admission(turn_away)
+    return target.hooks.add_admission(refuse_connection)
 
 
 def _off(target: Target, injection: Injection) -> End:
@@ -37,7 +37,7 @@ FAULTS = (
     Fault("drop", "every connection ends, as with a broken cable", _drop, lasting=False),
     Fault(
         "accept_then_drop",
-        "each new connection is accepted, its handshake is answered, and it is ended at once",
+        "each new connection is accepted and closed at once, a WebSocket after its handshake",
         _accept_then_drop,
         (Parameter("count", int, 0, "number of connections; 0: all", low=0),),
     ),

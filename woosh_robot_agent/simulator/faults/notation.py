@@ -1,4 +1,4 @@
-"""Reads faults and scenarios as people write them: on the command line and in YAML files."""
+"""Parses faults from the command line and scenarios from YAML files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def make_step(name: str, **arguments: object) -> Step:
     Raises:
         FaultError: There is no such fault, or an argument is invalid.
     """
-    resolved = find(name).resolve(arguments, also=(_AT,))
+    resolved = find(name).resolve(arguments, extra=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
 
 

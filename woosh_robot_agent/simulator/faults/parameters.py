@@ -27,7 +27,7 @@ class Parameter:
         name: Name of the parameter.
         kind: Type of the value.
         default: Default value; None for an optional parameter without a default.
-        description: Description for people.
+        description: Meaning of the parameter, for the documentation.
         unit: Unit of a number.
         low: Minimum of a number.
         high: Maximum of a number.
@@ -83,23 +83,26 @@ class Parameter:
         if self.is_message:
             return "message type"
         text = {int: "integer", float: "number", str: "text"}[self.kind]
-        if math.isfinite(self.low):
-            text += f" from {_number(self.low)}"
-        if math.isfinite(self.high):
-            text += f" to {_number(self.high)}"
-        return f"{text} in {self.unit}" if self.unit else text
+        low, high = math.isfinite(self.low), math.isfinite(self.high)
+        if low and high:
+            text += f" from {_number(self.low)} to {_number(self.high)}"
+        elif low:
+            text += f" of at least {_number(self.low)}"
+        elif high:
+            text += f" of at most {_number(self.high)}"
+        return f"{text}, in {self.unit}" if self.unit else text
 
     def _wrong(self, value: object) -> FaultError:
         return FaultError(f"{self.name}: {value!r} is not {_article(self.allowed)}")
 
 
 def resolve(
-    what: str, parameters: Sequence[Parameter], given: Mapping[str, object]
+    fault: str, parameters: Sequence[Parameter], given: Mapping[str, object]
 ) -> dict[str, Any]:
     """Return the checked arguments, with all defaults filled in.
 
     Args:
-        what: Name of the fault, for errors.
+        fault: Name of the fault, for errors.
         parameters: All parameters.
         given: The given arguments. A trailing underscore, as in `for_`, is ignored.
 
@@ -112,13 +115,13 @@ def resolve(
         name = key.removesuffix("_")
         if name not in known:
             names = ", ".join(known) or "none"
-            raise FaultError(f"{what} has no argument {name!r}; its arguments are: {names}")
+            raise FaultError(f"{fault} has no argument {name!r}; its arguments are: {names}")
         if value is None and known[name].default is None:
             continue
         try:
             arguments[name] = known[name].check(value)
         except FaultError as error:
-            raise FaultError(f"{what}: {error}") from None
+            raise FaultError(f"{fault}: {error}") from None
     return arguments
 
 

@@ -33,11 +33,11 @@ def find(name: str) -> Fault:
 
 def markdown() -> str:
     """Return the table as Markdown."""
-    rows = [("Fault", "What it does", "Lasts", "Arguments"), ("---",) * 4]
+    rows = [("Fault", "Effect", "Kind", "Arguments"), ("---",) * 4]
     for fault in FAULTS.values():
         arguments = "<br>".join(_argument(parameter) for parameter in fault.own)
-        lasts = "until it ends" if fault.lasting else "momentary"
-        rows.append((f"`{fault.name}`", fault.description, lasts, arguments))
+        kind = "lasting" if fault.lasting else "momentary"
+        rows.append((f"`{fault.name}`", fault.description, kind, arguments))
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 

@@ -57,7 +57,7 @@ def usable_speed(speed: float, minimum: float) -> float:
 
 
 def copy_of(message: Message) -> Message:
-    """Return a copy of a message of the state, as an answer that later changes do not affect."""
+    """Return a copy of a state, as an answer that later changes must not affect."""
     copy = type(message)()
     copy.CopyFrom(message)
     return copy

@@ -49,7 +49,7 @@ def _with_files(chassis: Chassis, name: str, request: pack.SwitchMap) -> Scene:
     scene = uploads.updated_scene(name, old, files)
     if scene:
         return scene
-    # No file describes the new scene: it is the current place under another name.
+    # No file describes the new scene: it gets the current map under a new name.
     area = dataclasses.replace(chassis.map, name=request.map_name or name, version=1)
     return dataclasses.replace(chassis.scene, name=name, maps=[area], files=files)
 

@@ -1,4 +1,4 @@
-"""Handlers of queries: requests that ask for a state by sending its message empty."""
+"""Handlers of queries. The query for a state is an empty message of the state's type."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
-from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_of
+from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_jobs
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
@@ -43,9 +43,9 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
         jobs = jobs_at_mark(chassis, mark, kind, direction)
     elif request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
-        jobs = [Navigate(via.pop(), via, strict=strict), *work_of(chassis, kind, direction)]
+        jobs = [Navigate(via.pop(), via, strict=strict), *work_jobs(chassis, kind, direction)]
     elif request.HasField("pose"):
-        jobs = [Navigate(pose(request.pose)), *work_of(chassis, kind, direction)]
+        jobs = [Navigate(pose(request.pose)), *work_jobs(chassis, kind, direction)]
     else:
         raise RefusedError("the task has no target: give mark_no, plan_path or pose")
     number = request.task_id or chassis.tasks.new_id()

@@ -6,12 +6,12 @@
     start: {map: ground, pose: [1.0, 2.0, 0.0]}  # initial pose of the robot
     maps:
       - name: ground
-        id: 7                       # default: its place in the list, from 0
+        id: 7                       # default: its index in the list, from 0
         floor: 1F
         version: 3                  # default: 1
         image: ground.yaml          # a map of map_server, with its PNG or PGM beside it
         area: [-5, -5, 20, 15]      # two corners of the mapped area; default: around everything
-        walls:                      # each a line through these corners: x and y of each
+        walls:                      # polylines: x and y of each corner
           - [0, 0, 0, 5, 5, 5]
         marks:
           - {number: A1, type: rack, pose: [4.0, 1.0, 1.57], description: by the door}
@@ -23,7 +23,7 @@
 
 Lengths are in metres, angles in radians, poses are [x, y, theta]. A map needs an image or walls and
 can have both. The type of a mark is one of `MarkKind` in lower case (default: base). Its `id` is by
-default its place in the list, from 1. The type of a step is pick (default), parking, charge or
+default its index in the list, from 1. The type of a step is pick (default), parking, charge or
 carry; its direction is feeding or cutting. With `wait` the robot then waits for this time in
 seconds, or with -1 until a client tells it to continue.
 
@@ -61,7 +61,7 @@ _MAX_WALLS = 1000
 _MAX_TASKS = 200
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_PIXELS = 32 * 1024 * 1024
-"""Limit for all pictures of a scene together. Reading them blocks everything else."""
+"""Limit for all pictures of a scene together. Reading them blocks the simulator."""
 
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""
@@ -97,7 +97,7 @@ def load_scene(path: Path) -> Scene:
     else:
         folder, names = path.parent, [path.name]
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
-    scene = read_scene(name, names, read, take_name=True)
+    scene = read_scene(name, names, read, use_own_name=True)
     if scene is None:
         raise SceneError(
             f"{path}: not a scene: give a {SCENE_FILE}, a YAML file of nav2's map_server, or a "
@@ -107,7 +107,7 @@ def load_scene(path: Path) -> Scene:
 
 
 def read_scene(
-    name: str, names: Collection[str], read: Read, *, take_name: bool = False
+    name: str, names: Collection[str], read: Read, *, use_own_name: bool = False
 ) -> Scene | None:
     """Read a scene from some files. Return None if none of them describes a scene or a map.
 
@@ -115,15 +115,15 @@ def read_scene(
         name: Name of the scene.
         names: Names of the files.
         read: Returns the content of a file.
-        take_name: Prefer the name that `scene.yaml` gives to the scene.
+        use_own_name: Prefer the name in `scene.yaml`, if it has one.
 
     Raises:
         SceneError: A file cannot be used.
     """
     if SCENE_FILE in names:
-        root = parse(SCENE_FILE, read(SCENE_FILE)).only(("name", "start", "maps", "tasks"))
+        root = parse(SCENE_FILE, read(SCENE_FILE)).check_keys(("name", "start", "maps", "tasks"))
         named = root.get("name")
-        return _scene(root, named.text() if named and take_name else name, read)
+        return _scene(root, named.text() if named and use_own_name else name, read)
     maps: list[Map] = []
     for each in sorted(names):
         if Path(each).suffix in (".yaml", ".yml"):
@@ -150,9 +150,9 @@ def read_scene(
 
 
 def _scene(root: Node, name: str, read: Read) -> Scene:
-    nodes = list(root.need("maps").items(_MAX_MAPS))
+    nodes = list(root.required("maps").items(_MAX_MAPS))
     if not nodes:
-        raise root.need("maps").error("a scene needs at least one map")
+        raise root.required("maps").error("a scene needs at least one map")
     maps: list[Map] = []
     for node in nodes:
         maps.append(_map(node, len(maps), read))
@@ -162,13 +162,13 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
     scene = Scene(name, maps)
     start = root.get("start")
     if start:
-        start.only(("map", "pose"))
+        start.check_keys(("map", "pose"))
         on = start.get("map")
         scene.start_map = on.choice([each.name for each in maps]) if on else ""
-        scene.start = _pose(start.need("pose"))
+        scene.start = _pose(start.required("pose"))
     tasks = root.get("tasks")
     if tasks:
-        tasks.only(("predefined", "calls"))
+        tasks.check_keys(("predefined", "calls"))
         marks = {number for each in maps for number in each.marks}
         scene.predefined.repeat_tasks.extend(_predefined(tasks, marks))
         scene.calls.call_tasks.extend(_calls(tasks, marks))
@@ -176,11 +176,11 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
 
 
 def _map(node: Node, number: int, read: Read) -> Map:
-    node.only(("name", "id", "floor", "version", "image", "area", "walls", "marks"))
+    node.check_keys(("name", "id", "floor", "version", "image", "area", "walls", "marks"))
     id_, floor, version = node.get("id"), node.get("floor"), node.get("version")
     walls = tuple(wall for each in _items(node, "walls", _MAX_WALLS) for wall in _walls(each))
     if len(walls) > _MAX_WALLS:
-        raise node.need("walls").error(f"{len(walls)} walls are more than {_MAX_WALLS}")
+        raise node.required("walls").error(f"{len(walls)} walls are more than {_MAX_WALLS}")
     marks = _marks(node)
     image, area = node.get("image"), node.get("area")
     grid = None
@@ -198,7 +198,7 @@ def _map(node: Node, number: int, read: Read) -> Map:
     low, high = _bounds(area or node, corners)
     return Map(
         id=id_.integer(0, _UINT32) if id_ else number,
-        name=node.need("name").text(),
+        name=node.required("name").text(),
         floor=floor.text() if floor else _DEFAULT_FLOOR,
         version=version.integer(1, _INT32) if version else 1,
         low=low,
@@ -250,13 +250,13 @@ def _marks(node: Node) -> list[Mark]:
     nodes = list(_items(node, "marks", _MAX_MARKS))
     marks = []
     for place, each in enumerate(nodes, start=1):
-        each.only(("number", "id", "type", "pose", "description"))
+        each.check_keys(("number", "id", "type", "pose", "description"))
         id_, kind, description = each.get("id"), each.get("type"), each.get("description")
         marks.append(
             Mark(
                 id=id_.integer(0, _UINT32) if id_ else place,
-                number=each.need("number").text(),
-                pose=_pose(each.need("pose")),
+                number=each.required("number").text(),
+                pose=_pose(each.required("pose")),
                 kind=_KINDS[kind.choice(_KINDS)] if kind else MarkKind.BASE,
                 description=description.text() if description else "",
             )
@@ -268,7 +268,7 @@ def _marks(node: Node) -> list[Mark]:
 
 def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.RepeatTask]:
     for node in _items(tasks, "predefined", _MAX_TASKS):
-        node.only(("id", "name", "steps", "times"))
+        node.check_keys(("id", "name", "steps", "times"))
         times = node.get("times")
         yield woosh_task_pb2.RepeatTask(
             times=times.integer(1, _INT32) if times else 1, task_set=_task_set(node, marks)
@@ -278,21 +278,22 @@ def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.
 def _calls(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.CallTask]:
     info = woosh_task_pb2.CallInfo
     for node in _items(tasks, "calls", _MAX_TASKS):
-        node.only(("id", "name", "steps", "button"))
-        button = node.need("button").only(("mac", "key"))
+        node.check_keys(("id", "name", "steps", "button"))
+        button = node.required("button").check_keys(("mac", "key"))
         caller = info.Caller(
-            mac_addr=button.need("mac").text(), key_id=button.need("key").integer(1, _UINT32)
+            mac_addr=button.required("mac").text(),
+            key_id=button.required("key").integer(1, _UINT32),
         )
         call = info(type=info.kOr, events=[info.CallEvent(caller=caller, release=1)])
         yield woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(node, marks))
 
 
 def _task_set(node: Node, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
-    number, name = node.need("id").integer(1, _INT32), node.need("name").text()
+    number, name = node.required("id").integer(1, _INT32), node.required("name").text()
     tasks = []
-    for index, step in enumerate(node.need("steps").items(_MAX_TASKS), start=1):
-        step.only(("mark", "type", "direction", "wait"))
-        mark, kind = step.need("mark"), step.get("type")
+    for index, step in enumerate(node.required("steps").items(_MAX_TASKS), start=1):
+        step.check_keys(("mark", "type", "direction", "wait"))
+        mark, kind = step.required("mark"), step.get("type")
         direction, wait = step.get("direction"), step.get("wait")
         if mark.text() not in marks:
             raise mark.error(f"no map of the scene has a mark {mark.text()}")

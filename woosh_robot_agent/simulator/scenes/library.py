@@ -1,4 +1,4 @@
-"""The scenes that a robot knows at its start: the shipped ones, and those of the configuration.
+"""The scenes that a robot knows at startup: the shipped ones and those of the configuration.
 
 The shipped scenes are in the folder `data/`. `wooshmap` is a hall with two partitions, three
 pillars and a gate. `scenex` is the same hall furnished differently, with a second, empty floor.
@@ -18,7 +18,7 @@ from woosh_robot_agent.simulator.world.maps import Map
 
 _SHIPPED = tuple(Path(__file__).parents[1] / "data" / name for name in ("wooshmap", "scenex"))
 _START_CLEARANCE = 0.6
-"""Clearance of a start that the scene does not define, in metres."""
+"""Minimum clearance of a start place that the scene does not define, in metres."""
 
 
 def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
@@ -50,7 +50,7 @@ def _free_place(area: Map) -> Point:
 
 
 def _loaded(path: Path) -> Scene:
-    """Return a new scene that shares its maps, and so their planners and distance fields."""
+    """Return a new scene. Its maps are shared, so that their planners are computed only once."""
     scene = _read_once(path) if path in _SHIPPED else load_scene(path)
     return dataclasses.replace(scene, maps=list(scene.maps), files={})
 

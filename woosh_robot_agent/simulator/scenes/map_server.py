@@ -17,7 +17,7 @@ from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError
 from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, UNKNOWN, Grid
 
 _MAX_PIXELS = 4096 * 4096
-"""200 x 200 m in cells of 5 cm. The distance fields of such a map take some seconds."""
+"""Cells of 5 cm for 200 x 200 m. Computing the distance fields then takes some seconds."""
 
 _MODES = ("trinary", "scale", "raw")
 
@@ -35,19 +35,19 @@ def read_grid(description: Node, read: Callable[[str], bytes]) -> Grid:
     Raises:
         SceneError: The YAML file or the picture is invalid.
     """
-    name = description.need("image").text()
+    name = description.required("image").text()
     mode = description.get("mode")
-    resolution = description.need("resolution")
+    resolution = description.required("resolution")
     if not 0.001 <= resolution.number() <= 10.0:
         raise resolution.error("must be within 0.001 to 10 m")
-    origin = description.need("origin")
+    origin = description.required("origin")
     x, y, yaw = origin.numbers("x, y, yaw")
     if yaw:
         raise origin.error("a rotated map is not supported: rotate the picture and set yaw to 0")
-    negate = description.need("negate")
+    negate = description.required("negate")
     if negate.value not in (0, 1):  # False and True are equal to these
         raise negate.error("must be 0 or 1")
-    occupied, free = description.need("occupied_thresh"), description.need("free_thresh")
+    occupied, free = description.required("occupied_thresh"), description.required("free_thresh")
     if not 0.0 <= free.number() < occupied.number() <= 1.0:
         raise free.error(
             f"must be at least 0 and less than occupied_thresh ({occupied.value}), which must be "

@@ -52,11 +52,11 @@ class Node:
         """Return an error about this value."""
         return SceneError(f"{self.where}: {text}")
 
-    def shown(self) -> str:
+    def preview(self) -> str:
         """Return this value as a text of limited length."""
         return reprlib.repr(self.value)
 
-    def only(self, keys: Collection[str]) -> Node:
+    def check_keys(self, keys: Collection[str]) -> Node:
         """Check that this is a mapping with no other keys than these, and return it.
 
         Raises:
@@ -78,7 +78,7 @@ class Node:
         separator = ": " if self.where.endswith((".yaml", ".yml")) else "."
         return None if value is None else Node(value, f"{self.where}{separator}{key}")
 
-    def need(self, key: str) -> Node:
+    def required(self, key: str) -> Node:
         """Return the value of a key of this mapping.
 
         Raises:
@@ -109,7 +109,7 @@ class Node:
             SceneError: This is not such a text.
         """
         if not isinstance(self.value, str) or not self.value:
-            raise self.error(f"must be a text, not {self.shown()}; put numbers into quotes")
+            raise self.error(f"must be a text, not {self.preview()}; put numbers into quotes")
         return self.value
 
     def number(self) -> float:
@@ -126,7 +126,7 @@ class Node:
                 number = math.inf
             if math.isfinite(number):
                 return number
-        raise self.error(f"must be a number, not {self.shown()}")
+        raise self.error(f"must be a number, not {self.preview()}")
 
     def integer(self, least: int, most: int) -> int:
         """Return this whole number from `least` to `most`.
@@ -137,7 +137,7 @@ class Node:
         value = self.value
         if isinstance(value, int) and not isinstance(value, bool) and least <= value <= most:
             return value
-        raise self.error(f"must be a whole number from {least} to {most}, not {self.shown()}")
+        raise self.error(f"must be a whole number from {least} to {most}, not {self.preview()}")
 
     def numbers(self, shape: str) -> list[float]:
         """Return this list of numbers.
@@ -150,7 +150,7 @@ class Node:
         """
         count = shape.count(",") + 1
         if not isinstance(self.value, list) or len(self.value) != count:
-            raise self.error(f"must be [{shape}], not {self.shown()}")
+            raise self.error(f"must be [{shape}], not {self.preview()}")
         return [item.number() for item in self.items(count)]
 
     def choice(self, choices: Collection[str]) -> str:
@@ -160,7 +160,7 @@ class Node:
             SceneError: It is not.
         """
         if not isinstance(self.value, str) or self.value not in choices:
-            raise self.error(f"{self.shown()} is not one of {', '.join(choices)}")
+            raise self.error(f"{self.preview()} is not one of {', '.join(choices)}")
         return self.value
 
     def _mapping(self) -> dict[Any, Any]:
@@ -186,7 +186,7 @@ def parse(name: str, data: bytes) -> Node:
         for event in yaml.parse(data, _Loader):
             depth += isinstance(event, yaml.events.CollectionStartEvent)
             depth -= isinstance(event, yaml.events.CollectionEndEvent)
-            if depth > _MAX_DEPTH:  # the C loader crashes at some thousands
+            if depth > _MAX_DEPTH:  # the C loader crashes at a depth of some thousands
                 raise SceneError(f"{name}: nested more than {_MAX_DEPTH} levels deep")
         return Node(yaml.load(data, _Loader), name)
     except SceneError:

@@ -25,8 +25,8 @@ class Client(ConnectedClient):
         max_outbox: Maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
-        has_sent: It has sent something since it connected.
-        waiting: Number of its requests that wait to be executed, or whose answers are held back.
+        has_sent: The client has sent at least one frame.
+        waiting: Number of requests that wait to be executed or whose answers are held back.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:

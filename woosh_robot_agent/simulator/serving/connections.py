@@ -1,4 +1,4 @@
-"""Serves the connections of clients: admits them, reads their frames, sends theirs."""
+"""Serves the connections of clients: admits them, reads requests and sends frames."""
 
 from __future__ import annotations
 

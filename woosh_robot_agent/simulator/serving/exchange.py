@@ -45,7 +45,7 @@ class _Request:
         type: Type of the body in the frame's envelope.
         sn: Serial number.
         message: Body, None if it could not be decoded.
-        objection: Reason to refuse the request without executing it; empty if there is none.
+        refusal_reason: Reason to refuse the request without executing it; empty if there is none.
     """
 
     client: Client
@@ -53,7 +53,7 @@ class _Request:
     type: str
     sn: int
     message: Message | None
-    objection: str = ""
+    refusal_reason: str = ""
 
 
 class Exchange:
@@ -121,7 +121,7 @@ class Exchange:
         _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
     def freeze(self, frozen: bool) -> None:
-        """Only queue requests from now on, or execute all queued ones and continue."""
+        """Queue requests from now on, or execute all queued ones and continue."""
         self._frozen = frozen
         while self._queue and not self._frozen:
             request = self._queue.popleft()
@@ -160,26 +160,26 @@ class Exchange:
         if name in _SUBSCRIPTIONS:
             subscription = codec.body(envelope, Subscription)
             return _Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
-        message, objection = None, ""
+        message, refusal_reason = None, ""
         try:
             message = codec.body(envelope, message_type(name)) if name else None
         except KeyError:
             pass
         except FrameError as error:
             self.bad_frames += 1
-            objection = f"unreadable body: {error}"
+            refusal_reason = f"unreadable body: {error}"
         if not name:
-            objection = "the request has no type"
-        elif name not in HANDLERS and not objection:
-            objection = f"unknown message type {name}"
-        return _Request(client, codec, name, envelope.sn, message, objection)
+            refusal_reason = "the request has no type"
+        elif name not in HANDLERS and not refusal_reason:
+            refusal_reason = f"unknown message type {name}"
+        return _Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: _Request) -> None:
         if isinstance(request.message, Subscription):
             self._subscribe(request.client, request.codec, request.message)
             return
         answer = self._answer(request)
-        # Events are pushed before the answer of the request that caused them, changes after it.
+        # Events are pushed before the answer to the request that caused them, changes after it.
         self._push_events()
         out = Outgoing(
             answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
@@ -189,8 +189,8 @@ class Exchange:
 
     def _answer(self, request: _Request) -> Answer:
         name = request.type
-        if request.message is None or request.objection:
-            return refusal(name, request.objection)
+        if request.message is None or request.refusal_reason:
+            return refusal(name, request.refusal_reason)
         reason = self.hooks.refusal(name)
         if reason is not None:
             return refusal(name, reason)
@@ -201,12 +201,12 @@ class Exchange:
             return refusal(name, "internal error of the simulator: see its log")
 
     def _refuse_excess(self, request: _Request) -> None:
-        """Refuse a request beyond the limit at once. This answer is not held back by faults."""
+        """Refuse a request beyond the limit at once. Faults do not affect this answer."""
         text = (
             f"{self._max_waiting} requests of this connection are waiting: "
             "wait for their answers first"
         )
-        if request.type == SUBSCRIPTION_TYPE:  # which has no answer
+        if request.type == SUBSCRIPTION_TYPE:  # subscriptions have no answer
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
             return

@@ -24,7 +24,7 @@ class CollisionDetector:
     def gap(self, outline: Outline, pose: Pose, area: Map, obstacles: Obstacles) -> float:
         """Return the gap in metres between the outline at `pose` and walls and obstacles.
 
-        It is infinite where nothing is within reach of the outline's corners. `hull` defines it.
+        See `hull` for its definition. It is infinite if nothing is within the outline's radius.
         """
         shape = hull(outline)
         known = self._surroundings

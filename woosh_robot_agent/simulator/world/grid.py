@@ -25,7 +25,7 @@ UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 Floats: TypeAlias = npt.NDArray[np.float64]
 
 _FAR = 1e6
-"""Distance to the nearest occupied cell where there is none, in cells."""
+"""Distance to the nearest occupied cell in a grid without any, in cells."""
 
 _OVERSHOOT = 1e-6
 """Distance that a ray advances past a cell's border despite rounding errors, in cells."""
@@ -65,7 +65,7 @@ class Grid:
         """
         if not self._any_occupied:
             return math.inf
-        return float(self._looked_up(self._to_occupied, np.array([[x, y]]))[0])
+        return float(self._interpolated(self._to_occupied, np.array([[x, y]]))[0])
 
     def room(self, points: Floats) -> Floats:
         """Return the distance from each point to the nearest cell that is not free, in metres.
@@ -73,7 +73,7 @@ class Grid:
         Args:
             points: Rows of x and y in metres, inside the grid.
         """
-        return self._looked_up(self._to_not_free, points)
+        return self._interpolated(self._to_not_free, points)
 
     def line_room(self, start: Point, end: Point) -> float:
         """Return the minimum of `room` on the straight line from `start` to `end`, in metres."""
@@ -111,7 +111,7 @@ class Grid:
     def gap(self, hull: Hull, pose: Pose) -> float:
         """Return the gap in metres between the outline at `pose` and the nearest occupied cell.
 
-        Cells are squares, taken slightly larger where they meet a corner of the outline.
+        Cells are squares. Near a corner of the outline, the gap is slightly underestimated.
         """
         middle = self._in_cells(pose.x, pose.y)
         reach = hull.radius / self.resolution + 1.0
@@ -152,29 +152,29 @@ class Grid:
         x, y = self._in_cells(*origin)
         dx, dy = (np.where(abs(d) < 1e-12, 1e-12, d) for d in (np.cos(angles), np.sin(angles)))
         rows, columns = self.cells.shape
-        # Lengths at which each ray enters the grid, and leaves it or ends.
+        # Lengths at which each ray enters the grid, and at which it leaves the grid or ends.
         x_ends = np.sort((np.array([[0.0], [columns]]) - x) / dx, axis=0)
         y_ends = np.sort((np.array([[0.0], [rows]]) - y) / dy, axis=0)
-        gone = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _OVERSHOOT, 0.0)
+        travelled = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _OVERSHOOT, 0.0)
         limit = np.minimum(
             np.minimum(x_ends[1], y_ends[1]) - _OVERSHOOT, max_range / self.resolution
         )
-        rays = np.flatnonzero(gone < limit)
-        dx, dy, gone, limit = dx[rays], dy[rays], gone[rays], limit[rays]
+        rays = np.flatnonzero(travelled < limit)
+        dx, dy, travelled, limit = dx[rays], dy[rays], travelled[rays], limit[rays]
         while rays.size:
-            here_x, here_y = x + gone * dx, y + gone * dy
+            here_x, here_y = x + travelled * dx, y + travelled * dy
             column, row = here_x.astype(np.intp), here_y.astype(np.intp)
             free = self._to_occupied[row, column]
             hit = free == 0.0
-            ranges[rays[hit]] = gone[hit] * self.resolution
-            # Advance as far as there is certainly nothing, and at least to the next cell.
+            ranges[rays[hit]] = travelled[hit] * self.resolution
+            # Advance through space that is certainly free, and at least to the next cell.
             to_next = np.minimum(
                 (column + (dx > 0.0) - here_x) / dx, (row + (dy > 0.0) - here_y) / dy
             )
-            gone = gone + np.maximum(free - math.sqrt(2.0), to_next + _OVERSHOOT)
-            going = ~hit & (gone < limit)
+            travelled = travelled + np.maximum(free - math.sqrt(2.0), to_next + _OVERSHOOT)
+            going = ~hit & (travelled < limit)
             rays, dx, dy = rays[going], dx[going], dy[going]
-            gone, limit = gone[going], limit[going]
+            travelled, limit = travelled[going], limit[going]
         found: list[float] = ranges.tolist()
         return found
 
@@ -199,12 +199,12 @@ class Grid:
     def _in_cells(self, x: float, y: float) -> Point:
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
 
-    def _looked_up(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
+    def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
         places = (points - self.low) / self.resolution - 0.5
         found = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
         )
-        # The field measures to the centre of the nearest cell; the distance ends at its border.
+        # The field gives distances to the centres of cells, but they end at the border.
         return np.maximum(0.0, (found - 0.5) * self.resolution)
 
 

@@ -1,4 +1,4 @@
-"""Convex outlines, and the gap between one and walls.
+"""Convex outlines, and the gap between an outline and walls.
 
 The gap is the distance by which each side of the outline could be moved outwards before it touches
 something. A negative gap is the depth to which something has entered the outline. The gap grows on
@@ -33,7 +33,7 @@ class Hull:
     def gap(self, pose: Pose, walls: Iterable[Wall]) -> float:
         """Return the gap in metres between the outline at `pose` and the nearest wall.
 
-        Walls further away than `radius` are ignored. The gap is infinite if there is no other.
+        The gap is infinite if all walls are further away than `radius`.
         """
         near = (wall for wall in walls if wall.distance(pose.x, pose.y) <= self.radius)
         return min((self._wall_gap(pose, wall) for wall in near), default=math.inf)
@@ -41,8 +41,8 @@ class Hull:
     def _wall_gap(self, pose: Pose, wall: Wall) -> float:
         x1, y1 = pose.local(wall.x1, wall.y1)
         x2, y2 = pose.local(wall.x2, wall.y2)
-        # Along the wall (0 to 1), the distance to each side is linear: a start and a slope. The
-        # greatest of them is convex: follow it downwards from line to line until it rises.
+        # Along the wall, the distance to each side is linear: a value at the start and a slope.
+        # The maximum of these lines is convex. Follow it from line to line to its minimum.
         lines = [
             (nx * x1 + ny * y1 - distance, nx * (x2 - x1) + ny * (y2 - y1))
             for nx, ny, distance in self.sides
@@ -67,7 +67,7 @@ def _sides(outline: Outline) -> Iterable[tuple[float, float, float]]:
         length = math.hypot(x2 - x1, y2 - y1)
         nx, ny = (y2 - y1) / length, (x1 - x2) / length
         distance = nx * x1 + ny * y1
-        # Outlines may run either way round. Their centre is inside.
+        # An outline may be clockwise or counter-clockwise, but it encloses the centre.
         yield (nx, ny, distance) if distance > 0.0 else (-nx, -ny, -distance)
 
 

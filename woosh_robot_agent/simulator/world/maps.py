@@ -80,7 +80,7 @@ class Map:
 
     @property
     def clearance_error(self) -> float:
-        """Maximum by which `clearance` is too great, in metres."""
+        """Maximum by which `clearance` overestimates the distance, in metres."""
         return self.grid.resolution if self.grid else 0.0
 
     def gap(self, hull: Hull, pose: Pose) -> float:

@@ -48,7 +48,7 @@ class Picture:
 
 @lru_cache(maxsize=32)
 def draw(area: Map) -> Picture:
-    """Return the picture of a map with its walls, drawn once."""
+    """Return the picture of a map with its walls, from a cache."""
     if area.grid:
         cells, resolution, low = area.grid.cells.copy(), area.grid.resolution, area.grid.low
     else:
@@ -76,7 +76,7 @@ def _free_area(area: Map) -> tuple[Cells, float, Point]:
     columns, rows = (round(side / resolution) + 1 for side in sides)
     cells: Cells = np.full((rows + 2 * edge, columns + 2 * edge), UNKNOWN, np.int8)
     cells[edge : edge + rows, edge : edge + columns] = FREE
-    # Walls on the border of the area then run through the centres of pixels.
+    # Align walls on the border of the area with the centres of pixels.
     around = (edge + 0.5) * resolution
     return cells, resolution, (area.low[0] - around, area.low[1] - around)
 

@@ -20,7 +20,7 @@ _MIN_CLEARANCE = 1e-3
 """Clearance that even a start close to a wall needs, in metres."""
 
 _DEFAULT_BUDGET = 300_000
-"""About a second of computation, enough to search 100 x 100 m."""
+"""Default units of a budget: about a second of computation, enough to search 100 x 100 m."""
 
 _LINE_COST, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
 """Cost of a line-of-sight check: the base cost, and the walls and grid points per further unit."""
@@ -37,7 +37,7 @@ class SearchBudgetError(Exception):
 
 
 class SearchBudget:
-    """Limit of the computation for one path. The simulator does nothing else meanwhile.
+    """Limit of the computation for one path, which blocks the simulator.
 
     Args:
         units: Units to spend. The search of one place costs one unit, some microseconds.
@@ -58,9 +58,10 @@ class SearchBudget:
 
 
 class Lattice:
-    """The places of a map that a search visits, in rows from the lower left corner on.
+    """The regular places on a map that a search visits.
 
-    They are numbered row by row. A border of blocked places keeps the search inside.
+    They are numbered row by row, from the lower left corner. A border of blocked places keeps the
+    search inside.
     """
 
     def __init__(self, area: Map) -> None:
@@ -133,7 +134,7 @@ class Lattice:
         goal_column = (goal[0] - self._low[0]) / _SPACING + 0.5
         goal_row = (goal[1] - self._low[1]) / _SPACING + 0.5
 
-        def to_go(place: int) -> float:
+        def heuristic(place: int) -> float:
             """Return the length of the shortest path of straight and diagonal steps."""
             row, column = divmod(place, width)
             along, across = abs(goal_column - column), abs(goal_row - row)
@@ -142,7 +143,7 @@ class Lattice:
             return _SPACING * (along + _DIAGONAL_EXTRA * across)
 
         costs = dict(first)
-        frontier = [(cost + to_go(place), cost, place) for place, cost in first.items()]
+        frontier = [(cost + heuristic(place), cost, place) for place, cost in first.items()]
         heapq.heapify(frontier)
         came_from: dict[int, int] = {}
         while frontier:
@@ -163,7 +164,7 @@ class Lattice:
                 if new_cost < costs.get(other, math.inf):
                     costs[other] = new_cost
                     came_from[other] = place
-                    heapq.heappush(frontier, (new_cost + to_go(other), new_cost, other))
+                    heapq.heappush(frontier, (new_cost + heuristic(other), new_cost, other))
         return None
 
     def centre(self, place: int) -> Point:
@@ -223,7 +224,7 @@ class Planner:
 
         if not (self._map.contains(*goal) and free(goal, goal, self._radius)):
             return None
-        # A robot that was driven closer to a wall than `radius` may leave from there.
+        # A robot that is closer to a wall than `radius` may still leave its place.
         start_clearance = self._start_clearance(start, walls)
         if start_clearance < _MIN_CLEARANCE:
             return None
@@ -271,7 +272,7 @@ class Planner:
         left, right = min(start[0], end[0]) - radius, max(start[0], end[0]) + radius
         bottom, top = min(start[1], end[1]) - radius, max(start[1], end[1]) + radius
         for wall in walls:
-            # Most walls are far away, which the comparison of coordinates tells quickly.
+            # Compare coordinates first: this excludes most walls quickly.
             if (
                 (wall.x1 > left or wall.x2 > left)
                 and (wall.x1 < right or wall.x2 < right)
