@@ -44,7 +44,7 @@ class PollFailed:
 
     error: LinkError
     silent: bool
-    """True if the poll timed out and nothing at all came from the chassis meanwhile."""
+    """True if the poll timed out and no frame at all arrived meanwhile."""
 
 
 @dataclass(frozen=True)

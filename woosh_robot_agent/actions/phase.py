@@ -35,12 +35,12 @@ class Phase(Enum):
 
     @property
     def answered(self) -> bool:
-        """True if the start request has its answer, or if the answer is known to be lost."""
+        """True if the start request was answered, or if the answer is known to be lost."""
         return self in (Phase.UNCONFIRMED, Phase.RUNNING)
 
 
 class Step(Enum):
-    """What moves a goal from one phase to another."""
+    """An event that moves a goal to another phase."""
 
     START_SENT = "start sent"
     ORDER_SENT = "order sent"

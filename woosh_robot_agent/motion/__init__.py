@@ -1,4 +1,4 @@
-"""Everything that decides whether the robot may move: `MotionGate` is the only way to the wheels.
+"""The rules by which the robot may move. All motion commands pass through `MotionGate`.
 
 Example::
 

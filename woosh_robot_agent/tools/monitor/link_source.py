@@ -1,4 +1,4 @@
-"""The monitor's data straight from the chassis, without ROS."""
+"""Monitor data received directly from the chassis, without ROS."""
 
 from __future__ import annotations
 
