@@ -43,7 +43,7 @@ class Cancellation:
         self._task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
-        """Send a pending cancel unless one is in flight; call only if the chassis has the goal."""
+        """Send a pending cancel unless one is in flight. Call it only for an accepted goal."""
         if self.pending and (self._task is None or self._task.done()):
             self._task = asyncio.get_running_loop().create_task(self._run(), name="goal: cancel")
 

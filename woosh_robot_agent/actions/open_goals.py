@@ -33,7 +33,7 @@ class OpenGoals:
         return len(self._goals)
 
     def add(self, goal: OpenGoal) -> None:
-        """Add a goal, which is the newest now."""
+        """Add a goal as the newest one."""
         self._goals.append(goal)
 
     def remove(self, goal: OpenGoal) -> None:

@@ -17,7 +17,8 @@ class Phase(Enum):
     REPORTED = "reported"
     """The chassis reported on the goal, but has not answered the start request yet."""
     UNCONFIRMED = "unconfirmed"
-    """The answer to the start request was lost. Only a report can tell that the goal runs."""
+    """The answer to the start request was lost. Only a report can confirm that the goal is
+    running."""
     RUNNING = "running"
     """The chassis accepted the goal. No answer is outstanding."""
     CANCELED_ELSEWHERE = "canceled elsewhere"
@@ -26,7 +27,7 @@ class Phase(Enum):
     ORDERING = "ordering"
     """An order about the running goal, such as a pause, was sent. The goal ends with the answer."""
     ENDED = "ended"
-    """The result is known. Nothing that happens now changes it."""
+    """The result is known, and does not change any more."""
 
     @property
     def accepted(self) -> bool:

@@ -46,7 +46,7 @@ class GoalRun:
     """One goal, from its acceptance by the action server to its end.
 
     Events are handled one at a time by `_follow`, the only reader of the queue. Requests run in
-    tasks of their own, so that nothing waits for their answers.
+    separate tasks, so handling an event never waits for an answer.
 
     Args:
         goal: the goal in the action server.
@@ -177,7 +177,7 @@ class GoalRun:
                 return await self._end_for_client(end)
 
     async def _end_for_client(self, end: End) -> End:
-        """Return the end for the client: a cancel that it did not request is an abort."""
+        """Return the end to send to the client: an unrequested cancel becomes an abort."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
         self._advance(Step.UNREQUESTED_CANCEL)

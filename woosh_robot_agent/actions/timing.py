@@ -10,8 +10,8 @@ class GoalTiming:
     """Timeouts and poll periods of a goal; all times are in seconds."""
 
     link_timeout: float = 5.0
-    """Maximum wait for a report after the link was lost or the chassis fell silent. The parameter
-    `goal_link_timeout` sets it."""
+    """Maximum wait for a report after the link was lost or the chassis fell silent. Set by the
+    parameter `goal_link_timeout`."""
     poll_period: float = 5.0
     """Time without a report after which the chassis is polled, in case a push was lost."""
     in_doubt_poll_factor: float = 0.2

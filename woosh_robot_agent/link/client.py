@@ -128,7 +128,7 @@ class ChassisClient:
         await self.close()
 
     def start(self) -> None:
-        """Begin to connect, and reconnect until closed. Call it in the event loop."""
+        """Start connecting, and reconnect until closed. Call it in the event loop."""
         if self._reconnect.running:
             return
         self._reconnect.start()

@@ -88,7 +88,7 @@ class ReconnectLoop:
         return len(self._tasks)
 
     def start(self) -> None:
-        """Begin to connect."""
+        """Start connecting."""
         task = asyncio.get_running_loop().create_task(self._run(), name="link to the chassis")
         self._current = task
         self._tasks.add(task)

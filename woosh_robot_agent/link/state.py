@@ -18,7 +18,7 @@ class LinkState(Enum):
     STOPPED = "stopped"
     """Not started, or closed: no attempt to connect is made."""
     CONNECTING = "connecting"
-    """An attempt is being made: the transport opens, or the first RobotInfo is awaited."""
+    """An attempt is in progress: the transport is opening, or the first RobotInfo is pending."""
     READY = "ready"
     """The first RobotInfo has arrived; requests can be sent."""
     WAITING = "waiting"

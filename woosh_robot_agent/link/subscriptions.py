@@ -107,7 +107,7 @@ class Subscriptions:
         if not self._queue.put(name, partial(self._deliver, body)):
             self._drops.count(
                 f"pushes of {name} were dropped",
-                f"{name} comes faster than its consumers take it; dropping the oldest pushes",
+                f"{name} arrives faster than its consumers handle it; dropping the oldest pushes",
             )
 
     def put_snapshot(self, answer: Answer) -> None:

@@ -1,4 +1,4 @@
-"""The rules by which the robot may move. All motion commands pass through `MotionGate`.
+"""Rules for moving the robot. All motion commands pass through `MotionGate`.
 
 Example::
 

@@ -20,10 +20,9 @@ _MAX_DELAY = 0.3
 _MAX_INTERVAL = 0.5
 """Maximum interval between two reports of a moving robot, in seconds."""
 _POSITION_TOLERANCE = 0.03
-"""Maximum forward difference between a reported pose and the one predicted from speeds, in
-metres."""
+"""Maximum forward difference between reported pose and prediction from speeds, in metres."""
 _HEADING_TOLERANCE = 0.03
-"""Maximum difference between a reported heading and the one predicted from speeds, in radians."""
+"""Maximum difference between reported heading and prediction from speeds, in radians."""
 _SIDEWAYS_TOLERANCE = 0.1
 """Maximum sideways movement between two reports, in metres; reports have no sideways speed."""
 _POSE_SET_INTERVAL = 0.3

@@ -18,7 +18,7 @@ class Listener:
         server: an asyncio or WebSocket server that is already listening.
 
     Attributes:
-        port: actual port of the first socket, also if port 0 was requested.
+        port: actual port of the first socket, even if port 0 was requested.
         addresses: family and address of each socket.
     """
 

@@ -48,7 +48,7 @@ class ConnectedClient:
 
     @property
     def unsent(self) -> int:
-        """Frames in the queue plus bytes in the buffer of the transport."""
+        """Queued frames plus bytes in the transport's buffer; 0 once everything has been sent."""
         return len(self._outbox) + self.transport.backlog()
 
     def send(self, frame: Encoded) -> None:

@@ -42,7 +42,7 @@ class _Connection:
     ended_by: tuple[Side, str] | None = None
 
     def end(self, by: Side, how: str) -> None:
-        """Note how the connection ended, if both sides were connected and nothing is noted."""
+        """Note how the connection ended, unless that was noted or the chassis was not connected."""
         if self.ended_by is None and len(self.writers) == 2:
             self.ended_by = by, how
 
