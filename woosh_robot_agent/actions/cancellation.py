@@ -20,9 +20,9 @@ class Cancellation:
 
     Args:
         name: name of the goal, for the log.
-        send: sends the chassis the cancel.
+        send: sends the cancel request to the chassis.
         replaced: waits until it is known if a newer goal replaced this one; returns True if so.
-        accepted: called when the chassis accepted the cancel.
+        accepted: called when the chassis has accepted the cancel.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ from woosh_robot_agent.link import Answer, LinkError
 
 @dataclass(frozen=True)
 class Pushed:
-    """The chassis pushed a message with reports, perhaps on other goals."""
+    """The chassis pushed a message with reports, possibly on other goals."""
 
     message: Message
 

@@ -90,7 +90,7 @@ class GiveUp:
 
     # Results of polls
 
-    def poll_got_silence(self, error: object) -> None:
+    def chassis_silent(self, error: object) -> None:
         """Start the deadline: the chassis sent nothing at all while it was polled."""
         if self._deadline is None:
             self._limit(f"the chassis does not answer ({error})")

@@ -17,8 +17,7 @@ class Phase(Enum):
     REPORTED = "reported"
     """The chassis reported on the goal, but has not answered the start request yet."""
     UNCONFIRMED = "unconfirmed"
-    """The answer to the start request was lost. Only a report can confirm that the goal is
-    running."""
+    """The answer to the start request was lost. Only a report can confirm the goal."""
     RUNNING = "running"
     """The chassis accepted the goal. No answer is outstanding."""
     CANCELED_ELSEWHERE = "canceled elsewhere"
@@ -49,7 +48,7 @@ class Step(Enum):
     """The chassis answered that it accepted the goal."""
     ANSWER_LOST = "answer lost"
     REPORT = "report"
-    """A report on this goal came."""
+    """A report on this goal arrived."""
     UNREQUESTED_CANCEL = "unrequested cancel"
     END = "end"
 

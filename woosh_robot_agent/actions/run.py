@@ -270,7 +270,7 @@ class GoalRun:
     # Polls
 
     def _poll_soon(self) -> None:
-        """Ask the chassis for the state of the goal, if it can tell, and schedule the next poll."""
+        """Poll the state of the goal if that is possible now, and schedule the next poll."""
         in_doubt = self._give_up.in_doubt or self._cancellation.pending
         factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
         self._next_poll = self._clock() + self._timing.poll_period * factor
@@ -295,7 +295,7 @@ class GoalRun:
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
         if failed.silent:
-            self._give_up.poll_got_silence(failed.error)
+            self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
             return self._aborted_if(self._give_up.poll_unanswered(failed.error))
         return None
