@@ -105,7 +105,7 @@ class GiveUp:
         return self._fruitless(str(error))
 
     def poll_answered(self, heard: bool) -> str | None:
-        """Count an answered poll. Handle the reports in its answer first.
+        """Count an answered poll. Call it after handling the reports in the answer.
 
         Args:
             heard: True if any report on the goal has arrived.

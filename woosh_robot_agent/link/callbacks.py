@@ -22,8 +22,5 @@ def call(callback: Callable[[Any], None], argument: object) -> None:
         callback(argument)
     except FrameError:
         raise
-    except (
-        Exception,
-        asyncio.CancelledError,
-    ):  # nothing is awaited: the callback raised it
+    except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
         _LOG.exception("a callback failed")

@@ -115,7 +115,7 @@ class RecordingWriter:
             self._end_early(f"cannot write to {self.path}: {error.strerror or error}")
 
     def _end_early(self, reason: str) -> None:
-        self._close_files()  # its errors follow from the reason
+        self._close_files()  # further errors follow from the first one
         self._fail(reason)
 
     def _close_files(self) -> OSError | None:
