@@ -156,7 +156,7 @@ class MotionGate:
         try:
             return await self._velocities.request(message, send)  # rule 2
         except SupersededError as error:
-            if self._forbidden_until < math.inf:  # expected after closing
+            if self._forbidden_until < math.inf:  # after closing, refusals are expected
                 self.superseded += 1
                 self._drops.count("velocity commands were out of date and not sent", str(error))
             raise
