@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from typing import Any
 
 _SPIN_TIMEOUT = 0.2
-"""Maximum delay before the executor's thread notices a signal, in seconds.
+"""Maximum delay before the executor thread notices a signal, in seconds.
 
-A signal does not end rclpy's wait. The link thread is told at once, by `Signals.fd`.
+A signal does not interrupt rclpy's wait. The link thread is notified at once, through `Signals.fd`.
 """
 _CLOSE_SPIN_TIMEOUT = 0.05
 """Duration of one executor turn while the agents close, in seconds."""
@@ -30,10 +30,10 @@ class Signals:
 
     def __init__(self) -> None:
         self.stop = False
-        self.fd, written = os.pipe()
+        self.fd, write_end = os.pipe()
         os.set_blocking(self.fd, False)
-        os.set_blocking(written, False)
-        signal.set_wakeup_fd(written, warn_on_full_buffer=False)
+        os.set_blocking(write_end, False)
+        signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
 

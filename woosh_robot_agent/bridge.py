@@ -138,7 +138,7 @@ def outcome(future: Future[T], timeout: float) -> T:
         return future.result(timeout)
     except FutureTimeoutError:
         future.cancel()
-        raise TimeoutError from None  # the two classes are one only since Python 3.11
+        raise TimeoutError from None  # the two classes are the same only since Python 3.11
 
 
 class Reply:
@@ -173,7 +173,7 @@ class Reply:
                 _LOG.exception("a service response could not be sent: %a", response)
                 self._send(self._failure(error), self._header)
         except PEER_GONE_ERRORS as error:
-            _LOG.debug("the client has gone before its response: %s", error)
+            _LOG.debug("the client disappeared before its response was sent: %s", error)
 
     def fail(self, error: BaseException) -> None:
         """Send a response that reports a bug of the agent."""

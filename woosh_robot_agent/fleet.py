@@ -43,8 +43,8 @@ class Fleet:
     def begin_close_on(self, fd: int) -> None:
         """Begin to close all agents when a file descriptor becomes readable.
 
-        A chassis may end at the same moment, by the same Ctrl-C as a simulator does. The agents
-        close their links before they could take that for a loss.
+        The same Ctrl-C may end a simulated chassis. The agents close their links at once, before
+        they would report them as lost.
         """
         loop = self._thread.loop
 
@@ -127,7 +127,9 @@ def _create_node(name: str, namespace: str, options: dict[str, Any]) -> Paramete
 
 def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
     """Check parameters that are valid for each robot alone but not together in one process."""
-    for one, other in _equals(nodes, lambda s: (s.link.ip, s.link.effective_port, s.link.robot_id)):
+    for one, other in _duplicates(
+        nodes, lambda s: (s.link.ip, s.link.effective_port, s.link.robot_id)
+    ):
         raise ValueError(
             f"robots {one.get_namespace()} and {other.get_namespace()} connect to the same chassis "
             f"({other.settings.link.address}); give each its own ip, port or robot_id in the "
@@ -137,7 +139,7 @@ def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
         raise ValueError(
             "executor differs between robots, but they share one process; set it under /**"
         )
-    for one, other in _equals(nodes, lambda s: s.standard.frame_prefix):
+    for one, other in _duplicates(nodes, lambda s: s.standard.frame_prefix):
         other.get_logger().warning(
             f"frame_prefix is the same as that of {one.get_namespace()}, so their frames on /tf "
             "collide; give each robot its own prefix, or remap /tf: "
@@ -145,10 +147,10 @@ def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
         )
 
 
-def _equals(
+def _duplicates(
     nodes: Sequence[ParameterNode], key: Callable[[Settings], Any]
 ) -> Iterator[tuple[ParameterNode, ParameterNode]]:
-    """Find robots with equal settings: yield the first with a key, and each later one."""
+    """Yield pairs of robots with the same key: the first robot that has it and each later one."""
     first: dict[Any, ParameterNode] = {}
     for node in nodes:
         known = first.setdefault(key(node.settings), node)

@@ -71,7 +71,7 @@ class LastKnown:
         for value in unread.values():
             try:
                 self._apply(value.message() if isinstance(value, Body) else value)
-            except FrameError:  # the body itself reports it
+            except FrameError:  # `Body` has reported it
                 continue
 
     def _apply(self, message: Message) -> None:

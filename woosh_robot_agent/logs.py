@@ -37,7 +37,7 @@ _CLOSING: set[str] = set()
 
 
 def expect_losses(logger: Any, *, expected: bool) -> None:
-    """Log the warnings of a node at INFO while it closes: it may lose its chassis on the way.
+    """Log a node's warnings at INFO while it closes, because a lost link is expected then.
 
     Args:
         logger: logger of the node.

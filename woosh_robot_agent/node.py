@@ -34,7 +34,7 @@ _GOALS_TIMEOUT = 0.5
 _LINK_TIMEOUT = 1.5
 """Time in which the link must be closed, in seconds."""
 _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
-"""Time in which all of that must have ended, in seconds."""
+"""Time in which all three steps must end, in seconds."""
 _DEBUG_TIMEOUT = 60.0
 """Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 _SETTLE_TIMEOUT = 0.5
@@ -167,10 +167,10 @@ class Agent:
         close_all([self], spin_once)
 
     async def _close(self) -> None:
-        # each step in any case; the gate's own timeout comes first, as its error says more
-        await self._end_step("the stop of the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
-        await self._end_step("the end of the goals", self._actions.stop, _GOALS_TIMEOUT)
-        await self._end_step("the end of the link", self._chassis.close, _LINK_TIMEOUT)
+        # run every step; the gate's own timeout is shorter because its error is more specific
+        await self._end_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
+        await self._end_step("aborting the goals", self._actions.stop, _GOALS_TIMEOUT)
+        await self._end_step("closing the link", self._chassis.close, _LINK_TIMEOUT)
 
     async def _stop_robot(self) -> None:
         try:
@@ -217,7 +217,7 @@ def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
     for agent in agents:
         if agent._own_thread is not None:
             agent._own_thread.stop(_REST_TIMEOUT)
-        if agent.node.executor is not None:  # it would keep what the node consists of
+        if agent.node.executor is not None:  # otherwise it would keep the node's entities alive
             agent.node.executor.remove_node(agent.node)
         expect_losses(agent.node.get_logger(), expected=False)
         agent._actions.destroy()

@@ -44,7 +44,7 @@ class ParameterNode(Node):
         """Accept parameter changes from now on.
 
         Args:
-            callback: called after each change with the settings before it.
+            callback: called after each change with the previous settings.
         """
         self._callback = callback
         self.add_on_set_parameters_callback(self._check_change)

@@ -7,8 +7,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 SERVICE_QOS = QoSProfile(depth=10_000)
 """Profile of all services, those of actions included.
 
-DDS drops requests and responses that exceed the depth, and tells nobody. It asks for lost samples
-every 3 s; this depth is enough for 5 s at 2,000 calls/s."""
+DDS silently drops requests and responses that exceed the depth. It asks for lost samples every 3 s;
+this depth holds those of 5 s at 2,000 calls/s."""
 
 
 def reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:

@@ -17,12 +17,12 @@ from rclpy.logging import LoggingSeverity
 RCLError: Any = _rclpy.RCLError
 """Base class of the errors of the C library.
 
-Awaited: an exception exported by `rclpy.exceptions`."""
+Replaceable by: an exception exported by `rclpy.exceptions`."""
 
 UnknownROSArgsError: Any = _rclpy.UnknownROSArgsError
 """Raised by `rclpy.init` for ROS arguments that it does not know.
 
-Awaited: an exception exported by `rclpy.exceptions`."""
+Replaceable by: an exception exported by `rclpy.exceptions`."""
 
 PEER_GONE_ERRORS = (InvalidHandle, RCLError)
 """Raised when a reply or feedback is sent to a client that no longer exists."""
@@ -36,7 +36,7 @@ def log(
     The public logger searches the call stack for that place: it would find the log handler, and
     takes 60 ms for the first line of each caller.
 
-    Awaited: a logger that takes the place as an argument.
+    Replaceable by: a logger that takes the place as an argument.
     """
     if _rclpy.rclpy_logging_logger_is_enabled_for(logger_name, severity):
         _rclpy.rclpy_logging_rcutils_log(severity, logger_name, text, function, path, line)
@@ -47,10 +47,10 @@ def replace_send_response(
 ) -> Callable[[Any, Any], None]:
     """Replace a service's `send_response`; return the original.
 
-    The executor calls `send_response(response, header)` right after the callback. Only there is the
-    header known, which a later reply needs.
+    The executor calls `send_response(response, header)` right after the callback. The header, which
+    a later reply needs, is known only there.
 
-    Awaited: service callbacks that get the header and reply later (deferred replies).
+    Replaceable by: service callbacks that get the header and reply later (deferred replies).
     """
     original: Callable[[Any, Any], None] = service.send_response
     service.send_response = replacement
@@ -60,7 +60,7 @@ def replace_send_response(
 def take_request(service: Any) -> tuple[Any, Any]:
     """Return the next pending request of a service and its header, or (None, None).
 
-    Awaited: a `Service.take_request`, or executors that drain a service in one turn.
+    Replaceable by: a `Service.take_request`, or executors that drain a service in one turn.
     """
     handle = service.handle
     with handle:
@@ -74,8 +74,8 @@ class DeferringActionServer(ActionServer):
     callback until the goal ends. Here `on_executing` is called instead, and `execute_later` runs a
     callback in the executor at the end of the goal.
 
-    Awaited: a goal handle whose result can be set from outside the execute callback, and the number
-    of pending result requests.
+    Replaceable by: a goal handle whose result can be set from outside the execute callback, and the
+    number of pending result requests.
 
     Args:
         arguments, options: those of `rclpy.action.ActionServer`.
@@ -93,7 +93,7 @@ class DeferringActionServer(ActionServer):
         raise NotImplementedError
 
     def execute_later(self, goal_handle: Any, callback: Callable[[Any], Any]) -> None:
-        """Have the executor call `callback` with the goal; it returns the result. Any thread."""
+        """Have the executor call `callback` with the goal; it returns the result. Thread-safe."""
         super().notify_execute(goal_handle, callback)
 
     def notify_execute(self, goal_handle: Any, _execute_callback: Any) -> None:

@@ -1,4 +1,4 @@
-"""Reasons for which a robot rejects tasks, for the tools and the diagnostics. Knows no ROS."""
+"""Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
             yield _WORK_MODES[info.mode.work]
     if info.state == robot.kUninit:
         yield NOT_INITIALISED
-    elif is_located(info) is False:  # before the initialisation it never is
+    elif is_located(info) is False:  # it never is before the initialisation
         yield LOST
 
 

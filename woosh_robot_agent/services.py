@@ -41,7 +41,7 @@ class Services:
         requests: converts service requests into requests to the chassis.
 
     Attributes:
-        known: the last known values.
+        last_known: the last known values.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Services:
         last_known: LastKnown,
         requests: RequestMaker,
     ) -> None:
-        self.known = last_known
+        self.last_known = last_known
         self._servers: list[DeferredService] = []
         for query in QUERIES:
             query_handler = _QueryHandler(query, thread, chassis, last_known, requests)

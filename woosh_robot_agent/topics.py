@@ -41,10 +41,10 @@ class Topics:
 
     def _snapshot(self, info: RobotInfo) -> None:
         for part in parts_of(info):
-            # no part holds status codes: old ones would look like new ones on robot/StatusCode
+            # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode
             if publish := self._publish.get(full_name(part)):
                 publish(part)
 
 
-def _publish(publisher: Any, to_ros: Callable[[Any], Any], said: Message | Body) -> None:
-    publisher.publish(to_ros(said))
+def _publish(publisher: Any, to_ros: Callable[[Any], Any], value: Message | Body) -> None:
+    publisher.publish(to_ros(value))

@@ -180,7 +180,7 @@ async def test_a_length_that_is_not_a_varint_ends_the_attempt() -> None:
 
     async with RawServer(handle) as server:
         error = await error_of(ChassisClient(config=config(server.port, transport="tcp")))
-        assert "not our format" in str(error)
+        assert "not delimited protobuf" in str(error)
 
 
 @aio

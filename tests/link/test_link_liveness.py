@@ -179,7 +179,7 @@ async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> Non
                 await asyncio.sleep(0.01)
 
         talking = asyncio.ensure_future(talk())
-        with pytest.raises(ConnectionLostError, match=r"taken nothing for 0\.3 s"):
+        with pytest.raises(ConnectionLostError, match=r"read nothing for 0\.3 s"):
             await soon(task)
         talking.cancel()
         await asyncio.wait([talking])

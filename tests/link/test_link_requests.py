@@ -314,7 +314,9 @@ async def test_a_request_without_a_link_says_why() -> None:
             wire.abort()
             await wire.gone.wait()
             await eventually(lambda: client.last_error)
-            with pytest.raises(NotConnectedError, match=rf"127\.0\.0\.1:{peer.port}.*broke off"):
+            with pytest.raises(
+                NotConnectedError, match=rf"127\.0\.0\.1:{peer.port}.*ended without a close"
+            ):
                 await client.request(Speak())
 
 

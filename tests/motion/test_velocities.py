@@ -162,7 +162,7 @@ async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() 
         first, _ = await stalled(gate, wire)
         held = drive(gate, 2)
         await turns()
-        gate._velocities._let_go()  # as an answer does
+        gate._velocities._release()  # as an answer does
         stopping = asyncio.ensure_future(gate.request(Twist()))
         with pytest.raises(SupersededError):
             await soon(held)
@@ -189,7 +189,7 @@ async def test_a_command_that_is_held_right_after_another_was_let_go_is_not_forg
     stall(latest)
     second = go(2)
     await turns(3)
-    latest._let_go()
+    latest._release()
     third = go(3)  # runs before the second one that was let go
     await turns(3)
     with pytest.raises(SupersededError):
@@ -213,7 +213,7 @@ async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> 
         first, _ = await stalled(gate, wire)
         held = drive(gate, 2)
         await turns()
-        gate._velocities._let_go()
+        gate._velocities._release()
         held.cancel()
         with pytest.raises(asyncio.CancelledError):
             await held

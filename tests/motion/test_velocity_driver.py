@@ -93,7 +93,7 @@ async def test_one_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixtur
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
     warned = [each.getMessage() for each in caplog.records if each.levelname == "WARNING"]
-    assert len([text for text in warned if "joystick is not obeyed" in text]) == 1
+    assert len([text for text in warned if "joystick is ignored" in text]) == 1
 
 
 @aio

@@ -50,7 +50,7 @@ def lose_link(simulator: Any, agent: RunningAgent) -> None:
 
 
 def known(agent: RunningAgent, name: str) -> Any:
-    return agent.agent._services.known.get(name)
+    return agent.agent._services.last_known.get(name)
 
 
 def messages(logs: Any, text: str) -> list[tuple[str, str]]:

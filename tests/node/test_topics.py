@@ -177,7 +177,7 @@ def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
     agent = connect(surround)
     echo = client.echo(TaskProcMsg, "robot/TaskProc")
     assert [m.robot_task_id for m in echo.wait_count(3)] == [1, 2, 3]
-    wait_until(lambda: agent.agent._services.known.get(TASK_PROC).robot_task_id == 3)
+    wait_until(lambda: agent.agent._services.last_known.get(TASK_PROC).robot_task_id == 3)
 
 
 def test_nothing_is_published_again_until_the_chassis_is_back(connect, client, push, simulator):

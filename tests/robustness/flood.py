@@ -435,7 +435,7 @@ def _logged(agent: DebugAgentProcess) -> list[Figure]:
         *(
             Figure("Log", "summary", line.split("]: ", 1)[-1].strip())
             for line in lines
-            if "that is over" in line
+            if "none since then" in line
         ),
     ]
 

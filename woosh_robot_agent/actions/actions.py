@@ -38,11 +38,11 @@ class Actions:
 
     Args:
         node: owner of the servers.
-        thread: runs the link and the goals.
-        chassis: the link; only used in the link's thread.
+        thread: the link thread, which also runs the goals.
+        chassis: the link; used in the link thread only.
         gate: sends commands.
-        known: what the chassis last said.
-        requests: makes the chassis's messages from those of clients.
+        last_known: last values that the chassis reported.
+        requests: creates requests to the chassis.
         link_timeout: returns `GoalTiming.link_timeout`, in seconds.
         result_timeout: time for which results are kept, in seconds.
     """
@@ -53,7 +53,7 @@ class Actions:
         thread: LinkThread,
         chassis: ChassisClient,
         gate: MotionGate,
-        known: LastKnown,
+        last_known: LastKnown,
         requests: RequestMaker,
         link_timeout: Callable[[], float],
         result_timeout: int,
@@ -97,7 +97,7 @@ class Actions:
                     last_feedback=self._last_feedback,
                 )
                 if action.member
-                else partial(TaskGoal, context=context, ids=task_ids, known=known)
+                else partial(TaskGoal, context=context, ids=task_ids, last_known=last_known)
             )
             start = partial(self._start, make_kind, context)
             self.servers.append(GoalServer(node, action_class, action.name, start, result_timeout))
@@ -106,7 +106,7 @@ class Actions:
         chassis.on_state(self._link_changed)
 
     async def stop(self) -> None:
-        """Abort the open goals, and any that still come; in the link's thread."""
+        """Abort the open goals, and all that arrive later. Call it in the link thread."""
         self._is_stopping = True
         tasks = tuple(self._tasks)
         for task in tasks:
@@ -125,7 +125,7 @@ class Actions:
 
     @property
     def running_goals(self) -> int:
-        """Number of goals that the robot may be executing; in the link's thread."""
+        """Number of goals that the robot may be executing; in the link thread."""
         return sum(len(open_goals) for open_goals in self._open_goals)
 
     def _timing(self) -> GoalTiming:

@@ -1,7 +1,8 @@
-"""Attribution of reports: is a report on this goal, or on an earlier goal of the same name?
+"""Attribution of reports: does a report belong to this goal, or to an earlier one of its name?
 
-Reports name a task by its id, which a client may use again, and any other action only by its type.
-So a report under the name of a goal may be on an earlier goal, even on one of another program.
+A report identifies a task by its id, which clients may reuse, and any other action only by its
+type. So a report with the name of a goal may belong to an earlier goal, even to one of another
+program.
 """
 
 from __future__ import annotations
@@ -13,17 +14,17 @@ from woosh_robot_agent.actions.phase import Phase
 
 
 class Attribution:
-    """Decides which reports under the name of a goal are on that goal.
+    """Decides which reports with the name of a goal belong to that goal.
 
-    Each decision may change the later ones, so ask once per report and in the order of the reports.
+    Each decision may affect later ones: ask once for each report, in the order of arrival.
 
     Args:
-        predecessors: number of earlier goals of the name that may still be running.
-        inherited: outcomes that, as the first end reported, belong to an earlier goal.
-        repeats_ends: True if the chassis, when polled, tells the last end of the name even if it
-            is that of an earlier goal.
-        previous: the chassis's last report under the name before this goal, if it is known; only
-            used with `repeats_ends`.
+        predecessors: number of earlier goals with the same name that may still be running.
+        inherited: outcomes that, if reported first, belong to an earlier goal.
+        repeats_ends: True if the chassis answers a poll with the last reported end, even if it
+            belongs to an earlier goal.
+        previous: the chassis's last report with the name before this goal, if known; only used with
+            `repeats_ends`.
     """
 
     def __init__(
@@ -35,17 +36,17 @@ class Attribution:
         previous: object = None,
     ) -> None:
         self.heard = False
-        """True once a report was found to be on this goal."""
+        """True once a report has been attributed to this goal."""
         self._predecessors = predecessors
         self._inherited = frozenset(inherited)
         self._repeats_ends = repeats_ends
         self._previous = previous
 
     def is_mine(self, outcome: Outcome | None, phase: Phase, cancel_requested: bool) -> bool:
-        """Return True if a report is on this goal.
+        """Return True if a report belongs to this goal.
 
         Args:
-            outcome: outcome that it reports, None if the goal goes on.
+            outcome: reported outcome; None if the goal is still running.
             phase: phase of this goal.
             cancel_requested: True if the client of this goal asked to cancel it.
         """
@@ -57,18 +58,18 @@ class Attribution:
         return mine
 
     def is_news(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
-        """Return True if a report that answers a poll may be on this goal; `is_mine` decides.
+        """Return True if a report in a poll's answer may belong to this goal; then ask `is_mine`.
 
         Args:
             report: the report.
-            outcome: outcome that it reports, None if the goal goes on.
+            outcome: reported outcome; None if the goal is still running.
             phase: phase of this goal.
         """
         if self.heard or outcome is None or not self._repeats_ends:
             return True
         previous = self._previous
         if phase.accepted:
-            # the same end told a second time is this goal's, which ended in the same way
+            # if the same end is reported again, this goal ended like the earlier one
             self._previous = None
             return report != previous
         return previous is not None and report != previous
@@ -77,7 +78,7 @@ class Attribution:
         if self._predecessors and not phase.accepted:
             return False
         if phase.answered:
-            # the earlier goals are over; only the cancel of the last one may still be on its way
+            # the earlier goals have ended; only the last one's cancel may still be reported
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 
@@ -86,11 +87,11 @@ class Attribution:
         if phase.answered or self._predecessors < 2:
             self._inherited = frozenset()
             self._predecessors = 0
-        else:  # each of the earlier goals has an end of its own
+        else:  # each earlier goal reports its own end
             self._predecessors -= 1
         if phase.accepted and outcome is Outcome.CANCELED and cancel_requested:
             return True
         if phase.accepted and phase.answered:
             return outcome not in inherited
-        # an end before the answer is that of an earlier goal, if there was one; polling tells
+        # an end before the answer belongs to an earlier goal, if any; a poll will tell
         return not inherited

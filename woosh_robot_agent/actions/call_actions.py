@@ -21,7 +21,7 @@ _OUTCOMES = {
     ros_pack_pb2.kRosCancel: Outcome.CANCELED,
 }
 _NOT_OF_ACTIONS = (ros_pack_pb2.kRosWiFiCode, ros_pack_pb2.kRosWiFiJson)
-"""States of feedback that is about no action."""
+"""States of feedback that does not concern an action."""
 
 
 class CallActionGoal:
@@ -29,7 +29,7 @@ class CallActionGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: what all goals of the action share.
+        context: objects shared by all goals of the action.
         member: member of the oneof of CallAction.
         action: protobuf full name of the command, under which the chassis reports on it.
         last_feedback: the last feedback on each action, by that name.
@@ -49,11 +49,11 @@ class CallActionGoal:
         self._context = context
         self._member = member
         self._command: Any = None
-        """The command to the chassis, once it is made."""
-        predecessors = context.open_goals.may_run(action)
+        """The command to the chassis; set by `request`."""
+        predecessors = context.open_goals.possibly_running(action)
         self.attribution = Attribution(
             predecessors,
-            # the end of what another program ran may still be on its way, too
+            # another program's action may still report its cancel
             inherited=Outcome if predecessors else (Outcome.CANCELED,),
             repeats_ends=True,
             previous=last_feedback.get(action),
@@ -62,7 +62,7 @@ class CallActionGoal:
     def request(self) -> Start | Order:
         self._command = self._context.to_proto(self._arg)
         action = self._command.action
-        # the documented MoveBase example gives no action, which reads as 0, cancel
+        # the documented MoveBase example omits `action`, which then reads as 0, cancel
         if action == action_pb2.kCancel and not _is_empty(self._command):
             action = action_pb2.kExecute
         call = self._call(action)
@@ -84,7 +84,7 @@ class CallActionGoal:
         answer = await self._context.chassis.request(self._context.empty(Feedbacks))
         body = answer.body
         if not answer.ok or body is None:
-            return Findings()  # a chassis that refuses to be polled has to report by itself
+            return Findings()  # the chassis refuses polls: rely on its pushes
         return Findings(tuple(self.read(body)))
 
     def failure(self, reason: str) -> Message:
@@ -102,7 +102,7 @@ class CallActionGoal:
 
 
 def _is_empty(command: Message) -> bool:
-    """Return True if a command says nothing but, perhaps, its `action`."""
+    """Return True if no field of a command is set, apart from `action`."""
     return all(
         field.name == "action" or (hasattr(value, "ListFields") and _is_empty(value))
         for field, value in command.ListFields()

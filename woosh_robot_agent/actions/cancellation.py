@@ -12,16 +12,17 @@ _LOG = logging.getLogger(__name__)
 
 
 class Cancellation:
-    """Passes the cancel requests of a goal's client on to the chassis, one at a time.
+    """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
     A request that the chassis did not answer stays pending. It is sent again only when `send_soon`
-    is called again: a cancel of tasks names no task, so it may only be sent while the goal runs.
+    is called again: the cancel request for a task does not name the task, so it may only be sent
+    while the goal is running.
 
     Args:
         name: name of the goal, for the log.
-        send: sends the chassis the cancel.
-        replaced: waits until it is known whether a newer goal replaced this one; True if so.
-        accepted: called when the chassis accepted the cancel.
+        send: sends the cancel request to the chassis.
+        replaced: waits until it is known if a newer goal replaced this one; returns True if so.
+        accepted: called when the chassis has accepted the cancel.
     """
 
     def __init__(
@@ -32,7 +33,7 @@ class Cancellation:
         accepted: Callable[[], None],
     ) -> None:
         self.requested = False
-        """True once the client asked, even if the goal has not handled that event yet."""
+        """True once the client has asked, even if the goal has not handled that event yet."""
         self.pending = False
         """True if a cancel has to be sent."""
         self._name = name
@@ -42,26 +43,26 @@ class Cancellation:
         self._task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
-        """Send a pending cancel unless one is in flight; call only if the chassis has the goal."""
+        """Send a pending cancel unless one is in flight. Call it only for an accepted goal."""
         if self.pending and (self._task is None or self._task.done()):
             self._task = asyncio.get_running_loop().create_task(self._run(), name="goal: cancel")
 
     def stop(self) -> None:
-        """Send nothing any more."""
+        """Stop sending."""
         if self._task is not None:
             self._task.cancel()
 
     async def _run(self) -> None:
         if await self._replaced():
             return  # the cancel would hit the newer goal, and this one is over
-        while self.pending:  # again, if the client asked again meanwhile
+        while self.pending:  # repeat if the client has asked again meanwhile
             self.pending = False
             try:
                 answer = await self._send()
             except LinkError as error:
                 self.pending = True
                 _LOG.warning(
-                    "cannot cancel %s, which goes on; the cancel is sent again when the chassis "
+                    "cannot cancel %s, which is still running; trying again when the chassis "
                     "reports on the goal: %s",
                     self._name,
                     error,
@@ -71,5 +72,7 @@ class Cancellation:
                 self._accepted()
             else:
                 _LOG.warning(
-                    "the chassis refused to cancel %s, which goes on: %s", self._name, answer.msg
+                    "the chassis refused to cancel %s, which is still running: %s",
+                    self._name,
+                    answer.msg,
                 )

@@ -1,4 +1,4 @@
-"""What the goals of one action share."""
+"""Objects shared by the goals of one action."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from woosh_robot_agent.motion.gate import MotionGate
 
 @dataclass(frozen=True)
 class Context:
-    """What the goals of one action share; only used in the link's thread."""
+    """Objects shared by the goals of one action; used in the link thread only."""
 
     chassis: ChassisClient
     """The link, for polls."""

@@ -12,7 +12,7 @@ from woosh_robot_agent.link import Answer, LinkError
 
 @dataclass(frozen=True)
 class Pushed:
-    """The chassis pushed a message with reports, perhaps on other goals."""
+    """The chassis pushed a message with reports, possibly on other goals."""
 
     message: Message
 
@@ -44,7 +44,7 @@ class PollFailed:
 
     error: LinkError
     silent: bool
-    """True if the poll timed out and nothing at all came from the chassis meanwhile."""
+    """True if the poll timed out and no frame at all arrived meanwhile."""
 
 
 @dataclass(frozen=True)

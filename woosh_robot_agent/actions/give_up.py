@@ -1,4 +1,4 @@
-"""Giving up: when to stop waiting for a chassis that tells nothing of a goal."""
+"""Giving up on a goal when the chassis stops reporting on it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _CHECK = "check the robot, and stop it with the `stop` service if necessary"
 
 
 class GiveUp:
-    """Decides when a goal is given up. Three things can end the wait for a report on it.
+    """Decides when to give up on a goal. Any of three limits can end the wait for a report on it.
 
-    - A deadline, while the link is lost, or the answer to the start request is, or the chassis
-      sends nothing at all. There is one at a time: a later cause replaces the earlier one.
-    - A number of polls in a row without news. They do not count while a deadline is set.
-    - An accepted cancel that is followed by no report. It does not count while a deadline is set.
+    - A deadline, set when the link or the answer to the start request is lost, or when the chassis
+      falls silent. There is only one: a later cause replaces an earlier one.
+    - A number of consecutive polls without a report. They do not count while a deadline is set.
+    - A timeout after an accepted cancel. It does not count while a deadline is set.
 
     Args:
         timing: the timeouts.
@@ -43,11 +43,11 @@ class GiveUp:
 
     @property
     def in_doubt(self) -> bool:
-        """True if the state of the goal is not known and a poll may tell it."""
+        """True if the state of the goal is unknown, and a poll may find it out."""
         return self._deadline is not None
 
     def overdue(self) -> str | None:
-        """Return why the goal has to be given up now, None if it has not."""
+        """Return the reason to give up now; None if there is none."""
         if self._clock() < self.deadline:
             return None
         if self._deadline is None:
@@ -60,66 +60,66 @@ class GiveUp:
             f"the robot may still be executing it: {_CHECK}"
         )
 
-    # What happens to the goal
+    # Events
 
     def link_lost(self, error: object) -> None:
-        """Set the deadline for the link to come back and a report to follow."""
+        """Start the deadline for a reconnect that is followed by a report."""
         self._is_link_lost = True
         self._limit(f"the link was lost ({error})")
 
     def link_restored(self) -> None:
-        """Set the deadline anew, now for a report: the chassis can be polled."""
+        """Restart the deadline, now for a report: the chassis can be polled again."""
         self._is_link_lost = False
         self._limit("the link was lost")
 
     def answer_lost(self, error: object) -> None:
-        """Set the deadline for a first report, which would replace the answer."""
+        """Start the deadline for a first report, which confirms the goal like an answer."""
         self._limit(f"no answer to the goal: {error}")
 
     def report(self) -> None:
-        """Lift the deadline and begin all counts anew: the chassis reported on the goal."""
-        if not self._is_link_lost:  # else the report is from before the loss
+        """Clear the deadline and reset all counts: the chassis reported on the goal."""
+        if not self._is_link_lost:  # otherwise the report is from before the loss
             self._deadline = None
         self._fruitless_polls = 0
         if self._cancel_deadline < inf:
             self.cancel_accepted()
 
     def cancel_accepted(self) -> None:
-        """Set the deadline for the end that the cancel brings, or for another report."""
+        """Start the timeout for the next report on a goal whose cancel was accepted."""
         self._cancel_deadline = self._clock() + self._timing.cancel_timeout
 
-    # What comes of a poll
+    # Results of polls
 
-    def poll_met_silence(self, error: object) -> None:
-        """Set the deadline for a chassis that sent nothing at all while it was polled."""
+    def chassis_silent(self, error: object) -> None:
+        """Start the deadline: the chassis sent nothing at all while it was polled."""
         if self._deadline is None:
             self._limit(f"the chassis does not answer ({error})")
             self._is_silent = True
 
     def poll_unanswered(self, error: object) -> str | None:
-        """Count a poll without an answer by a chassis that sends other things.
+        """Count a poll that timed out although other frames arrived.
 
         Returns:
-            Why the goal has to be given up, None if it has not.
+            The reason to give up; None if there is none.
         """
         return self._fruitless(str(error))
 
     def poll_answered(self, heard: bool) -> str | None:
-        """Count a poll with an answer; what it tells of the goal has been reported by now.
+        """Count an answered poll. Call it after handling the reports in the answer.
 
         Args:
-            heard: True if there ever was a report on the goal.
+            heard: True if any report on the goal has arrived.
 
         Returns:
-            Why the goal has to be given up, None if it has not.
+            The reason to give up; None if there is none.
         """
         if self._is_silent:
             self._is_silent = False
             self._deadline = None
         if not heard:
-            return self._fruitless("its answers tell nothing of it")
+            return self._fruitless("its answers do not mention it")
         if self._deadline is None:
-            self._fruitless_polls = 0  # an answer is enough: long steps report seldom
+            self._fruitless_polls = 0  # an answer suffices: reports are rare during long steps
         return None
 
     def _fruitless(self, reason: str) -> str | None:

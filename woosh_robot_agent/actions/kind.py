@@ -14,22 +14,22 @@ from woosh_robot_agent.actions.outcome import Outcome
 
 @dataclass(frozen=True)
 class Report:
-    """A report under the name of a goal."""
+    """A report with the name of a goal."""
 
     message: Message
     """The report as the chassis sent it."""
     outcome: Outcome | None
-    """The outcome that it reports, None if the goal goes on."""
+    """The reported outcome; None if the goal is still running."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What the chassis told when it was polled."""
+    """Result of a poll."""
 
     reports: Sequence[Report] = ()
-    """Reports under the name of the goal."""
+    """Reports with the name of the goal."""
     unknown: str | None = None
-    """Why the goal counts as ended, if the chassis does not know it any more."""
+    """Error text if the chassis no longer knows the goal; otherwise None."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Order:
-    """A request about the goal that runs already, such as a pause; its answer ends this goal."""
+    """A request about the running goal, such as a pause; its answer ends this goal."""
 
     message: Message
     result: Callable[[str], Message]
@@ -49,7 +49,7 @@ class Order:
 
 
 class GoalKind(Protocol):
-    """What differs between the kinds of goal; there is one object for each goal."""
+    """The behaviour in which tasks and call actions differ; one object for each goal."""
 
     @property
     def name(self) -> str:
@@ -57,20 +57,20 @@ class GoalKind(Protocol):
 
     @property
     def attribution(self) -> Attribution:
-        """Decides which reports under the name are on this goal."""
+        """Decides which reports with the name belong to this goal."""
 
     def request(self) -> Start | Order:
-        """Return the request that the goal asks for.
+        """Return the request that carries out the goal.
 
         Raises:
-            BadFieldError: the robot must not get a value in it.
+            BadFieldError: a value must not be sent to the robot.
         """
 
     def cancel_request(self) -> Message:
         """Return the request that cancels the goal; only after `request`."""
 
     def read(self, message: Message) -> Iterable[Report]:
-        """Return the reports in `message` that are under the name of the goal."""
+        """Return the reports in `message` that have the name of the goal."""
 
     async def poll(self) -> Findings:
         """Ask the chassis for the state of the goal.
@@ -80,4 +80,4 @@ class GoalKind(Protocol):
         """
 
     def failure(self, reason: str) -> Message:
-        """Return the result of the goal if it fails for `reason`."""
+        """Return the result for a goal that failed for `reason`."""

@@ -9,7 +9,7 @@ from woosh_robot_agent.actions.events import Event, Replaced
 
 
 class OpenGoal(Protocol):
-    """A goal as the other goals of its action see it."""
+    """Interface of a goal to the other goals of its action."""
 
     @property
     def name(self) -> str:
@@ -17,7 +17,7 @@ class OpenGoal(Protocol):
 
     @property
     def accepted(self) -> asyncio.Future[bool]:
-        """Becomes True when the chassis accepted the goal, False when it will never do so."""
+        """Becomes True when the chassis accepts the goal, False when it no longer can."""
 
     def post(self, event: Event) -> None:
         """Hand an event to the goal."""
@@ -33,7 +33,7 @@ class OpenGoals:
         return len(self._goals)
 
     def add(self, goal: OpenGoal) -> None:
-        """Add a goal, which is the newest now."""
+        """Add a goal as the newest one."""
         self._goals.append(goal)
 
     def remove(self, goal: OpenGoal) -> None:
@@ -45,8 +45,8 @@ class OpenGoals:
         for goal in self._goals:
             goal.post(event)
 
-    def may_run(self, name: str) -> int:
-        """Return how many goals of this name the chassis may be executing, or about to execute."""
+    def possibly_running(self, name: str) -> int:
+        """Return the number of goals of this name that the chassis may be executing."""
         return sum(
             goal.name == name and (not goal.accepted.done() or goal.accepted.result())
             for goal in self._goals

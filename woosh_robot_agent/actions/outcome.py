@@ -9,7 +9,7 @@ from google.protobuf.message import Message
 
 
 class Outcome(Enum):
-    """How a goal ends, in the terms of ROS."""
+    """Final state of a goal, as in ROS."""
 
     SUCCEEDED = "succeeded"
     ABORTED = "aborted"
@@ -18,7 +18,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class End:
-    """The end of a goal, as the client gets it."""
+    """Outcome and result of a goal, as sent to the client."""
 
     outcome: Outcome
     result: Message

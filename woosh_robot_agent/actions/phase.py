@@ -17,7 +17,7 @@ class Phase(Enum):
     REPORTED = "reported"
     """The chassis reported on the goal, but has not answered the start request yet."""
     UNCONFIRMED = "unconfirmed"
-    """The answer to the start request was lost. Only a report can tell that the goal runs."""
+    """The answer to the start request was lost. Only a report can confirm the goal."""
     RUNNING = "running"
     """The chassis accepted the goal. No answer is outstanding."""
     CANCELED_ELSEWHERE = "canceled elsewhere"
@@ -26,7 +26,7 @@ class Phase(Enum):
     ORDERING = "ordering"
     """An order about the running goal, such as a pause, was sent. The goal ends with the answer."""
     ENDED = "ended"
-    """The result is known. Nothing that happens now changes it."""
+    """The result is known, and does not change any more."""
 
     @property
     def accepted(self) -> bool:
@@ -35,12 +35,12 @@ class Phase(Enum):
 
     @property
     def answered(self) -> bool:
-        """True if the start request has its answer, or if the answer is known to be lost."""
+        """True if the start request was answered, or if the answer is known to be lost."""
         return self in (Phase.UNCONFIRMED, Phase.RUNNING)
 
 
 class Step(Enum):
-    """What moves a goal from one phase to another."""
+    """An event that moves a goal to another phase."""
 
     START_SENT = "start sent"
     ORDER_SENT = "order sent"
@@ -48,7 +48,7 @@ class Step(Enum):
     """The chassis answered that it accepted the goal."""
     ANSWER_LOST = "answer lost"
     REPORT = "report"
-    """A report on this goal came."""
+    """A report on this goal arrived."""
     UNREQUESTED_CANCEL = "unrequested cancel"
     END = "end"
 

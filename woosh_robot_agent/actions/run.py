@@ -1,4 +1,4 @@
-"""The life of a goal in the link's thread: send it, follow the chassis's reports, end it."""
+"""Execution of a goal in the link thread: send it, follow the chassis's reports, end it."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ class GoalRun:
     """One goal, from its acceptance by the action server to its end.
 
     Events are handled one at a time by `_follow`, the only reader of the queue. Requests run in
-    tasks of their own, so that nothing waits for their answers.
+    separate tasks, so handling an event never waits for an answer.
 
     Args:
-        goal: the goal as the action server has it.
-        kind: what is particular to this kind of goal.
-        context: what all goals of the action share.
+        goal: the goal in the action server.
+        kind: behaviour of this kind of goal.
+        context: objects shared by all goals of the action.
     """
 
     def __init__(self, goal: Goal, kind: GoalKind, context: Context) -> None:
@@ -59,7 +59,7 @@ class GoalRun:
         self.phase = Phase.NEW
         """Phase of the goal; only `_advance` changes it."""
         self.accepted: asyncio.Future[bool] = loop.create_future()
-        """Becomes True when the chassis accepted the goal, False when it will never do so."""
+        """Becomes True when the chassis accepts the goal, False when it no longer can."""
         self._goal = goal
         self._kind = kind
         self._context = context
@@ -86,7 +86,7 @@ class GoalRun:
         return self._kind.name
 
     def post(self, event: Event) -> None:
-        """Hand an event to the goal; in the link's thread."""
+        """Hand an event to the goal; in the link thread."""
         if isinstance(event, CancelRequested):
             self._cancellation.requested = True
         self._events.put_nowait(event)
@@ -114,7 +114,7 @@ class GoalRun:
         self._finish(end)
 
     def abort(self, reason: str) -> None:
-        """End the goal as aborted for the client, whatever its phase."""
+        """Report the goal to the client as aborted, in any phase."""
         self._finish(self._aborted(reason))
 
     def _finish(self, end: End) -> None:
@@ -129,7 +129,7 @@ class GoalRun:
     # Phases
 
     def _advance(self, step: Step) -> None:
-        """Enter the phase that follows after `step`, and do what entering it entails."""
+        """Enter the phase that follows `step`, and set `accepted` once it is decided."""
         before = self.phase
         self.phase = TRANSITIONS.get((before, step), before)
         if self.accepted.done():
@@ -146,10 +146,10 @@ class GoalRun:
             case Start(message):
                 return await self._follow(message)
             case Order() as order:
-                return await self._pass_on(order)
+                return await self._send_order(order)
 
-    async def _pass_on(self, order: Order) -> End:
-        """Pass an order on; the goal that runs stays in charge of the reports."""
+    async def _send_order(self, order: Order) -> End:
+        """Send an order. Reports still belong to the goal that is already running."""
         self._advance(Step.ORDER_SENT)
         try:
             answer = await self._context.gate.request(order.message)
@@ -174,10 +174,10 @@ class GoalRun:
                 timer.cancel()
             end = self._handle(event)
             if end is not None:
-                return await self._explain(end)
+                return await self._end_for_client(end)
 
-    async def _explain(self, end: End) -> End:
-        """Return the end for the client: a cancel that it did not request is an abort."""
+    async def _end_for_client(self, end: End) -> End:
+        """Return the end to send to the client: an unrequested cancel becomes an abort."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
         self._advance(Step.UNREQUESTED_CANCEL)
@@ -211,7 +211,7 @@ class GoalRun:
         return None
 
     def _read(self, reports: Iterable[Report]) -> End | None:
-        """Pass the reports that are on this goal on as feedback."""
+        """Publish the reports on this goal as feedback; return its end if one reports it."""
         for report in reports:
             if not self._attribution.is_mine(
                 report.outcome, self.phase, self._cancellation.requested
@@ -225,12 +225,12 @@ class GoalRun:
         return None
 
     def _heard(self) -> None:
-        """Note a report on this goal, be it an old one that the chassis repeats when polled."""
+        """Note a report on this goal, even an old one that the answer to a poll repeats."""
         self._give_up.report()
         self._next_poll = self._clock() + self._timing.poll_period
         self._advance(Step.REPORT)  # the answer may be lost, or still on its way
         if self._context.chassis.state is LinkState.READY:
-            self._cancellation.send_soon()  # a cancel that the chassis did not answer is pending
+            self._cancellation.send_soon()  # retry a cancel that was not answered
 
     def _start_answered(self, answer: Answer | Exception) -> End | None:
         match answer:
@@ -270,11 +270,11 @@ class GoalRun:
     # Polls
 
     def _poll_soon(self) -> None:
-        """Ask the chassis for the state of the goal, if it can tell, and schedule the next poll."""
+        """Poll the state of the goal if that is possible now, and schedule the next poll."""
         in_doubt = self._give_up.in_doubt or self._cancellation.pending
-        haste = self._timing.poll_haste if in_doubt else 1.0
-        self._next_poll = self._clock() + self._timing.poll_period * haste
-        # before the answer to the start, what the chassis tells may be of an earlier goal
+        factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
+        self._next_poll = self._clock() + self._timing.poll_period * factor
+        # before the start is answered, a poll may return the state of an earlier goal
         ready = self.phase.answered and self._context.chassis.state is LinkState.READY
         if ready and (self._polling is None or self._polling.done()):
             loop = asyncio.get_running_loop()
@@ -289,13 +289,13 @@ class GoalRun:
                 if end is not None:
                     return end
         unknown = polled.findings.unknown
-        if unknown is not None and self.phase.accepted:  # else it may still be on its way
+        if unknown is not None and self.phase.accepted:  # otherwise it may still be in flight
             return self._aborted(unknown)
         return self._aborted_if(self._give_up.poll_answered(self._attribution.heard))
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
         if failed.silent:
-            self._give_up.poll_met_silence(failed.error)
+            self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
             return self._aborted_if(self._give_up.poll_unanswered(failed.error))
         return None

@@ -1,4 +1,4 @@
-"""The ROS side of the actions: an action server whose goals run in the link's thread."""
+"""The ROS side of the actions: an action server whose goals run in the link thread."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ANY_GOAL = bytes(16)
 
 
 class Goal:
-    """An accepted goal, as the link's thread uses it.
+    """Interface of an accepted goal for the link thread.
 
     Args:
         server: the server that accepted it.
@@ -47,7 +47,7 @@ class Goal:
             callback()
 
     def request_cancel(self) -> None:
-        """Note that a client asks to cancel the goal; in the executor's thread."""
+        """Note that a client asks to cancel the goal; in the executor thread."""
         with self._lock:
             self._cancel_requested = True
             callback = self._on_cancel
@@ -56,7 +56,7 @@ class Goal:
 
     @property
     def canceling(self) -> bool:
-        """True if a client asked to cancel the goal, which has not ended yet."""
+        """True while the goal is being cancelled for a client."""
         return bool(self._handle.is_cancel_requested)
 
     def feedback(self, fb: Any) -> None:
@@ -81,16 +81,16 @@ class Goal:
 class GoalServer(DeferringActionServer):
     """An action server that accepts every goal and every cancel, and executes nothing itself.
 
-    rclpy would run a callback in the executor from the beginning of a goal to its end. Here
-    `execute_later` schedules that callback at the end of the goal; it sets the final state and
-    returns the result. So no callback waits, and no cancel request can come between final state and
-    result: all three are matters of the executor's thread.
+    In rclpy, the execute callback runs from the start of a goal to its end. Here, `execute_later`
+    schedules it only at the end, to set the final state and return the result. So no callback
+    waits. A cancel request cannot come between final state and result, because the executor thread
+    handles all of them.
 
     Args:
         node: owner of the server.
         action_type: ROS type of the action.
         name: name of the action.
-        start: called with each accepted goal in the executor's thread; must not block.
+        start: called with each accepted goal in the executor thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
     """
 
@@ -109,7 +109,7 @@ class GoalServer(DeferringActionServer):
             node,
             action_type,
             name,
-            execute_callback=self._settle,
+            execute_callback=self._set_final_state,
             goal_callback=lambda _request: GoalResponse.ACCEPT,
             handle_accepted_callback=self._accepted,
             cancel_callback=self._cancel_requested,
@@ -121,14 +121,14 @@ class GoalServer(DeferringActionServer):
 
     @property
     def open_goals(self) -> int:
-        """Number of goals that have not ended, plus that of clients that wait for a result."""
+        """Number of goals that have not ended, plus clients that wait for a result."""
         return len(self._open) + self.pending_results
 
     async def execute(self, taken_data: Any) -> None:
         """Serve requests of clients; called by rclpy.
 
-        An error that escapes would end the executor's spinning. rclpy raises one where a client
-        goes away while it waits for a result.
+        An exception would end the executor's spinning. rclpy raises one if a client disappears
+        while it waits for a result.
         """
         self._log_as_node()
         try:
@@ -142,8 +142,8 @@ class GoalServer(DeferringActionServer):
         self._start(self._open[bytes(goal_handle.goal_id.uuid)])
 
     def finish(self, goal_handle: Any, outcome: Outcome, ret: Any) -> None:
-        """End a goal in the executor's thread; callable from any thread."""
-        self.execute_later(goal_handle, partial(self._settle, outcome=outcome, ret=ret))
+        """End a goal in the executor thread; callable from any thread."""
+        self.execute_later(goal_handle, partial(self._set_final_state, outcome=outcome, ret=ret))
 
     def _accepted(self, goal_handle: Any) -> None:
         self._open[bytes(goal_handle.goal_id.uuid)] = Goal(self, goal_handle)
@@ -156,16 +156,16 @@ class GoalServer(DeferringActionServer):
         return CancelResponse.ACCEPT
 
     def _cancel_again(self, goal_info: Any) -> None:
-        """Pass a repeated cancel on: the chassis may have refused the first one.
+        """Forward a repeated cancel request: the chassis may have refused the first one.
 
-        rclpy ignores it, as there is no way back from the state canceling.
+        rclpy itself ignores it, because the goal is already in the state canceling.
         """
         wanted = bytes(goal_info.goal_id.uuid)
         for uuid, goal in self._open.items():
             if goal.canceling and wanted in (uuid, _ANY_GOAL):
                 goal.request_cancel()
 
-    def _settle(self, goal_handle: Any, outcome: Outcome, ret: Any) -> Any:
+    def _set_final_state(self, goal_handle: Any, outcome: Outcome, ret: Any) -> Any:
         try:
             if outcome is Outcome.SUCCEEDED:
                 goal_handle.succeed()

@@ -26,7 +26,7 @@ _OUTCOMES = {
 
 
 class TaskIds:
-    """Makes task ids that were not used before: Unix time in seconds, as other clients do."""
+    """Generator of unused task ids: Unix time in seconds, as other clients use it."""
 
     def __init__(self) -> None:
         self._last = 0
@@ -42,20 +42,20 @@ class TaskGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: what all tasks share.
-        ids: makes an id for a task that has none.
-        known: what the chassis last said.
+        context: objects shared by all tasks.
+        ids: generates an id for a task that has none.
+        last_known: last values that the chassis reported.
     """
 
-    def __init__(self, arg: Any, context: Context, *, ids: TaskIds, known: LastKnown) -> None:
+    def __init__(self, arg: Any, context: Context, *, ids: TaskIds, last_known: LastKnown) -> None:
         self._arg = arg
         self._context = context
         self._id: int = arg.task_id or ids.next()
         self.name = f"task {self._id}"
-        predecessors = context.open_goals.may_run(self.name)
+        predecessors = context.open_goals.possibly_running(self.name)
         self._previous: TaskProc | None = None
         """The last report on an earlier task of this id."""
-        last = known.get(full_name(TaskProc))
+        last = last_known.get(full_name(TaskProc))
         if isinstance(last, TaskProc) and last.robot_task_id == self._id:
             self._previous = TaskProc()
             self._previous.CopyFrom(last)
@@ -105,7 +105,7 @@ class TaskGoal:
         )
 
     def _may_be_end(self, old: TaskProc) -> bool:
-        """Return True if an entry of the history is an end of this id after the earlier task's."""
+        """Return True if a history entry can be this task's end, not that of an earlier one."""
         return (
             old.robot_task_id == self._id
             and old.state in _OUTCOMES

@@ -5,8 +5,8 @@ descriptor and the ROS class, by these rules:
 
 - An enum is a ROS message with one field `value`, or in one old message a plain integer.
 - Bit i of `has_field` is the presence of the i-th protobuf field in declaration order, if that
-  field is a message outside of any oneof. To protobuf, such a field is set if its bit is set; to
-  ROS, the bit is set if the field is present.
+  field is a message outside of any oneof. In the conversion to protobuf, such a field is set if its
+  bit is set. In the conversion to ROS, the bit is set if the field is present.
 - A oneof `x` is a ROS field `x` of its own message type. Its `which` is the number of the member,
   from 1 (0: none). `x_choice` has the same value; it is used if `which` is 0, as sent by old
   clients.

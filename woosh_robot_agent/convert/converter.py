@@ -51,7 +51,7 @@ class Converter:
     def from_json(self, value: object) -> Any:
         """Return a new ROS message with the content of a JSON value.
 
-        It is read as tolerantly as by the link.
+        It accepts the same notations as the link.
 
         Raises:
             FieldError: a value does not fit its field.

@@ -12,7 +12,8 @@ from google.protobuf.descriptor import FieldDescriptor
 from woosh_robot_agent.link.codecs.json_scalars import blank_of, scalar_reader
 
 _MAX_FLOAT32 = 3.4e38
-"""Limit of values taken as they are: a larger one may not fit a float32, and ROS does not check."""
+"""Largest value that is used unchanged: a larger one may not fit a float32, and ROS does not
+check."""
 _INTEGERS = {
     FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
     FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),
@@ -24,11 +25,11 @@ _INTEGERS = {
 
 
 def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
-    """Return how to read a field's value.
+    """Return a condition for values that need no conversion, and a converter for all others.
 
     Returns:
-        The source of a condition that is true if `v` can be taken as it is, and a function that
-        reads all other values. The function raises ValueError, TypeError or OverflowError.
+        The source of a condition that is true if `v` can be used unchanged, and a function that
+        converts all other values. The function raises ValueError, TypeError or OverflowError.
     """
     kind, read = field.cpp_type, scalar_reader(field)
     if field.type == FieldDescriptor.TYPE_BYTES:

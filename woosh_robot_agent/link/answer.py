@@ -16,7 +16,7 @@ class Answer:
 
     Attributes:
         ok: True if the chassis accepted the request.
-        msg: text of the chassis, unchanged.
+        msg: text from the chassis, unchanged.
         raw: the body, not decoded yet.
     """
 

@@ -1,4 +1,4 @@
-"""Calls of consumers' functions."""
+"""Calling the callbacks of consumers."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _LOG = logging.getLogger(__name__)
 
 
 def call(callback: Callable[[Any], None], argument: object) -> None:
-    """Call a consumer's function and log its exceptions.
+    """Call a consumer's callback and log its exceptions.
 
     Raises:
-        FrameError: the consumer read a body that cannot be read.
+        FrameError: the callback tried to read an invalid body.
     """
     try:
         callback(argument)
     except FrameError:
         raise
-    except (Exception, asyncio.CancelledError):  # nothing is awaited here that could be cancelled
+    except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
         _LOG.exception("a callback failed")

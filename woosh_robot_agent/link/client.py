@@ -68,7 +68,7 @@ class ChassisClient:
 
     @property
     def config(self) -> LinkConfig:
-        """The configuration in force."""
+        """Current configuration."""
         return self._reconnect.config
 
     @property
@@ -78,7 +78,7 @@ class ChassisClient:
 
     @property
     def since(self) -> float:
-        """Unix time at which the link became ready, or not ready, in seconds."""
+        """Unix time at which the link last became ready or ceased to be, in seconds."""
         return self._status.since
 
     @property
@@ -128,7 +128,7 @@ class ChassisClient:
         await self.close()
 
     def start(self) -> None:
-        """Begin to connect, and reconnect until closed. Call it in the event loop."""
+        """Start connecting, and reconnect until closed. Call it in the event loop."""
         if self._reconnect.running:
             return
         self._reconnect.start()
@@ -155,7 +155,7 @@ class ChassisClient:
         await self._status.wait_ready(timeout)
 
     async def reconfigure(self, config: LinkConfig) -> None:
-        """Put a new configuration in force; connect anew if a changed value requires it."""
+        """Apply a new configuration; reconnect if a changed value requires it."""
         self._subscriptions.set_depth(config.push_queue)
         await self._reconnect.reconfigure(config)
 
@@ -181,18 +181,18 @@ class ChassisClient:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`.
-            first: send it before all other requests that wait to be sent, as an urgent one.
+            first: send it ahead of all other waiting requests; implies `urgent`.
             urgent: send it even if `max_in_flight` requests are in flight already.
             send_within: maximum time that the request may wait to be sent, in seconds.
-            tap: called with the answer in its place among the pushes: those pushed before it have
-                been delivered, those pushed after it have not.
+            tap: called with the answer, in order with the pushes: after those that arrived before
+                it, and before those that arrived after it.
 
         Raises:
             NotConnectedError: there is no link; nothing was sent.
             TooManyRequestsError: nothing was sent.
             SupersededError: the request was withdrawn or waited too long; it was not sent.
-            RequestTimeoutError: no answer in time.
-            ConnectionLostError: the link went down before the answer.
+            RequestTimeoutError: no answer arrived in time.
+            ConnectionLostError: the link went down before the answer arrived.
             RuntimeError: the request is reserved; see `reserve`.
         """
         if self._reserved(message):
@@ -206,7 +206,7 @@ class ChassisClient:
     def reserve(
         self, which: Callable[[Message], bool]
     ) -> Callable[..., Coroutine[Any, Any, Answer]]:
-        """Reserve some of the requests for the caller: `request` does not send them any more.
+        """Reserve some requests for the caller: `request` refuses them from now on.
 
         Args:
             which: selects the requests.
@@ -237,7 +237,7 @@ class ChassisClient:
     def on_accepted(self, cls: type[Message], callback: Callable[[], None]) -> None:
         """Call `callback` in the event loop whenever the chassis accepts a request of `cls`.
 
-        It is called in its place among the pushes, as `tap` of `request` is.
+        The calls are in order with the pushes, like those of `tap` in `request`.
         """
         self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
 
@@ -259,8 +259,8 @@ class ChassisClient:
     ) -> Callable[[], None]:
         """Call `callback` in the event loop with each push of `cls`, not decoded yet.
 
-        If `callback` raises the FrameError of a body that it reads, that push is skipped for the
-        subscribers after it too.
+        If `callback` raises a FrameError because it cannot read the body, later subscribers do not
+        get that push either.
 
         Returns:
             A function that ends the subscription.
@@ -292,7 +292,7 @@ class ChassisClient:
     def on_snapshot(self, callback: Callable[[RobotInfo], None]) -> None:
         """Call `callback` in the event loop with the first RobotInfo of each link.
 
-        It is called in its place among the pushes: those before it are older, those after it newer.
+        The calls are in order with the pushes: those delivered before are older, those after newer.
         """
         self._subscriptions.on_snapshot(callback)
 
@@ -329,7 +329,7 @@ class ChassisClient:
     def _queued_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
     ) -> Callable[[Answer], None] | None:
-        """Return the function that queues an answer for all who want it; None for nobody."""
+        """Return a function that queues an answer for all its callbacks; None without any."""
         callbacks = self._accepted_callbacks.get(full_name(message))
         if not callbacks:
             return None if tap is None else partial(self._subscriptions.put_answer, tap)

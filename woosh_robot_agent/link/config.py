@@ -9,7 +9,7 @@ from ipaddress import IPv6Address
 from typing import Literal
 
 DEFAULT_IP = "169.254.128.2"
-"""Address of a chassis as it is delivered."""
+"""Factory default address of a chassis."""
 DEFAULT_PORTS = {"websocket": 5480, "tcp": 5481}
 """Default port of each transport."""
 ENCODINGS = ("json", "protobuf")
@@ -32,18 +32,17 @@ class LinkConfig:
         connect_timeout: maximum duration of connecting, including the WebSocket handshake.
         handshake_timeout: maximum wait for the first RobotInfo, which makes the link ready.
         close_timeout: maximum duration of an orderly close.
-        liveness_timeout: time without a sign of life, pings unanswered, after which the link
+        liveness_timeout: time without any frame, even in answer to pings, after which the link
             counts as lost.
         backoff_min: first pause between attempts to connect; it doubles with each attempt.
         backoff_max: longest pause between attempts to connect.
-        stable_after: time that a link must have been ready before the pauses start again with
-            the first.
+        stable_after: time that a link must stay ready before the pauses start again at
+            `backoff_min`.
         max_frame_size: largest frame that is read, in bytes.
         max_in_flight: maximum number of requests in flight.
-        push_queue: maximum number of pushes that wait for a slow consumer, for each type of which
-            every push counts.
-        robot_id: id of the robot that the link's own requests are for, where a gateway serves
-            several robots; 0 is not sent.
+        push_queue: maximum number of queued status codes, task reports or feedbacks, for slow
+            consumers.
+        robot_id: id of the robot behind a gateway, for the link's own requests; 0 sends no id.
 
     Raises:
         ValueError: a value is not valid; the text names the value and the reason.

@@ -44,13 +44,13 @@ them."""
 
 @dataclass(slots=True)
 class _Pending:
-    """A request that waits for its answer.
+    """A request that is waiting for its answer.
 
     Attributes:
         message: the request.
         future: gets the answer.
         urgent: True if the request does not count against `max_in_flight`.
-        tap: called with the answer when it is read; None for none.
+        tap: called with the answer when it is read, or None.
     """
 
     message: Message
@@ -133,7 +133,7 @@ class Connection:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`.
-            first: send it before all other frames that wait to be sent.
+            first: send it ahead of all other waiting frames.
             urgent: send it even if `max_in_flight` requests are in flight, and do not count it as
                 one of them.
             send_within: maximum time that the request may wait to be sent, in seconds.
@@ -143,8 +143,8 @@ class Connection:
             NotConnectedError: the connection has ended; nothing was sent.
             TooManyRequestsError: nothing was sent.
             SupersededError: the request was withdrawn or waited too long; it was not sent.
-            RequestTimeoutError: no answer in time.
-            ConnectionLostError: the connection ended before the answer.
+            RequestTimeoutError: no answer arrived in time.
+            ConnectionLostError: the connection ended before the answer arrived.
         """
         name = full_name(message)
         if self._cause is not None:
@@ -168,7 +168,7 @@ class Connection:
             return answer
         finally:
             timer.cancel()
-            self._outbox.pop(sn, None)  # its caller has gone; it must not be sent later
+            self._outbox.pop(sn, None)  # the caller no longer waits: do not send it later
             del self._pending[sn]
             self._urgent_pending -= urgent
 
@@ -189,7 +189,7 @@ class Connection:
                     pending.future.set_exception(SupersededError(f"not sent: {reason}"))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
-        """Ask for pushes of these types, or for no more of them. The chassis does not answer."""
+        """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer."""
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
             self._subscribe_frames += 1
@@ -218,14 +218,14 @@ class Connection:
         self._cause = cause
         for pending in self._pending.values():
             if not pending.future.done():
-                # each its own error, since a raised one keeps its caller's frames alive
+                # a separate error for each: a raised one keeps its caller's frames alive
                 pending.future.set_exception(type(cause)(str(cause)))
         self._outbox.clear()
         if not self.ended.done():
             self.ended.set_result(cause)
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
-        """Run one of the connection's tasks; its end ends the whole connection."""
+        """Run one of the connection's tasks; an error in it ends the whole connection."""
         try:
             await work()
         except asyncio.CancelledError:
@@ -267,7 +267,7 @@ class Connection:
             while self._outbox:
                 key, (data, deadline) = self._outbox.popitem(last=False)
                 if self._loop.time() > deadline:
-                    self._outdate(key)
+                    self._fail_outdated(key)
                     continue
                 await self._transport.send(data)
                 self._sent += 1
@@ -275,7 +275,7 @@ class Connection:
             self._outbox_filled.clear()
             await self._outbox_filled.wait()
 
-    def _outdate(self, sn: int) -> None:
+    def _fail_outdated(self, sn: int) -> None:
         pending = self._pending.get(sn)
         if pending is not None and not pending.future.done():
             pending.future.set_exception(

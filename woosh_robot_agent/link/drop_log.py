@@ -28,7 +28,7 @@ class _Series:
 
 
 class DropLog:
-    """Logs what is dropped. Use it in the event loop.
+    """Logs series of drops. Use it in the event loop.
 
     Args:
         logger: gets the first drop of a series at WARNING, and their number at INFO.
@@ -73,5 +73,5 @@ class DropLog:
         series = self._series.pop(kind)
         series.timer.cancel()
         self._logger.info(
-            "%d %s within %.1f s; that is over", series.count, kind, series.last - series.first
+            "%d %s within %.1f s; none since then", series.count, kind, series.last - series.first
         )

@@ -12,7 +12,7 @@ class NotConnectedError(LinkError):
 
 
 class ConnectionLostError(LinkError):
-    """The link went down before the answer; the request may have taken effect."""
+    """The link went down before the answer arrived; the request may have taken effect."""
 
 
 class HandshakeError(LinkError):

@@ -43,19 +43,19 @@ async def handshake(
     Args:
         connection: a new connection.
         subscriptions: the subscriptions to renew; gets the RobotInfo.
-        config: gives the timeout, and the robot.
+        config: timeout, and id of the robot.
         log: log for a RobotInfo that cannot be read.
 
     Raises:
-        LinkError: the connection ended, or there was no answer in time.
+        LinkError: the connection ended, or no answer arrived in time.
         HandshakeError: the answer is not a RobotInfo.
     """
     connection.subscribe(subscriptions.wanted, on=True)
     answer = await _request_info(connection, subscriptions, config)
     if not answer.ok or answer.type != full_name(RobotInfo):
         reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
-        raise HandshakeError(f"the chassis did not give its RobotInfo: {one_line(reason)}")
-    if answer.defect:  # perhaps of newer firmware; everything else may work
+        raise HandshakeError(f"the chassis did not send its RobotInfo: {one_line(reason)}")
+    if answer.defect:  # perhaps from newer firmware; everything else may work
         log.warn("no snapshot", f"the first values are missing because {answer.defect}")
 
 

@@ -1,4 +1,4 @@
-"""Detection of a lost link: the other end is silent, or takes nothing any more."""
+"""Detection of a lost link: the other end is silent, or has stopped reading."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MARGIN = 0.03
 """Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
 _BUSY_SHARE = 0.3
 """A timer that fires late by more than this share of the timeout shows that this program was busy.
-The delay is not counted as silence, since the rest could be too short for an answer."""
+The delay is not counted as silence, because the remaining time could be too short for an answer."""
 
 
 class Liveness:
@@ -40,7 +40,7 @@ class Liveness:
     ) -> None:
         self._transport = transport
         self._timeout = timeout
-        self._patience = timeout * (1 - _MARGIN)
+        self._usable_timeout = timeout * (1 - _MARGIN)
         self._probe = probe
         self._sent = sent
         self._now = asyncio.get_running_loop().time
@@ -56,7 +56,7 @@ class Liveness:
         """Watch the connection for as long as the other end is alive.
 
         Raises:
-            ConnectionLostError: the other end is not alive any more.
+            ConnectionLostError: the other end is no longer alive.
         """
         while True:
             quiet = self._check()
@@ -64,16 +64,16 @@ class Liveness:
                 await self._sleep(self._timeout * _IDLE_SHARE - quiet)
                 continue
             try:
-                await run_with_timeout(max(self._patience - quiet, 0.01), self._ask())
+                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._ask())
             except (TimeoutError, RequestTimeoutError):
-                if self._check() >= self._patience:
+                if self._check() >= self._usable_timeout:
                     raise ConnectionLostError(
                         f"nothing was heard for {self._timeout:g} s; check that the robot is on "
                         "and that the network reaches it"
                     ) from None
 
     async def _sleep(self, seconds: float) -> None:
-        """Sleep, and do not count as silence a time in which this program was busy."""
+        """Sleep. A delay because this program was busy does not count as silence."""
         due = self._now() + seconds
         await asyncio.sleep(seconds)
         late = self._now() - due
@@ -89,7 +89,7 @@ class Liveness:
         """Return the time since the last sign of life, in seconds.
 
         Raises:
-            ConnectionLostError: the other end takes nothing any more.
+            ConnectionLostError: the other end has stopped reading.
         """
         now = self._now()
         self._heard_at = max(self._heard_at, self._transport.progress_at)
@@ -102,7 +102,7 @@ class Liveness:
             self._taken_at = now
         elif now - self._taken_at >= self._timeout:
             raise ConnectionLostError(
-                f"the chassis has taken nothing for {self._timeout:g} s; bytes waiting to be sent: "
+                f"the chassis has read nothing for {self._timeout:g} s; bytes waiting to be sent: "
                 f"{backlog}"
             )
         return now - self._heard_at

@@ -24,7 +24,7 @@ def one_line(text: str, limit: int = 500) -> str:
 
 
 class LogOnce:
-    """Logs each kind of trouble once, until it is over.
+    """Logs each kind of problem once, until it is cleared.
 
     Args:
         logger: the logger to use.
@@ -47,7 +47,7 @@ class LogOnce:
         )
 
     def clear(self, kind: str | None = None) -> None:
-        """Forget one kind of trouble, or all of them, because it is over."""
+        """Forget one kind of problem, or all of them, so that it is logged again."""
         if kind is None:
             self._logged.clear()
         else:

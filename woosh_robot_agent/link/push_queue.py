@@ -7,8 +7,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type whose newest values are enough. It holds what arrives
-at 3000 Hz while another program uses the core."""
+"""Maximum number of queued pushes of a type of which only the newest values matter. It lasts for 17
+ms at 3000 Hz, while another program uses the core."""
 
 
 class PushQueue:
@@ -33,7 +33,7 @@ class PushQueue:
         """Add a push, as the function that delivers it.
 
         Returns:
-            False if the oldest push of this type was dropped for it.
+            False if the oldest push of this type was dropped to make room.
         """
         waiting = self._waiting.get(name, 0)
         fits = waiting < self._depths.get(name, LATEST_DEPTH)

@@ -1,4 +1,4 @@
-"""The reconnect loop, the only owner of retries."""
+"""The reconnect loop, the only place that retries a connection."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ class ReconnectLoop:
 
     Args:
         config: the configuration.
-        status: follows the state of the link.
+        status: updated with the state of the link.
         subscriptions: renewed on each connection; gets the pushes.
         stats: counters to add to.
         log: log for failures that repeat.
         drops: log for refused requests.
 
     Attributes:
-        config: the configuration in force.
+        config: current configuration.
         connection: the connection, from the handshake to its end; None if there is none.
     """
 
@@ -88,7 +88,7 @@ class ReconnectLoop:
         return len(self._tasks)
 
     def start(self) -> None:
-        """Begin to connect."""
+        """Start connecting."""
         task = asyncio.get_running_loop().create_task(self._run(), name="link to the chassis")
         self._current = task
         self._tasks.add(task)
@@ -106,7 +106,7 @@ class ReconnectLoop:
             self._status.enter(LinkState.STOPPED)
 
     async def reconfigure(self, config: LinkConfig) -> None:
-        """Put a new configuration in force; connect anew if a changed field requires it."""
+        """Apply a new configuration; reconnect if a changed field requires it."""
         previous, self.config = self.config, config
         self._status.address = config.address
         if self.connection is not None:
@@ -163,7 +163,7 @@ class ReconnectLoop:
         return connection
 
     async def _serve(self, connection: Connection) -> float:
-        """Be ready until the connection ends; return for how long, in seconds."""
+        """Keep the link ready until the connection ends; return the duration, in seconds."""
         loop = asyncio.get_running_loop()
         ready_at = loop.time()
         cause: LinkError = ConnectionLostError("the link was closed")
@@ -178,7 +178,7 @@ class ReconnectLoop:
             self._log_failure(cause, f"lost the link to {self.config.address}: {cause}")
         finally:
             self.connection = None
-            self._status.lost(cause)  # before the close, which may take its time
+            self._status.lost(cause)  # first, because the close may take long
             await connection.close(cause)
         return lasted
 

@@ -18,7 +18,7 @@ class LinkState(Enum):
     STOPPED = "stopped"
     """Not started, or closed: no attempt to connect is made."""
     CONNECTING = "connecting"
-    """An attempt is being made: the transport opens, or the first RobotInfo is awaited."""
+    """An attempt is in progress: the transport is opening, or the first RobotInfo is pending."""
     READY = "ready"
     """The first RobotInfo has arrived; requests can be sent."""
     WAITING = "waiting"
@@ -30,7 +30,7 @@ class LinkStatus:
 
     Attributes:
         state: current state.
-        since: Unix time at which the link became ready, or not ready, in seconds.
+        since: Unix time at which the link last became ready or ceased to be, in seconds.
         last_error: error that ended the last attempt or the last link; None if the link is ready,
             or if no attempt has ended since the start.
         address: address of the chassis, for error texts.

@@ -19,7 +19,7 @@ class LinkStats:
         refused_requests: requests that were not sent because too many were in flight, by message
             type.
         timeouts: requests that were not answered in time, by message type.
-        late_answers: answers to requests that were not pending any more.
+        late_answers: answers to requests that were no longer pending.
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
     """

@@ -29,14 +29,14 @@ _SNAPSHOT = "snapshot"
 """Name of the first RobotInfo of a link in the queue."""
 
 COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
-"""Types of which every push counts. Of all other types the newest values are enough."""
+"""Types of which every push must be delivered. Of other types, only the newest values matter."""
 
 
 class Subscriptions:
-    """Queues the pushes that the reader takes, and calls their consumers from a task of its own.
+    """Queues the pushes that were read, and calls their consumers from a separate task.
 
     Args:
-        depth: maximum number of queued pushes for each type of which every push counts.
+        depth: maximum number of queued pushes for each of `COUNTED_PUSHES`.
         stats: counters to add to.
         log: log for errors that the chassis reports, and for pushes that cannot be read.
         drops: log for dropped pushes.
@@ -53,7 +53,7 @@ class Subscriptions:
         self._queue = PushQueue(self._depths, stats.dropped_pushes)
 
     def set_depth(self, depth: int) -> None:
-        """Change the maximum number of queued pushes of types of which every push counts."""
+        """Change the maximum number of queued pushes for each of `COUNTED_PUSHES`."""
         self._depths.update(dict.fromkeys(COUNTED_PUSHES, depth))
 
     @property
@@ -82,7 +82,7 @@ class Subscriptions:
         """End a subscription.
 
         Returns:
-            True if the type has no consumer any more.
+            True if the type no longer has a consumer.
         """
         callbacks = self._callbacks[name]
         callbacks.remove(callback)
@@ -107,7 +107,7 @@ class Subscriptions:
         if not self._queue.put(name, partial(self._deliver, body)):
             self._drops.count(
                 f"pushes of {name} were dropped",
-                f"{name} comes faster than its consumers take it; dropping the oldest pushes",
+                f"{name} arrives faster than its consumers handle it; dropping the oldest pushes",
             )
 
     def put_snapshot(self, answer: Answer) -> None:
@@ -116,14 +116,14 @@ class Subscriptions:
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer.body))
 
     def put_answer(self, tap: Callable[[Answer], None], answer: Answer) -> None:
-        """Queue an answer for `tap`, in its place among the pushes."""
+        """Queue an answer for `tap`, in order with the pushes."""
         self._queue.put(_ANSWER, partial(call, tap, answer))
 
     # Delivery
 
     async def deliver(self) -> None:
-        """Deliver what is queued, until cancelled."""
-        # what an earlier run left in the queue belongs to another link
+        """Deliver queued pushes and answers until cancelled."""
+        # pushes that an earlier run left in the queue belong to another link
         self._queue = queue = PushQueue(self._depths, self._stats.dropped_pushes)
         now = asyncio.get_running_loop().time
         slice_started = now()

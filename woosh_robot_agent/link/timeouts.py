@@ -15,8 +15,8 @@ _GRACE = 1.0
 async def run_with_timeout(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T]) -> T:
     """Return the result of `work`; cancel it on timeout, and when the caller is cancelled.
 
-    Use it instead of `asyncio.wait_for`, which in Python 3.10 and 3.11 swallows a cancellation that
-    meets a result, and waits for cancelled work without a limit.
+    Use it instead of `asyncio.wait_for`. In Python 3.10 and 3.11, that swallows a cancellation that
+    coincides with a result, and it waits for cancelled work without a limit.
 
     Raises:
         TimeoutError: `work` took longer than `timeout` seconds.

@@ -1,4 +1,4 @@
-"""Everything that decides whether the robot may move: `MotionGate` is the only way to the wheels.
+"""Rules for moving the robot. All motion commands pass through `MotionGate`.
 
 Example::
 

@@ -1,18 +1,18 @@
-"""The gate through which every request that moves the robot passes, and the rules that it keeps.
+"""The gate that every request that moves the robot passes through, and its rules.
 
-1. There is one way to the wheels. The gate reserves the requests that command motion, and the
-   chassis client sends them for nobody else.
+1. Nothing bypasses the gate. It reserves all requests that command motion, so the chassis client
+   refuses them from any other caller.
 2. The latest velocity wins, and a stale one is not sent. See `LatestWins`.
-3. Nothing is sent twice: the gate retries nothing, and a request that was made without a link, or
-   before a link was lost, is not sent on a later one.
-4. A stop goes before all that waits. What waits, and what comes shortly after, does not move the
-   robot.
-5. Once the gate is closed, nothing moves the robot. If it may still drive by a velocity that was
-   sent here, it gets a zero.
-6. A zero is not sent to a robot that somebody else drives: a task or an action that the chassis
-   accepted takes the wheels from the velocities before it.
+3. Nothing is sent twice. The gate does not retry, and a request that was made without a link, or
+   before the link was lost, is not sent after a reconnect.
+4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, and those
+   that arrive shortly after the stop, are not sent.
+5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
+   robot may still be driving at a velocity from this gate.
+6. A zero velocity is not sent to a robot that a task or an action drives. Once the chassis accepts
+   one, earlier velocities no longer drive the robot.
 
-Who drives by a stream of velocities uses `VelocityDriver`, which has the rules for streams.
+For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 _LOG = logging.getLogger(__name__)
 
 DRIVING = 3 * STALL
-"""Time after a velocity in which the robot may still drive by it, in seconds.
+"""Time for which the robot may keep driving after a velocity command, in seconds.
 
-The chassis goes on with a velocity for a while, and then slows down by itself.
+The chassis keeps a velocity for a while, and then slows down by itself.
 """
 HOLD = 0.5
 """Time after a stop in which nothing that moves the robot is sent, in seconds.
@@ -53,7 +53,7 @@ class MotionGate:
 
     Args:
         chassis: the link.
-        open_goals: returns the number of goals that the robot may be at work on.
+        open_goals: returns the number of goals that the robot may be executing.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
@@ -68,11 +68,11 @@ class MotionGate:
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._drives_until = -math.inf
-        """Monotonic time until which the robot may drive by a velocity that was sent here."""
+        """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._forbidden = ""
-        """Why nothing that moves the robot is sent."""
+        """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
-        """Time of the event loop until which `_forbidden` holds."""
+        """Loop time until which requests that move the robot are refused."""
         self._stop_callbacks: list[Callable[[], None]] = []
         self._drops = DropLog(_LOG)
         self.superseded = 0
@@ -85,7 +85,7 @@ class MotionGate:
         *,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
-        """Send a command and wait for the answer. Commands that move nothing just pass.
+        """Send a command and wait for the answer. The rules apply only to motion commands.
 
         Args:
             message: the command.
@@ -93,7 +93,7 @@ class MotionGate:
             tap: as in `ChassisClient.request`.
 
         Raises:
-            SupersededError: the rules forbid to send it; nothing was sent.
+            SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
         if not commands_motion(message):
@@ -101,7 +101,7 @@ class MotionGate:
         return await self._request(message, timeout, tap=tap)
 
     async def stop(self, timeout: float) -> StopReport:
-        """Send a zero velocity and cancel everything that moves the robot, before all that waits.
+        """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
 
         Args:
             timeout: time to wait for each answer, in seconds.
@@ -110,15 +110,15 @@ class MotionGate:
             callback()
         self._forbid("cancelled by the `stop` service", HOLD)  # rule 4
         orders = [Twist(), *cancel_orders().values()]
-        # each is put before all that waits: the one to be sent first comes last
+        # each goes to the front of the queue, so the first one to send is queued last
         answers = await asyncio.gather(
-            *(self._order(message, timeout) for message in reversed(orders))
+            *(self._send_first(message, timeout) for message in reversed(orders))
         )
         zero, *cancels = reversed(answers)
         return StopReport(zero, dict(zip(cancel_orders(), cancels, strict=True)))
 
     async def close(self, timeout: float) -> None:
-        """Send nothing that moves the robot any more, and stop it if it may drive by a velocity.
+        """Refuse all further motion, and stop the robot if it may be driving at a velocity.
 
         Args:
             timeout: time to wait for the answer to the zero, in seconds.
@@ -131,36 +131,40 @@ class MotionGate:
             await self.request(Twist(), timeout)
 
     def on_stop(self, callback: Callable[[], None]) -> None:
-        """Have `callback` called at the beginning of each stop."""
+        """Call `callback` at the beginning of each stop."""
         self._stop_callbacks.append(callback)
 
     @property
     def driving(self) -> bool:
-        """True if the robot may still drive by a velocity that was sent here."""
+        """True if the robot may still be driving at a velocity from this gate."""
         return time.monotonic() < self._drives_until
 
     @property
     def owner(self) -> str:
-        """Name of what drives the robot without velocities; empty if nothing does."""
+        """Name of the goal, task or action that drives the robot; empty if there is none."""
         return "a goal" if self._open_goals() else self._reported_owner.name
 
     async def _request(self, message: Message, timeout: float | None, **options: Any) -> Answer:
         if not isinstance(message, Twist):
-            return await self._pass(message, timeout, **options)
+            return await self._send_if_allowed(message, timeout, **options)
 
         def send(send_within: float) -> Coroutine[Any, Any, Answer]:
-            return self._pass(message, timeout, urgent=True, send_within=send_within, **options)
+            return self._send_if_allowed(
+                message, timeout, urgent=True, send_within=send_within, **options
+            )
 
         try:
             return await self._velocities.request(message, send)  # rule 2
         except SupersededError as error:
-            if self._forbidden_until < math.inf:  # a stream at the end of the program is no news
+            if self._forbidden_until < math.inf:  # after closing, refusals are expected
                 self.superseded += 1
                 self._drops.count("velocity commands were out of date and not sent", str(error))
             raise
 
-    async def _pass(self, message: Message, timeout: float | None, **options: Any) -> Answer:
-        """Send a request that commands motion, if it is allowed now. Nothing waits here."""
+    async def _send_if_allowed(
+        self, message: Message, timeout: float | None, **options: Any
+    ) -> Answer:
+        """Send a motion command at once if the rules allow it now."""
         moves = may_move(message)
         if moves and asyncio.get_running_loop().time() < self._forbidden_until:  # rules 4 and 5
             raise SupersededError(f"not sent: {self._forbidden}")
@@ -174,15 +178,15 @@ class MotionGate:
             self._drives_until = -math.inf
         return answer
 
-    async def _order(self, message: Message, timeout: float) -> Answer | LinkError:
-        """Send an order of a stop before all that waits; return the error if there is no answer."""
+    async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
+        """Send one request of a stop ahead of all others; return the error if it fails."""
         try:
             return await self._request(message, timeout, first=True)
         except LinkError as error:
             return error
 
     def _forbid(self, reason: str, duration: float) -> None:
-        """Send nothing that moves: nothing that waits, and nothing that comes in `duration` s."""
+        """Withdraw waiting requests that move the robot; refuse new ones for `duration` seconds."""
         until = asyncio.get_running_loop().time() + duration
         if until > self._forbidden_until:
             self._forbidden, self._forbidden_until = reason, until

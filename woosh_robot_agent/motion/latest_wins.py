@@ -17,10 +17,10 @@ T = TypeVar("T")
 STALL = 0.5
 """Time without an answer after which further velocities are held back, in seconds.
 
-It is also the maximum age at which a velocity is sent. The chassis itself goes on with the last
-velocity that it received for as long.
+It is also the maximum age at which a velocity is sent. The chassis itself keeps the last velocity
+that it received for the same time.
 """
-_NEWER = "a newer velocity command took its place"
+_NEWER = "replaced by a newer velocity command"
 
 
 class LatestWins(Generic[T]):
@@ -31,9 +31,9 @@ class LatestWins(Generic[T]):
 
     def __init__(self) -> None:
         self._unanswered: dict[int, float] = {}
-        """Times (of the event loop) at which unanswered velocities were sent, by serial number."""
+        """Loop times at which unanswered velocities were sent, by serial number."""
         self._held: asyncio.Future[None] | None = None
-        """The velocity that is held back; done when it may be sent or is superseded."""
+        """Future of the velocity that is held back; done when it may be sent or is superseded."""
         self._newest = 0
         """Serial number of the newest velocity."""
 
@@ -46,7 +46,7 @@ class LatestWins(Generic[T]):
                 be sent, in seconds.
 
         Raises:
-            SupersededError: a newer velocity came first, or this one became too old.
+            SupersededError: a newer velocity replaced it, or it became too old.
             LinkError: raised by `send`.
         """
         self._newest += 1
@@ -63,14 +63,14 @@ class LatestWins(Generic[T]):
         finally:
             del self._unanswered[serial]
             if not self._stalled():
-                self._let_go()
+                self._release()
 
     def withdraw(self, reason: str) -> None:
-        """Do not send the velocity that is held back: it fails for `reason`."""
+        """Discard the velocity that is held back; its `request` fails for `reason`."""
         if self._held is not None and not self._held.done():
             self._held.set_exception(SupersededError(f"not sent: {reason}"))
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         if self._held is not None and not self._held.done():
             self._held.set_result(None)
 
@@ -89,5 +89,5 @@ class LatestWins(Generic[T]):
                 f"{STALL:g} s this one is too old; check the link, and stop the robot"
             ) from None
         finally:
-            if self._held is held:  # else a newer velocity is held already
+            if self._held is held:  # otherwise a newer velocity is held already
                 self._held = None

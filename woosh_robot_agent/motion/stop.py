@@ -1,4 +1,4 @@
-"""The orders of a stop, and how the chassis answered them."""
+"""The requests that make up a stop, and the chassis's answers to them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 
 
 def cancel_orders() -> dict[str, Message]:
-    """Return the requests that cancel whatever moves the robot, by the name of what they cancel.
+    """Return the requests that cancel the task and the actions, by the name of each.
 
     The actions are those members of the oneof of CallAction that can be cancelled.
     """
@@ -31,11 +31,11 @@ def cancel_orders() -> dict[str, Message]:
 
 @dataclass(frozen=True)
 class StopReport:
-    """Answers of the chassis to the orders of a stop.
+    """Answers of the chassis to the requests of a stop.
 
     Attributes:
-        zero: the answer to the zero velocity, or why there is none.
-        cancels: the answers to the cancels, or why there is none, by the name of what they cancel.
+        zero: the answer to the zero velocity, or the error if there is none.
+        cancels: the answer or error of each cancel request, by the name of the task or action.
     """
 
     zero: Answer | LinkError
@@ -45,13 +45,13 @@ class StopReport:
     def success(self) -> bool:
         """True if the chassis confirmed the zero and answered each cancel.
 
-        The chassis refuses to cancel what does not run; that is no failure.
+        The chassis refuses to cancel something that is not running; that is no failure.
         """
         return _is_ok(self.zero) and not self._lost
 
     @property
     def message(self) -> str:
-        """The result for people, with what to do where the stop failed."""
+        """Human-readable result, with advice if the stop failed."""
         parts = ["stopped" if _is_ok(self.zero) else f"NOT STOPPED: {_reason(self.zero)}"]
         parts += [f"{name} cancelled" for name, answer in self.cancels.items() if _is_ok(answer)]
         if not self.success:

@@ -16,7 +16,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = 2.0
-"""Time without any velocity after which the sender counts as having let go, in seconds."""
+"""Time without any velocity after which the sender counts as paused, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -42,22 +42,22 @@ class VelocityDriver:
     """Drives the robot by a stream of velocities. Used in the event loop of the link.
 
     1. Velocities that are not finite are refused; those beyond the limits are scaled down.
-    2. The robot belongs to whatever drives it by itself: meanwhile velocities are refused, unless
-       the limits say `override`.
-    3. A stop silences the stream until its sender pauses or sends a zero.
-    4. At most `rate` velocities per second are sent, the newest one each time. The first zero waits
-       for nothing.
-    5. Each velocity is sent at most once, and none is kept for a later link.
+    2. While a goal, a task or an action drives the robot, velocities are refused, unless the limits
+       have `override` set.
+    3. After a stop, velocities are refused until their sender pauses or sends a zero.
+    4. At most `rate` velocities per second are sent, the newest one each time. The first zero is
+       sent at once.
+    5. Each velocity is sent at most once, and none is kept for after a reconnect.
     6. Without a new velocity within `timeout`, the robot is stopped.
     7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
        back.
-    8. A zero is sent only to stop what this stream or another velocity moved.
+    8. A zero is sent only if this stream or another velocity command moved the robot.
 
     Args:
         gate: sends the velocities.
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
-        limits: returns the limits of the moment.
+        limits: returns the current limits.
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class VelocityDriver:
         self._waiting: Twist | None = None
         """The velocity to send next."""
         self._heard = -math.inf
-        """Time of the last velocity that came; this and all times are the event loop's."""
-        self._obeyed = -math.inf
-        """Time of the last velocity that was not refused."""
+        """Loop time of the last velocity that was received."""
+        self._accepted = -math.inf
+        """Loop time of the last velocity that was accepted."""
         self._sent = -math.inf
-        """Time of the last velocity that was sent."""
+        """Loop time of the last velocity that was sent."""
         self._silenced = False
-        self._owes_zero = False
+        self._needs_zero = False
         """True if the link was lost while the stream drove the robot."""
         self._wake = asyncio.Event()
         self._requests: set[asyncio.Task[None]] = set()
@@ -107,7 +107,7 @@ class VelocityDriver:
                     timer.cancel()
 
     def drive(self, linear: float, sideways: float, angular: float) -> None:
-        """Take a velocity of the stream.
+        """Process a velocity of the stream.
 
         Args:
             linear: speed ahead, in m/s.
@@ -135,21 +135,21 @@ class VelocityDriver:
             self.refuse("link", "there is no link to the chassis")
         elif moves or self._has_to_stop():  # rule 8
             self._log.clear()
-            self._obeyed = now
+            self._accepted = now
             self._waiting = self._limited(*values)
             self._wake.set()
 
     def refuse(self, kind: str, reason: str) -> None:
-        """Log that a velocity is refused; repeated reasons of one kind are logged once.
+        """Log why a velocity is refused; repeated reasons of one kind are logged once.
 
         Args:
             kind: the kind of the reason.
             reason: why, and what to do.
         """
-        self._log.warn(kind, f"{self._name} is not obeyed: {reason}")
+        self._log.warn(kind, f"{self._name} is ignored: {reason}")
 
     def _has_to_stop(self) -> bool:
-        """Return True if a zero has something to stop."""
+        """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
         return self._driving and not self._gate.owner
@@ -165,13 +165,13 @@ class VelocityDriver:
         )
 
     def _due(self) -> float:
-        """Return the time at which something is to be sent."""
+        """Return the loop time at which to send next; infinite if there is nothing to send."""
         limits = self._limits()
         if self._waiting is not None:  # rule 4
             first_zero = self._driving and not may_move(self._waiting)
             return 0.0 if first_zero else self._sent + 1.0 / limits.rate
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
-            return self._obeyed + limits.timeout
+            return self._accepted + limits.timeout
         return math.inf
 
     def _send_due(self) -> None:
@@ -179,7 +179,7 @@ class VelocityDriver:
             self._send(self._waiting)
         elif self._gate.driving:
             self._send(Twist())
-        else:  # rule 8: a task or an action took the wheels since, and a zero would stop that
+        else:  # rule 8: a task or an action drives the robot now, and a zero would stop it
             self._driving = False
 
     def _send(self, velocity: Twist) -> None:
@@ -196,7 +196,7 @@ class VelocityDriver:
         except SupersededError as error:  # normal while the chassis is slow
             _LOG.debug("%s: %s", self._name, error)
         except LinkError as error:
-            self._log.warn("request", f"{self._name} did not get through: {error}")
+            self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
         else:
             if not answer.ok:
                 self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
@@ -210,11 +210,11 @@ class VelocityDriver:
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
             self._waiting = None
-            self._owes_zero = self._owes_zero or self._driving
+            self._needs_zero = self._needs_zero or self._driving
             self._driving = False
-        elif self._owes_zero:  # rule 7
-            self._owes_zero = False
-            asyncio.get_running_loop().call_soon(self._zero_after_loss)  # the snapshot comes first
+        elif self._needs_zero:  # rule 7
+            self._needs_zero = False
+            asyncio.get_running_loop().call_soon(self._zero_after_loss)  # after the snapshot
 
     def _zero_after_loss(self) -> None:
         if not self._gate.owner:

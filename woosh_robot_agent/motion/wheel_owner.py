@@ -1,4 +1,4 @@
-"""Ownership of the wheels: what drives the robot by itself, as the chassis reports it."""
+"""Ownership of the wheels: the task or actions that the chassis reports as driving the robot."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ class WheelOwner:
                 (self._actions.add if running else self._actions.discard)(report.action)
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is not LinkState.READY:  # the report of the end may be missed
+        if state is not LinkState.READY:  # the reports of their end may be missed
             self._actions.clear()

@@ -48,8 +48,8 @@ class CmdVel(Part):
         if limit and abs(age) > limit:
             self._driver.refuse(
                 "age",
-                f"its stamp is {age:.1f} s old, and more than cmd_vel_max_age ({limit:g} s) "
-                "either way is refused; check the sender's clock",
+                f"its stamp is {age:.1f} s old; cmd_vel_max_age allows {limit:g} s into the past "
+                "or the future; check the sender's clock",
             )
             return
         self._drive(message.twist)

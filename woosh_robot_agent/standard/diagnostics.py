@@ -1,4 +1,4 @@
-"""/diagnostics: the state of link and robot, from data that the agent has anyway."""
+"""/diagnostics: the state of link and robot, from data that the agent already has."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Status:
         Args:
             prefix: prefix of the name, which tells robots apart.
             hardware_id: serial number or id of the robot.
-            fine: text of a status without messages.
+            fine: text if the status has no messages.
         """
         return DiagnosticStatus(
             level=self.level,
@@ -118,8 +118,8 @@ def chassis_status(info: RobotInfo) -> Status:
         "state": _name(robot.State, info.state),
         "control mode": _name(robot.ControlMode, info.mode.ctrl),
         "work mode": _name(robot.WorkMode, info.mode.work),
-        "taskable": _yes(is_taskable(info)),
-        "localised": _yes(is_located(info)),
+        "taskable": _yes_or_no(is_taskable(info)),
+        "localised": _yes_or_no(is_located(info)),
         "scene": info.scene.scene_name,
         "map": info.scene.map_name,
     }
@@ -216,5 +216,5 @@ def _name(enum: Any, value: int) -> str:
     return names[value].removeprefix("k") if value in names else str(value)
 
 
-def _yes(value: bool | None) -> str:
+def _yes_or_no(value: bool | None) -> str:
     return "unknown" if value is None else "yes" if value else "no"

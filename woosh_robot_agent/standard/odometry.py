@@ -20,17 +20,17 @@ _MAX_DELAY = 0.3
 _MAX_INTERVAL = 0.5
 """Maximum interval between two reports of a moving robot, in seconds."""
 _POSITION_TOLERANCE = 0.03
-"""Maximum difference between a report and the reported speeds, forward, in metres."""
+"""Maximum forward difference between reported pose and prediction from speeds, in metres."""
 _HEADING_TOLERANCE = 0.03
-"""Maximum difference between a report and the reported speeds, in radians."""
+"""Maximum difference between reported heading and prediction from speeds, in radians."""
 _SIDEWAYS_TOLERANCE = 0.1
 """Maximum sideways movement between two reports, in metres; reports have no sideways speed."""
 _POSE_SET_INTERVAL = 0.3
 """Time after setting the robot's pose in which it may still report the old one, in seconds."""
 _POSE_SET_TOLERANCE = 0.01
-"""Maximum difference in that time while the robot moves, in metres or radians."""
+"""Tolerance within `_POSE_SET_INTERVAL` while the robot moves, in metres or radians."""
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
-"""Maximum difference in that time while the robot stands, in metres or radians."""
+"""Tolerance within `_POSE_SET_INTERVAL` while the robot stands, in metres or radians."""
 _LEVER = 0.3
 """Distance from the robot's centre at which turning counts as much as driving, in metres."""
 _MIN_SIDEWAYS = 0.004
@@ -70,7 +70,7 @@ class Odometry:
         return bool(self.forward or self.turn)
 
     def lost(self) -> None:
-        """Note that reports are missing: the next one starts anew instead of showing a movement."""
+        """Note that reports were missed: the next one must not count as a movement."""
         self._known = False
 
     def pose_set(self, time: float) -> None:

@@ -53,7 +53,7 @@ class PartContext:
         return self.node.get_clock().now().to_msg()
 
     def publisher(self, name: str, callbacks: PublisherEventCallbacks | None = None) -> Any:
-        """Return a publisher for a topic of the table; it may publish from the link thread.
+        """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.
 
         Args:
             name: name of the topic.
@@ -76,12 +76,12 @@ class PartContext:
         *,
         in_executor: bool = False,
     ) -> None:
-        """Call `callback` with each message on a topic of the table.
+        """Subscribe to a topic in `endpoints.STANDARD`.
 
         Args:
             name: name of the topic.
-            callback: called in the link thread; must not block.
-            type_name: ROS type of the topic, if it is not that of the table.
+            callback: called with each message in the link thread; must not block.
+            type_name: ROS type of the topic, if it differs from that in `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.
         """
         endpoint = BY_NAME[name]
@@ -93,7 +93,7 @@ class PartContext:
         )
 
     def service(self, name: str, handle: Callable[[Any, Reply], None]) -> DeferredService:
-        """Create the server of a service of the table; `handle` runs in the executor thread."""
+        """Create a service in `endpoints.STANDARD`; `handle` runs in the executor thread."""
         return DeferredService(self.node, class_of(BY_NAME[name].type, "srv"), name, handle)
 
     def _logging(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:

@@ -21,7 +21,7 @@ class Pose2D:
         return cls(pose.x, pose.y, pose.theta)
 
     def __mul__(self, other: Pose2D) -> Pose2D:
-        """Compose two poses: `other`, given in this pose's child frame, in its parent frame."""
+        """Return `other`, given in this pose's child frame, transformed to its parent frame."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return Pose2D(
             self.x + cos * other.x - sin * other.y,

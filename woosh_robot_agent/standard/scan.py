@@ -26,9 +26,8 @@ _LOG = logging.getLogger(__name__)
 class Scan(Part):
     """Publishes scan at `scan_rate` while it has subscribers and the link is ready.
 
-    The chassis sends scans only on request. With `publish_laser_tf`, the pose of the laser is
-    published on /tf_static, if the firmware reports it; for that one scan is requested on each new
-    link.
+    The chassis sends scans only on request. With `publish_laser_tf`, one scan is requested on each
+    new link. If that scan has the pose of the laser, the pose is published on /tf_static.
     """
 
     def __init__(self, context: PartContext) -> None:

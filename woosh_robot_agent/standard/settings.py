@@ -15,7 +15,7 @@ def _switch(description: str) -> Any:
 
 @dataclass(frozen=True)
 class StandardSettings:
-    """The values of the standard layer's parameters; the fields describe themselves.
+    """The values of the standard layer's parameters; each field has a description.
 
     Raises:
         ValueError: the name of a frame is invalid.

@@ -33,7 +33,7 @@ _CHARGE = {
 
 
 def battery_state(context: PartContext, battery: Battery) -> BatteryState:
-    """Return the state of the battery; what the chassis does not measure is NaN."""
+    """Return the state of the battery; values that the chassis does not measure are NaN."""
     nan = math.nan
     message = BatteryState(
         voltage=nan,
@@ -127,10 +127,10 @@ class _State(Part):
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
         request = self._context.requests.empty(self._cls)
-        try:  # sent before pending requests, whatever max_in_flight says
+        try:  # sent ahead of pending requests, regardless of max_in_flight
             answer = await self._context.chassis.request(request, first=True)
         except LinkError as error:
-            _LOG.debug("no first %s: %s", self._cls.DESCRIPTOR.name, error)
+            _LOG.debug("cannot request the first %s: %s", self._cls.DESCRIPTOR.name, error)
             return
         if answer.ok and isinstance(answer.body, self._cls):
             self._publish(answer.body)

@@ -1,4 +1,4 @@
-"""stop: ends everything that moves the robot, at once."""
+"""stop: stops the robot at once, and cancels everything that moves it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _TIMEOUT = 2.0
 
 
 class Stop(Part):
-    """The service stop: `MotionGate.stop`."""
+    """The service stop, which calls `MotionGate.stop`."""
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._service = context.service("stop", self._asked)
+        self._service = context.service("stop", self._stop_requested)
 
-    def _asked(self, _request: Any, reply: Reply) -> None:
+    def _stop_requested(self, _request: Any, reply: Reply) -> None:
         self._context.thread.spawn(partial(self._stop, reply), reply.fail)
 
     async def _stop(self, reply: Reply) -> None:

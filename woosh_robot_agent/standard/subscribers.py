@@ -30,7 +30,7 @@ class Subscribers:
         self._has_events = True
 
     def publisher(self, name: str) -> Any:
-        """Return a publisher for a topic of the table, and add it to the set."""
+        """Return a publisher for a topic in `endpoints.STANDARD`, and add it to the set."""
         callbacks = PublisherEventCallbacks(matched=self._matched)
         try:
             publisher = self._context.publisher(name, callbacks)
@@ -48,8 +48,8 @@ class Subscribers:
     async def times(self, rate: Callable[[], float]) -> AsyncIterator[float]:
         """Yield the loop's time at a fixed rate while there are subscribers.
 
-        The first time comes with the first subscriber. Missed times are skipped, and do not add up
-        to a drift.
+        The first time comes with the first subscriber. Missed times are skipped. Small delays do
+        not add up.
 
         Args:
             rate: returns the current rate, in Hz.

@@ -1,4 +1,4 @@
-"""A simulated chassis and the real agent, which runs in this process or in its own one."""
+"""A simulated chassis and the real agent, which runs in this process or in one of its own."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class RunningAgent(Protocol):
             times: Number of connections since the start of the agent.
 
         Raises:
-            AssertionError: It has not within 60 s.
+            AssertionError: It did not connect within 60 s.
         """
 
     def close(self) -> None:
@@ -172,7 +172,7 @@ class AgentProcess:
             times: Number of occurrences since the start of the agent.
 
         Raises:
-            AssertionError: It has not within 60 s, or it has ended.
+            AssertionError: The text was not logged within 60 s, or the agent has ended.
         """
 
         def is_logged() -> bool:

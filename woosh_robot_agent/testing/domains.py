@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 _LOCK_PORT = 21000
 """Base of the TCP ports that lock a domain for all processes of this machine.
 
-A domain is in use while the port with this number plus the domain's is bound.
+Domain N is in use while the port with this number plus N is bound.
 """
 _DOMAINS = 100
 """Number of domains for tests, from 1."""

@@ -9,7 +9,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 TIMEOUT = 60.0
-"""Default timeout of all waiting, in seconds: far longer than anything takes on a busy machine."""
+"""Default timeout of all waits, in seconds. Even a busy machine does not need that long."""
 _POLL_PERIOD = 0.005
 """Time between two calls of a condition, in seconds."""
 
@@ -19,7 +19,7 @@ def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIME
 
     Args:
         condition: Function to call until it returns a true value.
-        what: What the condition stands for, for the error message.
+        what: Description of the condition, for the error message.
         timeout: Maximum time to wait, in seconds.
 
     Returns:

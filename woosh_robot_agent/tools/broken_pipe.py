@@ -1,4 +1,4 @@
-"""Quiet exit of a program whose output nobody reads any more, as with `| head`."""
+"""Quiet exit of a program when its stdout is closed, as by `| head`."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def client_codec(config: LinkConfig) -> Codec:
 
 
 def server_codec(frame: str | bytes) -> Codec:
-    """Return the codec in which a server reads and answers a frame: JSON for text, else protobuf.
+    """Return the codec with which a server reads and answers a frame: JSON for text, else protobuf.
 
     A server learns the encoding of each client from the client's frames.
     """

@@ -117,7 +117,7 @@ def _integer(value: Any) -> int | None:
 
 
 def _text(value: object) -> str:
-    """Return a text of the envelope; a value of another type does not make the frame bad."""
+    """Return a value of the envelope as text; values of other types are tolerated."""
     if not isinstance(value, str):
         return str(value) if isinstance(value, int | float) else ""
     if value.isascii():

@@ -23,17 +23,17 @@ class ServerTransport(Transport, Protocol):
         """Write bytes without a frame around them; waits while the buffer is full.
 
         Call it only between two frames. Bytes that are not a frame may make the connection
-        useless.
+        unusable.
 
         Raises:
             TransportClosedError: the connection has ended.
         """
 
     def pause(self) -> None:
-        """Read nothing more from the socket, pings included, until `resume`."""
+        """Stop reading from the socket, pings included, until `resume`."""
 
     def resume(self) -> None:
-        """Read from the socket again."""
+        """Resume reading from the socket."""
 
 
 Handler = Callable[[ServerTransport], Awaitable[None]]

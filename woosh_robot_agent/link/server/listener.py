@@ -8,17 +8,17 @@ from typing import Any
 from woosh_robot_agent.link.timeouts import run_with_timeout
 
 _CLOSE_TIMEOUT = 1.0
-"""Maximum wait for the end of the listening sockets, in seconds."""
+"""Maximum wait for the listening sockets to close, in seconds."""
 
 
 class Listener:
     """The listening sockets of a server.
 
     Args:
-        server: an asyncio or a WebSocket server that listens already.
+        server: an asyncio or WebSocket server that is already listening.
 
     Attributes:
-        port: port of the first socket, also where a free one was asked for.
+        port: actual port of the first socket, even if port 0 was requested.
         addresses: family and address of each socket.
     """
 

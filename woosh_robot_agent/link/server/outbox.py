@@ -1,4 +1,4 @@
-"""A client as the listening end sees it: its subscriptions and its queue of outgoing frames."""
+"""The server's side of one client: its subscriptions and its queue of outgoing frames."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ Write = Callable[[ServerTransport], Awaitable[None]]
 """Writes to a connection in place of an ordinary frame."""
 
 Encoded = str | bytes | Write
-"""An encoded frame, or a function that writes what cannot be sent as an ordinary frame."""
+"""An encoded frame, or a function that writes something other than an ordinary frame."""
 
 _MAX_BYTES = 64 * 1024 * 1024
-"""Maximum number of queued bytes with which a client still gets another frame."""
+"""Number of queued bytes above which a client is dropped instead of getting another frame."""
 
 
 class ConnectedClient:
-    """The listening end of one connection.
+    """A client that is connected to a server.
 
     Args:
         transport: The open connection.
-        max_outbox: Maximum number of frames that wait. A client that exceeds it is dropped.
+        max_outbox: Maximum number of queued frames. A client that exceeds it is dropped.
 
     Attributes:
-        topics: Its subscriptions: topics with the codecs in which it subscribed.
+        topics: Subscribed topics, each with the codec of the subscription.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
@@ -48,7 +48,7 @@ class ConnectedClient:
 
     @property
     def unsent(self) -> int:
-        """Frames in the queue plus bytes in the buffer of the transport."""
+        """Queued frames plus bytes in the transport's buffer; 0 once everything has been sent."""
         return len(self._outbox) + self.transport.backlog()
 
     def send(self, frame: Encoded) -> None:

@@ -35,8 +35,8 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
 
     Args:
         handler: serves one connection.
-        host: the address to listen at.
-        port: the port to listen at; 0 takes a free one.
+        host: the address to listen on.
+        port: the port to listen on; 0 takes a free one.
         max_size: largest frame that is read, in bytes.
     """
 

@@ -19,7 +19,7 @@ from woosh_robot_agent.link.transport.websockets_compat import serve
 _CLOSE_TIMEOUT = 1.0
 _FINAL_FRAGMENT = 0x80
 _DRAIN_POLL = 0.002
-"""Pause between two looks at a full write buffer, in seconds."""
+"""Time between two checks of a full write buffer, in seconds."""
 
 
 class WebSocketServerTransport(WebSocketTransport):
@@ -39,11 +39,11 @@ class WebSocketServerTransport(WebSocketTransport):
     async def send_raw(self, data: bytes) -> None:
         transport = self._socket.transport
         transport.write(data)
-        # the library's own way of waiting is private, and differs from release to release
+        # the library's own drain is private, and differs from release to release
         while transport.get_write_buffer_size() > CHUNK and not transport.is_closing():
             await asyncio.sleep(_DRAIN_POLL)
         if transport.is_closing():
-            raise TransportClosedError("the connection broke off without a close")
+            raise TransportClosedError("the connection ended without a close frame")
 
     def pause(self) -> None:
         self._socket.transport.pause_reading()
@@ -65,10 +65,11 @@ async def serve_websocket(
 
     Args:
         handler: serves one connection.
-        host: the address to listen at.
-        port: the port to listen at; 0 takes a free one.
+        host: the address to listen on.
+        port: the port to listen on; 0 takes a free one.
         max_size: largest frame that is read, in bytes.
-        before: awaited before a client's handshake is answered. After 10 s the client is dropped.
+        before: awaited before a client's handshake is answered. After 10 s of waiting, the client
+            is dropped.
         local_pages_only: refuse web pages as clients, except those of this machine.
     """
 

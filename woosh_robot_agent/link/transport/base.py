@@ -23,7 +23,7 @@ class Transport(Protocol):
         """Loop time at which a part of an unfinished frame last arrived; 0 before the first."""
 
     def backlog(self) -> int:
-        """Return the number of bytes that were sent, but that the network has not taken yet."""
+        """Return the number of accepted bytes that still wait in the write buffer."""
 
     async def send(self, data: str | bytes) -> None:
         """Hand one frame to the connection; waits while its buffer is full.

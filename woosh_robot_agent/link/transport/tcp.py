@@ -43,8 +43,8 @@ class TcpTransport:
     async def recv(self) -> str | bytes:
         try:
             size = await self._read_varint()
-            if size > _LARGEST_MESSAGE:  # skipping it would take for ever
-                raise TransportClosedError(f"a length of {size} bytes: not our format")
+            if size > _LARGEST_MESSAGE:  # skipping it would take forever
+                raise TransportClosedError(f"not delimited protobuf: frame of {size} bytes")
             if size > self._max_size:
                 await self._skip(size)
                 raise FrameError(
@@ -88,7 +88,7 @@ class TcpTransport:
             size |= (byte & 0x7F) << shift
             if byte < 0x80:
                 return size
-        raise TransportClosedError("a length that is not a varint: not our format")
+        raise TransportClosedError("not delimited protobuf: the frame length is not a varint")
 
     async def _read_large(self, size: int) -> bytes:
         data = bytearray()
@@ -108,7 +108,8 @@ async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
 
     Args:
         config: address and limits.
-        made: the stream writer is added here as soon as it exists, for the caller to abort.
+        made: list to which the stream writer is added as soon as it exists, so that the caller can
+            abort it.
 
     Raises:
         OSError: nothing answers at the address.

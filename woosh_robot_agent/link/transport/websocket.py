@@ -13,8 +13,8 @@ from woosh_robot_agent.link.transport.base import TransportClosedError, peer_add
 from woosh_robot_agent.link.transport.websockets_compat import RAW_TEXT, ClientSocket, Connect
 
 _PROGRESS = 1024
-"""Bytes of an unfinished frame that count as a sign of life. A few bytes now and then do not: such
-a frame would never end."""
+"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not: a frame that
+trickles in must not keep the link alive forever."""
 _MESSAGE_TOO_BIG = 1009
 """Close code for a frame that is larger than the receiver accepts."""
 
@@ -24,7 +24,7 @@ class WebSocketTransport:
 
     Args:
         socket: an open connection of the `websockets` library.
-        raw_text: return text frames as bytes, not checked, where the library can.
+        raw_text: return text frames as bytes, without a UTF-8 check, if the library can.
     """
 
     def __init__(self, socket: Any, *, raw_text: bool) -> None:
@@ -76,7 +76,8 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
     Args:
         config: address and limits.
-        made: the socket is added here as soon as it exists, for the caller to abort.
+        made: list to which the socket is added as soon as it exists, so that the caller can abort
+            it.
 
     Raises:
         OSError: nothing answers at the address.
@@ -106,22 +107,22 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
 
 class _ClientSocket(ClientSocket):
-    """The library's client, which also notes when a part of a frame arrives."""
+    """The library's client connection; it also notes when parts of a frame arrive."""
 
     progress_at = 0.0
-    _unnoted = 0
+    _bytes_since_progress = 0
 
     def data_received(self, data: bytes) -> None:
-        self._unnoted += len(data)
-        if self._unnoted >= _PROGRESS:
-            self.progress_at, self._unnoted = self.loop.time(), 0
+        self._bytes_since_progress += len(data)
+        if self._bytes_since_progress >= _PROGRESS:
+            self.progress_at, self._bytes_since_progress = self.loop.time(), 0
         super().data_received(data)
 
 
 def _reason(error: ConnectionClosed) -> str:
     close = error.rcvd or error.sent
     if close is None:
-        return "the connection broke off without a close"
+        return "the connection ended without a close frame"
     text = f"closed with code {close.code} {close.reason}".rstrip()
     if close.code == _MESSAGE_TOO_BIG:
         text += (

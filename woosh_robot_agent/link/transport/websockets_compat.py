@@ -35,7 +35,7 @@ _NO_PROXY: dict[str, Any] = (
 
 
 class Connect(_connect):
-    """`websockets.connect` without redirects or a proxy: to the given address, or nowhere.
+    """`websockets.connect` that follows no redirects and uses no proxy.
 
     Args:
         factory: makes the client's socket object.

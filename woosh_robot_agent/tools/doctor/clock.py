@@ -16,7 +16,7 @@ def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
             "the answer carries no time",
             "protobuf frames and old firmware have none: compare the clocks by other means",
         )
-    # The robot can have made the answer at any moment of the round trip.
+    # The robot may have created the answer at any moment of the round trip.
     if abs(answer.skew) <= max_skew + answer.round_trip / 2:
         return Result(Status.OK, f"differs by {abs(answer.skew):.2f} s")
     direction = "ahead of" if answer.skew > 0 else "behind"

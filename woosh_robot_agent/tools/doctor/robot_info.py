@@ -93,7 +93,7 @@ def _body(codec: Codec, answer: Envelope) -> RobotInfo:
     if not answer.ok:
         raise CheckFailedError(
             f"the robot refused the request: {answer.msg or 'no reason given'}",
-            "check --robot-id, and follow the reason",
+            "check --robot-id, and resolve the reason that the robot gave",
         )
     if answer.type != full_name(RobotInfo):
         raise CheckFailedError(

@@ -1,4 +1,4 @@
-"""The monitor's data straight from the chassis, without ROS."""
+"""Monitor data received directly from the chassis, without ROS."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from woosh_robot_agent.tools.monitor.robot_view import RobotView
 from woosh_robot_agent.tools.monitor.source import LinkReport
 
 _MAX_BACKOFF = 3.0
-"""Longest pause between attempts to connect, in seconds; short, because somebody is watching."""
+"""Longest pause between attempts to connect, in seconds; short, because a user is watching."""
 
 
 class LinkSource:

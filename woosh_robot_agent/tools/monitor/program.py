@@ -22,9 +22,9 @@ from woosh_robot_agent.tools.stop_signals import stop_event
 
 _NAMESPACE = "/woosh_robot"
 _REDRAW_PERIOD = 0.2
-"""Time between two pictures on a terminal, in seconds."""
+"""Time between two updates of a terminal, in seconds."""
 _CHECK_PERIOD = 0.02
-"""Time between two looks at whether `--once` can print, in seconds."""
+"""Time between two checks whether `--once` can print, in seconds."""
 _QUIT_KEYS = ("q", "Q", "\x03", "\x04")
 _EPILOG = """\
 Without --ip, the data comes from the agent, over ROS. With --ip, it comes
@@ -117,10 +117,10 @@ async def _run(source: Source, options: argparse.Namespace) -> int:
 
 
 async def print_once(source: Source, console: Console, stop: asyncio.Event, timeout: float) -> int:
-    """Print one picture as soon as it is complete, at the latest after `timeout` seconds.
+    """Print the state once, as soon as it is complete or `timeout` seconds have passed.
 
     Returns:
-        The exit status: 0 if the picture is complete and up to date, else 1.
+        The exit status: 0 if the state is complete and up to date, else 1.
     """
     loop = asyncio.get_running_loop()
     deadline = loop.time() + timeout

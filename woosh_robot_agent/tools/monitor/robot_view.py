@@ -1,4 +1,4 @@
-"""State of a robot as the monitor knows it. Knows neither ROS nor the terminal."""
+"""State of a robot as known to the monitor, independent of ROS and of the terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_CODES = 50
 
 
 class RobotView:
-    """State of one robot, updated with each message of it.
+    """State of one robot, updated with each message from it.
 
     Attributes:
         is_empty: True until the first message.
@@ -44,7 +44,7 @@ class RobotView:
         return info
 
     def update(self, message: Message) -> None:
-        """Take a push or an answer of the robot into account."""
+        """Update the state from a push or an answer of the robot."""
         self.is_empty = False
         if isinstance(message, StatusCode):
             self._add_codes([message])

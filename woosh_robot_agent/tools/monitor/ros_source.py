@@ -1,4 +1,4 @@
-"""The monitor's data from the agent, over ROS. The only module of the tools that needs ROS."""
+"""Monitor data received from the agent, over ROS. The only module of the tools that needs ROS."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from woosh_robot_agent.tools.monitor.robot_view import RobotView
 from woosh_robot_agent.tools.monitor.source import LinkReport
 
 _DISCOVERY_PERIOD = 0.5
-"""Time between two looks for the agent, in seconds."""
+"""Time between two searches for the agent, in seconds."""
 _SPIN_TIMEOUT = 0.1
-"""Maximum delay before the executor's thread notices that it must stop, in seconds."""
+"""Maximum delay before the executor thread notices that it must stop, in seconds."""
 _AGENT_TIMEOUT = 5.0
 """Time without an answer of the agent after which the view may be outdated, in seconds."""
 _PARAMETERS_TIMEOUT = 2.0
@@ -142,7 +142,7 @@ class RosSource:
         self._expected: set[str] = set()
         """Latched topics that the agent must have published on."""
         self._latched_deadline: float | None = None
-        """Time until which first messages are awaited; None before the answer to RobotInfo."""
+        """Time until which to wait for first messages; None before the answer to RobotInfo."""
         self._invalid = (0, "")
         """Number of messages that could not be converted, and the error of the last one."""
         self._robot_info: _RetriedCall
@@ -237,7 +237,7 @@ class RosSource:
             problems.append(f"no message on {', '.join(sorted(missing))}")
         return "; ".join(problems)
 
-    # The methods below run in the executor's thread.
+    # The methods below run in the executor thread.
 
     def _spin(self) -> None:
         executor = SingleThreadedExecutor(context=self._context)
@@ -261,7 +261,7 @@ class RosSource:
         self._node.create_subscription(ros_class, name, on_message, latched(depth))
 
     def _subscribe_feedback(self, name: str, action_class: Any, feedback: str) -> None:
-        """Receive the feedback of all goals of an action, whoever sent them."""
+        """Receive the feedback on all goals of an action, whichever client sent them."""
         message_class = action_class.Impl.FeedbackMessage
         feedback_class = type(message_class().feedback.fb)
         convert = converter(feedback_class, message_type(feedback))

@@ -1,4 +1,4 @@
-"""The picture of a robot, drawn with rich."""
+"""Display of a robot's state, drawn with rich."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _UNKNOWN = Text("unknown", _FAINT)
 
 
 def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> RenderableType:
-    """Return a picture of a robot.
+    """Return the display of a robot's state, for rich to print.
 
     Args:
         name: Name of the source, for the title.
         link: State of the link.
         view: State of the robot.
-        hint: Text below the picture, e.g. which key quits.
+        hint: Text below the display, e.g. which key quits.
     """
     rows = Table.grid(padding=(0, 2))
     rows.add_column(style="bold", no_wrap=True)

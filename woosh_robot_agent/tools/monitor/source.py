@@ -1,4 +1,4 @@
-"""Interface between the monitor and where its data comes from."""
+"""Interface between the monitor and the sources of its data."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from woosh_robot_agent.tools.monitor.robot_view import RobotView
 
 @dataclass(frozen=True)
 class LinkReport:
-    """State of the way from the robot to the monitor.
+    """State of the connection from the robot to the monitor.
 
     Attributes:
         good: True if the view is up to date.
         text: State of the link in words.
-        detail: Counters, times or what to do; may be empty.
+        detail: Counters, times or advice; may be empty.
     """
 
     good: bool
@@ -24,7 +24,7 @@ class LinkReport:
 
 
 class Source(Protocol):
-    """Where a view of a robot comes from. Used in one asyncio event loop.
+    """Source of a view of one robot. Used in one asyncio event loop.
 
     Attributes:
         name: Name of the source, shown as title.
@@ -35,13 +35,13 @@ class Source(Protocol):
     view: RobotView
 
     def link(self) -> LinkReport:
-        """Return the present state of the link."""
+        """Return the current state of the link."""
 
     def is_complete(self) -> bool:
-        """Return True once all first values have arrived, or have been awaited long enough."""
+        """Return True once all first values have arrived, or the wait for them has timed out."""
 
     async def start(self) -> None:
-        """Start to receive."""
+        """Start receiving."""
 
     async def close(self) -> None:
-        """Stop to receive."""
+        """Stop receiving."""

@@ -42,13 +42,13 @@ class _Connection:
     ended_by: tuple[Side, str] | None = None
 
     def end(self, by: Side, how: str) -> None:
-        """Note how the connection ended, unless it has already ended or never was complete."""
+        """Note how the connection ended, unless that was noted or the chassis was not connected."""
         if self.ended_by is None and len(self.writers) == 2:
             self.ended_by = by, how
 
 
 class RecordingProxy:
-    """A proxy that records; bytes that it cannot parse are forwarded all the same.
+    """A proxy that records; bytes that it cannot parse are forwarded, too.
 
     Args:
         chassis: Address of the chassis; each client gets a connection of its own to it.
@@ -151,7 +151,7 @@ class RecordingProxy:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
-        """Copy one direction until its end; each piece is forwarded first and parsed then."""
+        """Copy one direction until its end; forward each piece before parsing it."""
         parser: FrameParser | None = self._make_parser(sender)
         receiver: Side = "chassis" if sender == "client" else "client"
         is_reading = True
@@ -185,7 +185,7 @@ class RecordingProxy:
         except UnreadableError as error:
             self._writer.event(connection.number, "unreadable", sender, str(error))
             _LOG.warning(
-                "recording of what the %s sends on connection %d ends, forwarding goes on: %s",
+                "no longer recording frames from the %s on connection %d, only forwarding them: %s",
                 sender,
                 connection.number,
                 error,

@@ -37,7 +37,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Anything but a frame that happened to a connection.
+    """A change of a connection, such as its end.
 
     Attributes:
         t: Time since the start of the recording, in seconds.
@@ -45,7 +45,7 @@ class Event:
         kind: `open`, `close`, `refused` (a client connected, but the chassis could not be reached)
             or `unreadable` (the rest of one direction cannot be parsed into frames).
         by: Side that caused the event.
-        text: Explanation for people.
+        text: Human-readable explanation.
     """
 
     t: float

@@ -13,17 +13,16 @@ from typing import IO, Any
 from woosh_robot_agent.tools.recording.records import FORMAT, VERSION, EventKind, Side
 
 _FLUSH_PERIOD = 1.0
-"""Maximum time for which a compressed file lags behind, in seconds.
+"""Minimum time between two flushes of a compressed file, in seconds.
 
-Each flush makes the compression worse.
+Frequent flushes make the compression worse.
 """
 
 
 class RecordingWriter:
     """Writes a recording so that a crash loses little; compressed if the name ends in `.gz`.
 
-    An error of the file ends the recording and raises nothing, because the link through the
-    recorder must go on.
+    A file error ends the recording but is not raised, because the proxy must keep forwarding.
 
     Args:
         path: Path of the new file; it must not exist.
@@ -116,7 +115,7 @@ class RecordingWriter:
             self._end_early(f"cannot write to {self.path}: {error.strerror or error}")
 
     def _end_early(self, reason: str) -> None:
-        self._close_files()  # its errors follow from the reason
+        self._close_files()  # further errors follow from the first one
         self._fail(reason)
 
     def _close_files(self) -> OSError | None:

@@ -1,4 +1,4 @@
-"""Recorded answers, and which of them a request gets."""
+"""Recorded answers, and the choice of one for each request."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ class ReplayedChassis:
             self._drop_clients()
 
     async def _do(self, step: Step, commands: int) -> None:
-        """Do one step.
+        """Carry out one step.
 
         Args:
             step: The step.

@@ -1,4 +1,4 @@
-"""Recorded frames in the encoding of the client that receives them."""
+"""Conversion of recorded frames to the encoding of the receiving client."""
 
 from __future__ import annotations
 
