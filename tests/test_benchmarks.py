@@ -40,7 +40,7 @@ def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
         assert all(value > 0 for value in figures.values()), found
 
 
-def test_growth_of_cost_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert scale.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert list(found) == list(scale.SWEEPS)

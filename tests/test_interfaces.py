@@ -73,21 +73,21 @@ def part_classes(package: str, name: str) -> list[Any]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 class TestPackage:
-    def test_installs_all_types_and_no_others(self, package: str):
+    def test_all_types_and_no_others_are_installed(self, package: str):
         content, _ = get_resource("rosidl_interfaces", package)
         installed = {line.rpartition(".")[0] for line in content.split() if ".idl" not in line}
         hashed = {name.partition("/")[2] for name in HASHES if name.startswith(package + "/")}
         assert installed == hashed == facts_of(package).keys()
 
-    def test_hashes(self, package: str):
+    def test_type_hashes_match_the_facts(self, package: str):
         wanted = {name: text for name, text in HASHES.items() if name.startswith(package + "/")}
         assert {name: built_hash(name) for name in wanted} == wanted
 
-    def test_definitions(self, package: str):
+    def test_definitions_match_the_facts(self, package: str):
         for name, parts in facts_of(package).items():
             assert installed_parts(package, name) == parts, name
 
-    def test_constants_and_defaults_of_the_classes(self, package: str):
+    def test_constants_and_defaults_of_the_classes_match_the_facts(self, package: str):
         for name, parts in facts_of(package).items():
             for cls, part in zip(part_classes(package, name), parts, strict=True):
                 compare_class(cls, part)

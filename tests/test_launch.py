@@ -141,7 +141,7 @@ def params_file(folder: Path, **values: Any) -> str:
 
 @pytest.mark.usefixtures("share")
 class TestLaunch:
-    def test_agent(self):
+    def test_agent_starts_with_the_given_parameters(self):
         (node,) = Launch("agent", ip="172.20.8.74", namespace="robot7").nodes
         values = check_agent(node)
         assert (values["ip"], node["namespace"]) == ("172.20.8.74", "robot7")
@@ -160,7 +160,7 @@ class TestLaunch:
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
 
-    def test_bringup_without_robot_state_publisher(self):
+    def test_bringup_works_without_robot_state_publisher(self):
         (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         values = check_agent(node)
         assert values["publish_tf"] is True
@@ -168,7 +168,7 @@ class TestLaunch:
         assert values["frame_prefix"] == "r1/"
 
     @pytest.mark.usefixtures("robot_state_publisher")
-    def test_bringup_with_robot_state_publisher(self):
+    def test_bringup_starts_robot_state_publisher_if_installed(self):
         agent, model = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         assert check_agent(agent)["publish_laser_tf"] is False
         assert model["executable"] == ("robot_state_publisher",) * 2
@@ -209,7 +209,7 @@ class TestLaunch:
         _, model = Launch("bringup", namespace="r9", params_file=str(file)).nodes
         assert model["values"]["frame_prefix"] == prefix
 
-    def test_sim(self):
+    def test_sim_starts_agent_and_simulator(self):
         launch = Launch("sim", port="5490", speed="2")
         (simulator,) = launch.others
         path, *arguments = [launch_stub.resolve(each, launch.context) for each in simulator.cmd]
@@ -219,7 +219,7 @@ class TestLaunch:
         values = check_agent(bringup.nodes[0])
         assert (values["ip"], values["port"]) == ("127.0.0.1", 5490)
 
-    def test_fleet(self):
+    def test_fleet_starts_all_robots(self):
         agents = [check_agent(each.nodes[0]) for each in Launch("fleet").included]
         assert [(v["port"], v["frame_prefix"]) for v in agents] == [(5480, "r1/"), (5490, "r2/")]
 
@@ -264,7 +264,7 @@ class TestLaunch:
             "robots: [{name: r1, ip: a}, {name: r1, ip: b}]",
         ],
     )
-    def test_invalid_fleet_file(self, text: str, tmp_path: Path):
+    def test_invalid_fleet_file_is_refused(self, text: str, tmp_path: Path):
         file = tmp_path / "fleet.yaml"
         file.write_text(text)
         with pytest.raises(ValueError, match=r"fleet\.yaml"):
@@ -275,7 +275,7 @@ class TestConfiguration:
     def test_the_parameter_file_has_all_parameters(self):
         assert (ROOT / "config/agent.yaml").read_text() == parameters.yaml()
 
-    def test_the_model(self):
+    def test_the_model_is_valid(self):
         robot = ElementTree.parse(ROOT / "config/woosh_base.urdf").getroot()
         links = {link.get("name") for link in robot.iter("link")}
         assert {"base_link", "laser"} <= links

@@ -40,6 +40,6 @@ def left_behind(mode: str) -> int:
     return int(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
 
 
-def test_large_blocks_go_back_at_once() -> None:
+def test_freed_large_blocks_are_returned_at_once() -> None:
     assert left_behind("off") > 30, "glibc returns them by default"
     assert left_behind("on") < 5

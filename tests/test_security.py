@@ -49,7 +49,7 @@ def test_a_client_may_use_all_endpoints_but_not_set_parameters() -> None:
     assert "/woosh_robot/agent/" not in policy
 
 
-def test_a_read_only_client() -> None:
+def test_a_read_only_client_may_send_no_command() -> None:
     policy = security.client_policy(read_only=True, only=["robot/Pose*", "robot/ExecTask"])
     assert names(policy, "services request") == {"/woosh_robot/robot/PoseSpeed"}
     assert names(policy, "topics subscribe") == {"/woosh_robot/robot/PoseSpeed"}
@@ -57,7 +57,7 @@ def test_a_read_only_client() -> None:
 
 
 @pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/hall/r2", "/hall/r2")])
-def test_another_namespace(namespace: str, prefix: str) -> None:
+def test_policies_can_be_made_for_another_namespace(namespace: str, prefix: str) -> None:
     agent = security.agent_policy(namespace)
     assert f"{prefix}/robot/Mode" in names(agent, "services reply")
     assert f"{prefix}/agent/set_parameters" in names(agent, "services reply")
@@ -88,7 +88,7 @@ def test_simulated_time() -> None:
         (["client", "--read-only", "--only", "Pose", "--only", "cmd_vel"], "no endpoint matches"),
     ],
 )
-def test_bad_arguments(
+def test_bad_arguments_are_refused(
     arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -193,7 +193,7 @@ def test_only_the_owner_can_read_the_keys(keystore: Keystore) -> None:
     assert key.stat().st_mode & 0o077 == 0
 
 
-def test_a_keystore_with_options(keystore: Keystore) -> None:
+def test_options_reach_the_keystore(keystore: Keystore) -> None:
     arguments = ("--namespace", "/r2", "--node", "/ui/panel", str(keystore.path))
     made = keystore.make(*arguments, "--", "--read-only")
     assert made.returncode == 0, made.stderr
@@ -212,14 +212,14 @@ def test_a_keystore_is_for_one_domain(keystore: Keystore) -> None:
     assert keystore.asked() == []
 
 
-def test_without_ros2(keystore: Keystore) -> None:
+def test_missing_ros2_is_reported(keystore: Keystore) -> None:
     keystore.fake.unlink()
     refused = keystore.make(str(keystore.path))
     assert refused.returncode == 1
     assert "source ROS 2" in refused.stderr
 
 
-def test_without_sros2(keystore: Keystore) -> None:
+def test_missing_sros2_is_reported(keystore: Keystore) -> None:
     refused = keystore.make(str(keystore.path), WITHOUT_SROS2="1")
     assert refused.returncode == 1
     assert "apt-get install ros-jazzy-sros2" in refused.stderr

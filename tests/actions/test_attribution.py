@@ -184,7 +184,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_is_mine(case: Case) -> None:
+def test_report_belongs_to_the_right_goal(case: Case) -> None:
     attribution = Attribution(case.predecessors, case.inherited)
     heard = False
     for phase, outcome, mine, *wanted in case.reports:
@@ -218,7 +218,7 @@ POLLS = {
 
 
 @pytest.mark.parametrize(("previous", "polls"), POLLS.values(), ids=POLLS.keys())
-def test_is_news_of_a_chassis_that_repeats_ends(
+def test_poll_is_news_if_the_chassis_does_not_repeat_an_earlier_end(
     previous: str | None, polls: list[tuple[Phase, str, Outcome | None, bool]]
 ) -> None:
     attribution = Attribution(repeats_ends=True, previous=previous)
@@ -232,5 +232,5 @@ def test_everything_is_news_after_a_report_on_the_goal() -> None:
     assert attribution.is_news(BEFORE, SUCCEEDED, RUNNING)
 
 
-def test_everything_is_news_of_a_chassis_that_repeats_nothing() -> None:
+def test_everything_is_news_if_the_chassis_does_not_repeat_ends() -> None:
     assert Attribution().is_news(ANOTHER, SUCCEEDED, UNCONFIRMED)

@@ -67,7 +67,7 @@ def chassis() -> Chassis:
     return Chassis()
 
 
-async def test_nothing_is_sent_without_a_request(chassis: Chassis) -> None:
+async def test_no_cancel_is_sent_without_a_request(chassis: Chassis) -> None:
     await chassis.report()
     assert not chassis.sent
 
@@ -115,7 +115,7 @@ async def test_cancel_never_hits_a_newer_goal(chassis: Chassis) -> None:
     assert not chassis.sent
 
 
-async def test_nothing_is_sent_after_stop(chassis: Chassis) -> None:
+async def test_no_cancel_is_sent_after_stop(chassis: Chassis) -> None:
     await chassis.request()
     chassis.cancellation.stop()
     await settled()

@@ -164,7 +164,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_end(case: Case) -> None:
+def test_goal_is_given_up_in_time_and_with_its_reason(case: Case) -> None:
     now = 0.0
     give_up = GiveUp(TIMING, lambda: now)
     for time, method, *arguments in case.happens:
@@ -194,7 +194,7 @@ def test_end(case: Case) -> None:
         ("cancel_accepted", [], False),
     ],
 )
-def test_in_doubt(method: str, arguments: list[str], in_doubt: bool) -> None:
+def test_goal_is_in_doubt_until_a_report(method: str, arguments: list[str], in_doubt: bool) -> None:
     """A goal in doubt is polled more often."""
     give_up = GiveUp(TIMING, lambda: 0.0)
     getattr(give_up, method)(*arguments)

@@ -76,7 +76,7 @@ async def test_a_bad_frame_is_counted_logged_once_and_skipped(
 
 
 @aio
-async def test_text_that_is_not_utf8() -> None:
+async def test_text_that_is_not_utf8_is_a_bad_frame() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         wire.transport.write(b"\x81\x02\xff\xff")

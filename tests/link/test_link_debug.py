@@ -19,7 +19,7 @@ def sizes_without_tasks(sizes: dict[str, int]) -> dict[str, int]:
 
 
 @aio
-async def test_a_client_without_a_link_holds_nothing() -> None:
+async def test_all_sizes_are_zero_without_a_link() -> None:
     async with Peer() as peer:
         client = peer.client()
         assert client.debug() == {**IDLE, "tasks": 0}

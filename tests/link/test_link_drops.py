@@ -36,7 +36,7 @@ def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]
 
 
 @aio
-async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
+async def test_refused_requests_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         wire = await peer.wire()
         waiting = asyncio.ensure_future(client.request(Speak(text="first")))
@@ -55,7 +55,7 @@ async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
 
 
 @aio
-async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
+async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with Peer() as peer, peer.client(push_queue=2) as client:
         wire = await peer.wire()
         seen: list[int] = []

@@ -46,7 +46,7 @@ WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("backlog", [0, 16_000_000])
 @aio
-async def test_the_close_is_bounded_even_if_the_other_end_reads_nothing(
+async def test_a_close_ends_in_time_even_if_the_other_end_reads_nothing(
     kind: str, backlog: int
 ) -> None:
     async with Peer(kind) as peer:

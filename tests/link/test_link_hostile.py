@@ -106,7 +106,7 @@ def test_a_long_type_name_is_cut(codec: str) -> None:
     ("sn", "kind"),
     [('"' + "9" * 4000 + '"', "envelope"), ("9" * 100_000, "json"), ('"0x10"', "envelope")],
 )
-def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
+def test_numbers_with_very_many_digits_are_refused(sn: str, kind: str) -> None:
     with pytest.raises(FrameError) as caught:
         JsonCodec().decode('{"type":"x","sn":' + sn + "}")
     assert caught.value.kind == kind
@@ -114,7 +114,7 @@ def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize("limit", ["default", "0"])
-def test_numbers_as_text_are_limited_whatever_the_interpreters_limit(limit: str) -> None:
+def test_numbers_as_text_are_limited_independently_of_the_interpreter(limit: str) -> None:
     """Python needs many seconds to read a million digits."""
     program = (
         "from woosh_robot_agent.link.codecs.json_errors import FieldError\n"
@@ -134,7 +134,7 @@ def test_numbers_as_text_are_limited_whatever_the_interpreters_limit(limit: str)
     )
 
 
-def test_deep_nesting_with_protobufs_own_python() -> None:
+def test_deep_nesting_is_an_error_with_pure_python_protobuf() -> None:
     """The pure Python implementation has no limit and runs into Python's recursion limit."""
     program = (
         "from google.protobuf.internal import api_implementation\n"

@@ -245,7 +245,7 @@ def test_a_loss_is_noticed_within_the_timeout_though_timers_fire_late() -> None:
 
 
 @aio
-async def test_time_in_which_this_program_was_busy_is_not_silence() -> None:
+async def test_time_in_which_this_program_was_busy_does_not_count_as_silence() -> None:
     """Decoding a frame of many MiB takes seconds in which nothing is received."""
     asked = 0
 

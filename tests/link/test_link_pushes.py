@@ -51,7 +51,7 @@ def pose(kind: str, map_id: int) -> Any:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_subscriptions_are_sent_first_and_renewed(kind: str) -> None:
+async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
         seen: list[int] = []
@@ -71,7 +71,7 @@ async def test_subscriptions_are_sent_first_and_renewed(kind: str) -> None:
 
 
 @aio
-async def test_the_literal_push_of_a_task() -> None:
+async def test_a_task_push_as_on_the_wire() -> None:
     async with Peer() as peer, peer.client() as client:
         seen: list[TaskProc] = []
         client.subscribe(TaskProc, seen.append)

@@ -49,7 +49,7 @@ def pending(client: ChassisClient) -> int:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_request_and_its_answer(kind: str) -> None:
+async def test_a_request_returns_its_answer(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
         answer = ask(client, SwitchControlMode(mode=1))  # type: ignore[arg-type]
@@ -138,7 +138,7 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
 
 
 @aio
-async def test_an_answer_of_another_or_an_unknown_type() -> None:
+async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):

@@ -52,7 +52,7 @@ async def ok(work: Awaitable[Any]) -> None:
 
 @every_moving_request
 @aio
-async def test_nothing_that_moves_passes_beside_the_gate(request_: Message) -> None:
+async def test_moving_requests_are_refused_outside_the_gate(request_: Message) -> None:
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -64,7 +64,7 @@ async def test_nothing_that_moves_passes_beside_the_gate(request_: Message) -> N
 
 
 @aio
-async def test_one_client_has_one_gate() -> None:
+async def test_a_client_can_have_only_one_gate() -> None:
     async with Peer() as peer, peer.client() as client:
         MotionGate(client)
         with pytest.raises(RuntimeError, match="reserved already"):
@@ -72,7 +72,7 @@ async def test_one_client_has_one_gate() -> None:
 
 
 @aio
-async def test_what_moves_nothing_passes() -> None:
+async def test_requests_that_move_nothing_are_sent_even_when_closed() -> None:
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         await gate.close(TIMEOUT)
@@ -127,7 +127,7 @@ async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None
 
 
 @aio
-async def test_what_comes_later_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_request_some_time_after_a_stop_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate_module, "HOLD", 0.05)
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
@@ -190,7 +190,7 @@ async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
 
 
 @aio
-async def test_the_last_zero_takes_the_place_of_what_is_held(
+async def test_the_last_zero_replaces_a_held_velocity(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with Peer() as peer, peer.client() as client:
@@ -228,7 +228,7 @@ async def test_a_robot_that_drove_when_the_link_was_lost_counts_as_not_stopped()
 
 
 @aio
-async def test_without_a_link_a_velocity_does_not_count_as_driving() -> None:
+async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         await client.close()
@@ -238,7 +238,7 @@ async def test_without_a_link_a_velocity_does_not_count_as_driving() -> None:
 
 
 @aio
-async def test_an_accepted_task_takes_the_wheels_from_a_velocity() -> None:
+async def test_no_zero_follows_an_accepted_task() -> None:
     """The last zero would stop the task."""
     tasks = [each for each in MOVING if "Exec" in each.DESCRIPTOR.name]
     driving = CallAction()
@@ -254,7 +254,7 @@ async def test_an_accepted_task_takes_the_wheels_from_a_velocity() -> None:
 
 
 @aio
-async def test_a_refused_task_leaves_the_wheels_to_the_velocity() -> None:
+async def test_a_zero_follows_a_velocity_though_a_task_was_refused() -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == TWIST:
             await wire.answer(frame)
@@ -273,7 +273,7 @@ async def test_a_refused_task_leaves_the_wheels_to_the_velocity() -> None:
 
 
 @aio
-async def test_long_after_a_velocity_the_robot_stands_by_itself(
+async def test_long_after_a_velocity_the_robot_counts_as_standing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(gate_module, "DRIVING", 0.05)
@@ -321,7 +321,7 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
     ],
 )
 @aio
-async def test_what_the_chassis_reports_owns_the_wheels(
+async def test_a_reported_task_or_action_owns_the_wheels(
     push: tuple[str, dict[str, Any]], owner: str
 ) -> None:
     async with Peer() as peer, peer.client() as client:

@@ -73,12 +73,12 @@ def test_each_action_of_the_table_commands_motion() -> None:
 
 
 @pytest.mark.parametrize("request_", MOVING, ids=name_of)
-def test_moving(request_: Message) -> None:
+def test_moving_requests_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert may_move(request_)
 
 
 @pytest.mark.parametrize("request_", RESTING, ids=name_of)
-def test_resting(request_: Message) -> None:
+def test_orders_to_rest_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert not may_move(request_)

@@ -78,7 +78,7 @@ async def test_commands_are_pipelined_while_the_chassis_answers() -> None:
 
 
 @aio
-async def test_commands_go_even_when_too_many_requests_wait() -> None:
+async def test_commands_are_sent_even_when_too_many_requests_are_in_flight() -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -90,7 +90,7 @@ async def test_commands_go_even_when_too_many_requests_wait() -> None:
 
 
 @aio
-async def test_commands_without_answers_keep_no_other_request_out() -> None:
+async def test_commands_do_not_count_as_requests_in_flight() -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -155,7 +155,7 @@ async def test_a_stop_is_never_held(stop: Twist) -> None:
 
 
 @aio
-async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() -> None:
+async def test_no_older_command_overtakes_a_stop_even_when_released_just_before() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -173,7 +173,7 @@ async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() 
 
 
 @aio
-async def test_a_command_that_is_held_right_after_another_was_let_go_is_not_forgotten() -> None:
+async def test_a_command_held_right_after_another_was_released_is_superseded_at_once() -> None:
     latest = LatestWins[str]()
     answers: list[asyncio.Future[str]] = []
 
@@ -245,7 +245,7 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
 
 
 @aio
-async def test_the_callers_timeout_holds_for_commands_too() -> None:
+async def test_the_callers_timeout_applies_to_commands() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         with pytest.raises(RequestTimeoutError, match=r"0\.03 s"):
@@ -276,7 +276,7 @@ async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> Non
 
 @pytest.mark.usefixtures("short_stall")
 @aio
-async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
+async def test_a_stop_never_becomes_stale() -> None:
     latest = LatestWins[float]()
 
     async def send(fresh: float) -> float:
@@ -287,7 +287,7 @@ async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
 
 
 @aio
-async def test_superseded_velocities_are_counted_and_told(
+async def test_superseded_velocities_are_counted_and_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.motion")

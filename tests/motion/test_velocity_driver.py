@@ -86,7 +86,7 @@ async def test_a_velocity_is_sent() -> None:
 
 
 @aio
-async def test_one_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_velocity_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     async with driving() as rig:
         rig.driver.drive(math.nan, 0.0, 0.0)
         rig.driver.drive(0.1, math.inf, 0.0)
@@ -97,14 +97,14 @@ async def test_one_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixtur
 
 
 @aio
-async def test_one_beyond_the_limits_is_scaled_down() -> None:
+async def test_a_velocity_beyond_the_limits_is_scaled_down() -> None:
     async with driving(max_linear=0.5, max_angular=0.2) as rig:
         rig.driver.drive(3.0, 4.0, -9.0)
         await rig.sent((0.3, 0.4, -0.2))
 
 
 @aio
-async def test_only_the_newest_is_sent_at_the_rate() -> None:
+async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
     async with driving(rate=0.001) as rig:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
@@ -117,7 +117,7 @@ async def test_only_the_newest_is_sent_at_the_rate() -> None:
 
 
 @aio
-async def test_the_first_zero_waits_for_nothing() -> None:
+async def test_the_first_zero_is_not_delayed_by_the_rate() -> None:
     async with driving(rate=0.001) as rig:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
@@ -134,7 +134,9 @@ async def test_silence_stops_the_robot() -> None:
 
 @pytest.mark.parametrize("override", [False, True])
 @aio
-async def test_the_robot_belongs_to_what_drives_it(override: bool) -> None:
+async def test_a_velocity_is_refused_while_a_task_owns_the_robot_unless_it_may_override(
+    override: bool,
+) -> None:
     async with driving(override=override) as rig:
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
         await eventually(lambda: rig.gate.owner)

@@ -90,7 +90,7 @@ def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
 
     def note(frame: Any) -> list[Any]:
         if frame.request == TWIST:
-            sent = simulator_last(simulator)
+            sent = last_twist(simulator)
             times.append((time.monotonic(), not (sent.linear or sent.linear_y or sent.angular)))
         return [frame]
 
@@ -98,7 +98,7 @@ def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
     return times
 
 
-def simulator_last(simulator: SimulatorThread) -> Any:
+def last_twist(simulator: SimulatorThread) -> Any:
     return simulator._simulator.last(TWIST)  # in the simulator's own thread
 
 
@@ -130,7 +130,7 @@ def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arriv
     assert max(delays) > 0.3, "only after cmd_vel_timeout"
 
 
-def test_a_zero_needs_no_other(simulator, agent, sender, twists):
+def test_a_zero_is_sent_once(simulator, agent, sender, twists):
     sender.send(x=0.3)
     simulator.wait_received(TWIST)
     sender.send()
@@ -152,7 +152,7 @@ def test_zeros_of_an_idle_sender_are_not_sent(simulator, sender, client, twists)
 
 
 class TestRate:
-    def test_zeros_between_do_not_raise_it(self, simulator, start_agent, client, arrivals):
+    def test_zeros_in_between_do_not_exceed_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=10.0)
         agent.wait_connected()
         sender = Sender(client)
@@ -165,7 +165,7 @@ class TestRate:
         lasted = time.monotonic() - begun
         assert len(arrivals) < 3 * 10 * lasted, "a stop after each velocity, which does not wait"
 
-    def test_the_latest_wins(self, simulator, start_agent, client, arrivals):
+    def test_a_faster_stream_is_thinned_out_to_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=5.0)
         agent.wait_connected()
         sender = Sender(client)
@@ -175,7 +175,7 @@ class TestRate:
         assert time.monotonic() - begun > 0.9, "six at 5 Hz take a second"
         sender.pause()
 
-    def test_a_zero_waits_for_nothing(self, simulator, start_agent, client, arrivals):
+    def test_the_first_zero_is_not_delayed_by_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(
             ip="127.0.0.1", port=simulator.port, cmd_vel_rate=1.0, cmd_vel_timeout=5.0
         )
@@ -197,7 +197,7 @@ class TestRate:
 
 
 class TestRefused:
-    def test_nan(self, simulator, sender, twists, logs):
+    def test_nan_is_not_sent(self, simulator, sender, twists, logs):
         sender.send(math.nan)
         sender.send(x=0.3, y=math.inf)
         logs.wait(lambda record: "not all finite" in record.getMessage())
@@ -214,7 +214,7 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.3, 0.4, -0.2)), "the direction stays"
 
-    def test_a_stale_stamp(self, simulator, start_agent, client, twists, logs):
+    def test_a_stale_stamp_is_refused(self, simulator, start_agent, client, twists, logs):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_stamped=True)
         agent.wait_connected()
         sender = Sender(client, TwistStamped)
@@ -224,14 +224,16 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
-    def test_a_stamp_of_the_future(self, simulator, start_agent, client, logs):
+    def test_a_stamp_in_the_future_is_refused(self, simulator, start_agent, client, logs):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_stamped=True)
         agent.wait_connected()
         Sender(client, TwistStamped).send_stamped(0.4, age=-3600.0)
         logs.wait(lambda record: "check the sender's clock" in record.getMessage())
         assert simulator.counts[TWIST] == 0
 
-    def test_while_somebody_elses_task_runs(self, simulator, agent, sender, client, logs):
+    def test_velocities_are_refused_while_another_clients_task_runs(
+        self, simulator, agent, sender, client, logs
+    ):
         """Somebody who is not a client of the agent."""
         plans = client.echo(TaskProc, "robot/TaskProc")
         simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kExecuting))
@@ -243,7 +245,9 @@ class TestRefused:
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
 
-    def test_while_a_goal_runs(self, simulator, agent, sender, client, twists, logs):
+    def test_velocities_are_refused_while_a_goal_runs(
+        self, simulator, agent, sender, client, twists, logs
+    ):
         goal = step(client, 20.0)
         simulator.wait_received("woosh.ros.CallAction")
         sender.send(x=0.3)
@@ -254,7 +258,7 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
-    def test_a_goal_that_comes_while_it_drives_is_not_stopped(
+    def test_a_goal_accepted_while_driving_is_not_stopped(
         self, simulator, agent, sender, client, twists
     ):
         sender.send(x=0.1)
@@ -265,7 +269,9 @@ class TestRefused:
         assert goal.result()[0] == SUCCEEDED
         assert (0.0, 0.0, 0.0) not in twists()
 
-    def test_unless_it_may_override(self, simulator, start_agent, client):
+    def test_cmd_vel_override_permits_velocities_while_a_goal_runs(
+        self, simulator, start_agent, client
+    ):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_override=True)
         agent.wait_connected()
         step(client, 20.0)
@@ -273,14 +279,14 @@ class TestRefused:
         Sender(client).send(x=0.3)
         simulator.wait_received(TWIST)
 
-    def test_it_can_be_off(self, simulator, start_agent, client):
+    def test_cmd_vel_can_be_switched_off(self, simulator, start_agent, client):
         start_agent(ip="127.0.0.1", port=simulator.port, enable_cmd_vel=False).wait_connected()
         wait_until(lambda: client.publishers("connected"), "the agent")
         assert not client.node.count_subscribers(client.path("cmd_vel"))
 
 
 class TestLinkLoss:
-    def test_a_driving_robot_gets_its_zero_when_the_link_is_back(
+    def test_a_driving_robot_gets_a_zero_when_the_link_is_back(
         self, simulator, agent, sender, twists
     ):
         sender.send(x=0.3)
@@ -294,7 +300,9 @@ class TestLinkLoss:
         threading.Event().wait(0.8)
         assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
 
-    def test_not_if_somebody_else_drives_it_by_then(self, simulator, agent, sender, twists):
+    def test_no_zero_is_sent_if_another_client_drives_by_then(
+        self, simulator, agent, sender, twists
+    ):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
         simulator.stop_listening()
@@ -306,7 +314,7 @@ class TestLinkLoss:
         assert twists() == [pytest.approx((0.3, 0.0, 0.0))]
         assert simulator.state.info.task_proc.state == util_task.kExecuting
 
-    def test_a_standing_one_gets_nothing(self, simulator, agent, sender, twists):
+    def test_a_standing_robot_gets_nothing(self, simulator, agent, sender, twists):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
         sender.send()
@@ -319,7 +327,9 @@ class TestLinkLoss:
 
 
 class TestStop:
-    def test_it_silences_until_a_pause(self, simulator, agent, sender, client, twists, logs):
+    def test_stop_silences_cmd_vel_until_a_pause(
+        self, simulator, agent, sender, client, twists, logs
+    ):
         sender.repeat(20, x=0.3)
         simulator.wait_received(TWIST, 3)
         assert client.call(Trigger, "stop").success

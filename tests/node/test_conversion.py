@@ -118,20 +118,20 @@ class TestBadValues:
     """Values that must not be sent to the robot are refused with the path of their field."""
 
     @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-    def test_number(self, value: float):
+    def test_non_finite_number_is_refused(self, value: float):
         ros = MoveBase(poses=[Pose2D(), Pose2D(theta=value)])
         self._refused(ros, "poses[1].theta")
 
-    def test_number_in_an_array(self):
+    def test_number_in_an_array_is_refused(self):
         self._refused(ScannerData(ranges=[0.0, float("nan")]), "ranges[1]")
 
-    def test_number_deep_in_lists(self):
+    def test_number_in_nested_lists_is_refused(self):
         ros = ChangeNavPath()
         ros.paths.plan_path.append(PlanPath(path=Path(poses=[Pose2D(x=float("inf"))])))
         self._refused(ros, "paths.plan_path[0].path.poses[0].x")
 
     @pytest.mark.parametrize("text", [b"a\xff".decode(errors="replace"), chr(0xD800)])
-    def test_text(self, text: str):
+    def test_invalid_text_is_refused(self, text: str):
         self._refused(Speak(text=text), "text")
 
     def test_absent_fields_are_not_checked(self):
@@ -139,7 +139,7 @@ class TestBadValues:
         ros.pose.x = float("nan")
         assert not convert_of(ros).to_proto(ros).HasField("pose")
 
-    def test_unknown_member_of_a_oneof(self):
+    def test_unknown_member_of_a_oneof_is_refused(self):
         ros = PoseSpeed()
         ros.commu.which = 2
         self._refused(ros, "commu.which")

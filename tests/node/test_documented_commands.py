@@ -176,7 +176,7 @@ def run(robot: Robot, command: Command) -> None:
         assert robot.stands_at(arg.target_pose)
 
 
-def test_in_the_order_of_the_document(simulator, agent, client):
+def test_documented_commands_work_in_the_documented_order(simulator, agent, client):
     robot = Robot(client, simulator)
     commands = documented()
     echoes = {}
@@ -201,6 +201,6 @@ def test_in_the_order_of_the_document(simulator, agent, client):
 
 
 @pytest.mark.parametrize(("line", "error"), WRONG.items())
-def test_examples_that_are_wrong_as_printed(line, error):
+def test_wrong_examples_are_rejected_by_the_tool(line, error):
     with pytest.raises(error):
         parse(line.strip()).filled()

@@ -91,7 +91,7 @@ def logger_of(namespace: str) -> str:
 
 
 @pytest.mark.parametrize("executor", ["single", "events"])
-def test_each_reaches_its_own_chassis(
+def test_each_agent_reaches_its_own_chassis(
     start_fleet: Callable[..., Program],
     chassis: dict[str, SimulatorThread],
     clients: dict[str, Client],
@@ -112,7 +112,9 @@ def test_each_reaches_its_own_chassis(
         assert simulator.counts[TWIST] == 2, name
 
 
-def test_frames_and_parameters_are_its_own(fleet: Program, clients: dict[str, Client]) -> None:
+def test_each_agent_has_its_own_frames_and_parameters(
+    fleet: Program, clients: dict[str, Client]
+) -> None:
     found = {}
     for name, client in clients.items():
         values = client.call(
@@ -319,7 +321,7 @@ def test_an_invalid_list_ends_the_program_with_one_line(
 
 
 @pytest.mark.parametrize("robots", [[], [""]])
-def test_an_empty_list_is_one_robot(
+def test_an_empty_list_means_one_robot(
     start_program: Callable[..., Program],
     tmp_path: Path,
     chassis: dict[str, SimulatorThread],
@@ -341,7 +343,7 @@ def test_robots_behind_one_gateway_differ_by_robot_id(
         program.wait_says(f"{logger_of(name)}]: connected to")
 
 
-def test_relative_and_absolute_names() -> None:
+def test_robot_names_may_be_relative_or_absolute() -> None:
     assert namespaces(["a", "b/c", "/d"], "/") == {"a": "/a", "b/c": "/b/c", "/d": "/d"}
     assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
 

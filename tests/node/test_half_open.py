@@ -35,7 +35,9 @@ def speak(client: Client, text: str) -> Any:
 
 
 @pytest.mark.timeout(600)
-def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: SimulatorThread) -> None:
+def test_a_half_open_link_is_noticed_and_reported(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     goals = [lift3(client, 0.4, speed=0.001), task(client, mark="A23")]
     goals[1].feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -69,7 +71,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
 
 
 @pytest.mark.parametrize("agent", ["websocket"], indirect=True)
-def test_a_short_one_is_not_noticed(
+def test_a_short_interruption_is_not_noticed(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     goal = step(client, 8.0)

@@ -85,7 +85,9 @@ def switch_off(simulator: SimulatorThread) -> None:
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_goes_on_after_a_reconnect(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     slow_down(simulator)
     goal = task(client) if kind == "task" else step(client, 8.0)
     goal.feedback.wait_count(3)
@@ -99,7 +101,7 @@ def test_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> 
     assert simulator.counts[EXEC_TASK] + simulator.counts[CALL_ACTION] == 1, "nothing is replayed"
 
 
-def test_lost_again_and_again(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_goes_on_after_repeated_losses(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -113,7 +115,9 @@ def test_lost_again_and_again(client: Client, simulator: SimulatorThread) -> Non
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_task_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -> None:
+def test_task_that_ended_without_a_link_succeeds(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goal = short_task(client, 1.0)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     switch_off(simulator)
@@ -122,7 +126,9 @@ def test_task_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_task_that_ended_with_another_after_it(client: Client, simulator: SimulatorThread) -> None:
+def test_end_of_a_task_before_the_current_one_is_found_in_the_history(
+    client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     goal = task(client, task_id=5)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -135,7 +141,9 @@ def test_task_that_ended_with_another_after_it(client: Client, simulator: Simula
     assert simulator.counts["woosh.robot.TaskHistory"] == 1
 
 
-def test_action_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -> None:
+def test_action_that_ended_without_a_link_succeeds(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goal = step(client, 2.0)
     goal.feedback.wait(lambda fb: fb.state.value == 2)
     switch_off(simulator)
@@ -145,7 +153,7 @@ def test_action_that_ended_meanwhile(client: Client, simulator: SimulatorThread)
     assert (status, ret.state.value) == (SUCCEEDED, 1)
 
 
-def test_another_chassis_in_its_place(client: Client, simulator: SimulatorThread) -> None:
+def test_task_unknown_to_the_chassis_is_aborted(client: Client, simulator: SimulatorThread) -> None:
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     port = simulator.port
@@ -157,7 +165,7 @@ def test_another_chassis_in_its_place(client: Client, simulator: SimulatorThread
 
 
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
-def test_action_that_the_chassis_does_not_know_any_more(
+def test_action_unknown_to_the_chassis_is_aborted(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = move_base(client, 4.0)
@@ -170,7 +178,7 @@ def test_action_that_the_chassis_does_not_know_any_more(
     assert "link was lost" in ret.msg
 
 
-def test_chassis_that_refuses_to_be_asked_and_reports_again(
+def test_goal_goes_on_with_reports_though_polls_are_refused(
     client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.refuse(FEEDBACKS, "unknown type")
@@ -189,7 +197,9 @@ def test_chassis_that_refuses_to_be_asked_and_reports_again(
 
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_is_aborted_if_the_link_stays_lost(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     slow_down(simulator)
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     goal.feedback.wait_count(1)
@@ -201,7 +211,9 @@ def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) 
     assert ret.state.value == (9 if kind == "task" else -1)
 
 
-def test_new_goal_without_a_link(client: Client, simulator: SimulatorThread) -> None:
+def test_new_goal_without_a_link_is_aborted_and_not_sent_later(
+    client: Client, simulator: SimulatorThread
+) -> None:
     switch_off(simulator)
     status, ret = task(client).result()
     assert status == ABORTED
@@ -215,7 +227,9 @@ def test_new_goal_without_a_link(client: Client, simulator: SimulatorThread) -> 
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_unanswered_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_goes_on_without_an_answer_to_its_start(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     simulator.mute(EXEC_TASK)
     simulator.mute(CALL_ACTION)
     goal = task(client) if kind == "task" else step(client, 10.0)
@@ -223,7 +237,7 @@ def test_unanswered_goal_goes_on(client: Client, simulator: SimulatorThread, kin
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_unanswered_goal_of_which_no_push_tells(
+def test_unanswered_goal_without_pushes_is_found_by_polling(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     simulator.mute(EXEC_TASK)
@@ -238,7 +252,9 @@ def test_unanswered_goal_of_which_no_push_tells(
 
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_that_never_arrived(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_that_never_arrived_is_aborted(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     for name in (EXEC_TASK, CALL_ACTION):
         simulator.refuse(name, "")  # so that nothing is done
         simulator.mute(name)
@@ -267,7 +283,7 @@ def test_goal_that_never_arrived_is_not_taken_for_the_one_before(
 
 
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
-def test_newer_action_that_never_arrived_leaves_the_older_in_charge(
+def test_newer_action_that_never_arrived_does_not_replace_the_older_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     old = step(client, 100.0)
@@ -281,7 +297,7 @@ def test_newer_action_that_never_arrived_leaves_the_older_in_charge(
     assert old.result()[0] == SUCCEEDED
 
 
-def test_nothing_is_asked_before_the_answer(
+def test_goal_is_not_polled_before_its_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the chassis tells then may be of the goal before; nor does the wait keep it busy."""
@@ -312,7 +328,9 @@ def test_nothing_is_asked_before_the_answer(
     assert simulator.counts[FEEDBACKS] > 0
 
 
-def test_link_lost_before_the_answer(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_goes_on_if_the_link_is_lost_before_its_answer(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.mute(EXEC_TASK)
     simulator.intercept(lambda out: [] if out.type == TASK_PROC and not out.sn else [out])
     goal = task(client)
@@ -323,7 +341,7 @@ def test_link_lost_before_the_answer(client: Client, simulator: SimulatorThread)
 
 
 @pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
-def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
+def test_goals_end_despite_a_half_open_link(client: Client, simulator: SimulatorThread) -> None:
     """Neither an answer nor an end of the connection."""
     goal = short_task(client, 1.0)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -337,7 +355,9 @@ def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
 
 @pytest.mark.parametrize("patience", [HANGING], ids=["hanging"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_is_aborted_if_the_chassis_hangs(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     """It answers pings, so the link stays; it answers nothing else, perhaps forever."""
     slow_down(simulator)
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
@@ -350,7 +370,7 @@ def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: st
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_chassis_that_hung_for_a_while(
+def test_goal_goes_on_if_the_chassis_hung_for_a_while(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     goal = task(client) if kind == "task" else step(client, 8.0)

@@ -99,7 +99,7 @@ def start_pose(simulator: SimulatorThread) -> Pose2D:
     return Pose2D(pose.x, pose.y, pose.theta)
 
 
-def test_a_square(slow_simulator, truth, start, client):
+def test_odom_follows_a_square(slow_simulator, truth, start, client):
     begin = start_pose(slow_simulator)
     start()
     odom = odoms(client)
@@ -122,7 +122,7 @@ def test_a_square(slow_simulator, truth, start, client):
     assert 0.7 < max(m.twist.twist.linear.x for m in odom.messages) <= 1.0
 
 
-def test_sideways(slow_simulator, start, client):
+def test_odom_follows_a_sideways_drive(slow_simulator, start, client):
     begin = start_pose(slow_simulator)
     start()
     odom = odoms(client)
@@ -134,7 +134,7 @@ def test_sideways(slow_simulator, start, client):
     wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
 
 
-def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
+def test_the_stamp_is_the_time_of_receipt(slow_simulator, start, client):
     """As many messages as pushes: if one were late, all of them would be."""
     sent: dict[float, float] = {}
 
@@ -162,7 +162,7 @@ def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
 class TestAtRest:
     """A standing robot sends no reports."""
 
-    def test_a_small_correction(self, slow_simulator, start, client):
+    def test_a_small_correction_does_not_move_odom(self, slow_simulator, start, client):
         begin = start_pose(slow_simulator)
         start()
         odom = odoms(client)
@@ -180,7 +180,7 @@ class TestAtRest:
         assert all(near(plane(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
         assert not any(m.twist.twist.linear.y for m in odom.messages)
 
-    def test_an_emergency_stop_while_it_drives_sideways(self, slow_simulator, start, client):
+    def test_an_emergency_stop_ends_the_sideways_velocity(self, slow_simulator, start, client):
         start()
         odom = odoms(client)
         goal = StepControl.Goal()
@@ -196,7 +196,7 @@ class TestAtRest:
         odom.wait_count(len(odom.messages) + 10)
 
 
-def test_another_client_sets_the_pose_while_it_drives(slow_simulator, start, client):
+def test_a_pose_set_by_another_client_ends_the_velocity(slow_simulator, start, client):
     start(publish_tf=True)
     odom = odoms(client)
     twist = Twist.Request()
@@ -238,20 +238,22 @@ def test_a_report_with_non_finite_numbers_is_ignored(
     setattr(bad.twist if field == "linear" else bad.pose, field, value)
     slow_simulator.push(bad)
     slow_simulator.push(bad)
-    wait_until(lambda: any("non-finite numbers" in text for text in told(logs)), "the warning")
+    wait_until(
+        lambda: any("non-finite numbers" in text for text in warnings_in(logs)), "the warning"
+    )
     slow_simulator.push(good)
     odom.wait_count(len(odom.messages) + 5)
     for message in list(odom.messages):
         assert plane(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
         assert message.twist.twist.linear.x == 0.0
-    assert sum("non-finite numbers" in text for text in told(logs)) == 1
+    assert sum("non-finite numbers" in text for text in warnings_in(logs)) == 1
 
 
-def told(logs: Any) -> list[str]:
+def warnings_in(logs: Any) -> list[str]:
     return [r.getMessage() for r in list(logs.messages) if r.levelname == "WARNING"]
 
 
-def test_covariance(start, client):
+def test_covariances_are_configurable(start, client):
     diagonal = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
     start(pose_covariance=diagonal, twist_covariance=diagonal[::-1])
     (message,) = odoms(client).wait_count(1)[:1]
@@ -263,7 +265,7 @@ def test_covariance(start, client):
         assert sum(covariance) == pytest.approx(sum(wanted))
 
 
-def test_another_covariance_while_it_runs(start, client):
+def test_covariance_can_be_changed_at_runtime(start, client):
     start()
     odom = odoms(client)
     odom.wait_count(1)
@@ -274,7 +276,7 @@ def test_another_covariance_while_it_runs(start, client):
     odom.wait(lambda m: [m.pose.covariance[7 * i] for i in range(6)] == diagonal)
 
 
-def test_it_stops_with_the_link(slow_simulator, start, client):
+def test_odom_stops_while_the_link_is_lost(slow_simulator, start, client):
     agent = start()
     odom = odoms(client)
     odom.wait_count(3)
@@ -288,7 +290,7 @@ def test_it_stops_with_the_link(slow_simulator, start, client):
     odom.wait_count(before + 5)
 
 
-def test_it_can_be_off(start, client):
+def test_odom_can_be_switched_off(start, client):
     start(enable_odom=False)
     wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
     assert not client.publishers("odom")
@@ -337,7 +339,7 @@ class TestTransforms:
         self._is_continuous(odom.messages)
         odom.wait(lambda m: near(plane(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
 
-    def test_a_jump_while_driving(self, slow_simulator, start, client):
+    def test_odom_does_not_jump_with_a_new_pose_while_driving(self, slow_simulator, start, client):
         start(publish_tf=True)
         odom = odoms(client)
         transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
@@ -353,7 +355,7 @@ class TestTransforms:
         wait_until(lambda: near(chain(transforms.messages[-1]), start_pose(slow_simulator)))
         self._is_continuous(odom.messages)
 
-    def test_prefix_and_names(self, start, client):
+    def test_frames_have_the_configured_names_and_prefix(self, start, client):
         start(
             publish_tf=True, frame_prefix="r1/", map_frame="world", odom_frame="o", base_frame="b"
         )

@@ -102,7 +102,7 @@ def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):
     assert len(told) > len(warnings) == 1
 
 
-def test_a_client_that_has_gone_does_no_harm(simulator, busy_agent, client, domain, logs):
+def test_a_vanished_client_causes_no_error(simulator, busy_agent, client, domain, logs):
     simulator.mute(SPEAK)
     gone = Client(domain)
     speak(gone, "left")
@@ -132,7 +132,7 @@ def test_each_call_gets_one_answer(simulator, busy_agent, client):
     assert set(numbers.values()) == {1}
 
 
-def test_text_that_ros_cannot_carry(simulator, busy_agent, client):
+def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, busy_agent, client):
     """A JSON string may hold a lone surrogate, which has no UTF-8 encoding."""
 
     def garble(frame: Any) -> list[Any]:

@@ -74,7 +74,7 @@ def test_each_call_asks_the_chassis(simulator, agent, client):
             assert simulator.counts[query.request] == asked + count, query.name
 
 
-def test_names_of_the_fields_that_are_not_info(agent, client):
+def test_path_queries_have_their_own_response_fields(agent, client):
     assert client.call(NavPath, "robot/NavPath").nav_path is not None
     assert client.call(PlanPath, "robot/PlanPath").plan_path is not None
 
@@ -101,7 +101,7 @@ def test_zero_and_no_presence_bit_while_nothing_is_known(start_agent, client, lo
         assert "not connected to ws://127.0.0.1:1 since 2" in warning[1]
 
 
-def test_without_a_link_the_last_answer_or_push(simulator, hasty, client):
+def test_without_a_link_the_last_answer_or_push_is_returned(simulator, hasty, client):
     answers = {query.name: ask(client, query) for query in QUERIES}
     simulator.push(RobotState(state=6))
     simulator.push(Battery(power=7, temp_max=9))
@@ -118,7 +118,7 @@ def test_without_a_link_the_last_answer_or_push(simulator, hasty, client):
     assert info.genral == answers["robot/General"]
 
 
-def test_without_a_link_the_parts_of_the_first_robot_info(simulator, hasty, client):
+def test_without_a_link_parts_of_the_first_robot_info_are_returned(simulator, hasty, client):
     wait_until(lambda: known(hasty, BATTERY), "the first values")
     lose_link(simulator, hasty)
     info = client.call(RobotInfo, "robot/RobotInfo").info

@@ -33,7 +33,7 @@ OK, WARN, ERROR, STALE = (
 )
 
 
-def test_battery(simulator, agent, client):
+def test_battery_state_shows_the_battery(simulator, agent, client):
     states = client.echo(BatteryState, "battery_state")
     first = states.wait_count(1)[0]
     assert first.percentage == pytest.approx(0.93)
@@ -46,7 +46,7 @@ def test_battery(simulator, agent, client):
     assert last.percentage == pytest.approx(0.4)
 
 
-def test_plan(simulator, agent, client):
+def test_plan_ends_where_the_task_ends(simulator, agent, client):
     plans = client.echo(Path, "plan")
     goal = short_task(client, 1.0)
     plan = plans.wait(lambda m: len(m.poses) > 1)
@@ -60,7 +60,7 @@ def test_plan(simulator, agent, client):
     wait_until(lambda: not plans.messages[-1].poses, "the end of the path")
 
 
-def test_footprint(simulator, agent, client):
+def test_footprint_follows_a_change_of_its_type(simulator, agent, client):
     footprints = client.echo(PolygonStamped, "footprint")
     first = footprints.wait_count(1)[0]
     assert first.header.frame_id == "base_link"
@@ -147,7 +147,7 @@ class TestMap:
         client.echo(OccupancyGrid, "map")
         logs.wait(lambda r: "its image cannot be decoded" in r.getMessage())
 
-    def test_images(self):
+    def test_bad_images_are_refused(self):
         with pytest.raises(MapError):
             cells_of(b"")
         with pytest.raises(MapError):
@@ -203,7 +203,7 @@ class TestDiagnostics:
         codes = of(arrays.wait(lambda a: of(a, "abnormal codes").level == ERROR), "abnormal codes")
         assert codes.message
 
-    def test_devices_that_are_not_normal(self, simulator, agent, client):
+    def test_faulty_devices_are_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.push(
             HardwareState(
@@ -213,7 +213,7 @@ class TestDiagnostics:
         status = of(arrays.wait(lambda a: of(a, "hardware").level == ERROR), "hardware")
         assert values(status) == {"motor 2": "Fatal", "imu": "Warn"}
 
-    def test_the_link_is_lost(self, simulator, agent, client):
+    def test_a_lost_link_is_an_error_until_it_is_back(self, simulator, agent, client):
         arrays = diagnostics(client)
         arrays.wait_count(1)
         simulator.stop_listening()
@@ -223,7 +223,7 @@ class TestDiagnostics:
         back = arrays.wait(lambda a: values(of(a, "link"))["reconnects"] == "1")
         assert of(back, "link").level == OK
 
-    def test_a_low_battery(self, simulator, agent, client):
+    def test_a_low_battery_is_a_warning_or_an_error(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.push(Battery(power=15, charge_state=Battery.kNot))
         arrays.wait(lambda a: of(a, "battery").level == WARN)

@@ -103,7 +103,7 @@ def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
         yield agent
 
 
-def test_an_agent_and_a_node_of_the_test(agent: RunningAgent) -> None:
+def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("visitor")
@@ -124,13 +124,13 @@ def test_an_agent_connects_again(process: bool) -> None:
         agent.wait_connected(2)
 
 
-def test_an_agent_over_tcp() -> None:
+def test_an_agent_connects_over_tcp() -> None:
     with running_chassis() as chassis, running_agent(chassis, transport="tcp"):
         assert chassis.connections == 1
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_the_error_of_an_agent_that_cannot_start(process: bool) -> None:
+def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool) -> None:
     with (
         running_chassis() as chassis,
         pytest.raises((ValueError, AssertionError), match="encoding"),
@@ -139,7 +139,7 @@ def test_the_error_of_an_agent_that_cannot_start(process: bool) -> None:
         pass
 
 
-def test_two_robots() -> None:
+def test_two_robots_can_share_a_domain() -> None:
     with (
         own_domain() as domain,
         running_chassis(robot_id=1) as one,

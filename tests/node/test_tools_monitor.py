@@ -81,7 +81,7 @@ def watching(domain: int) -> Iterator[Watching]:
     running.close()
 
 
-def test_first_values_and_changes(watching, agent, simulator):
+def test_first_values_and_changes_are_shown(watching, agent, simulator):
     watching.wait_complete()
     truth = simulator.state.info
     shown = watching.ask(lambda view: (view.info.mode, view.info.pose_speed.pose, view.info.genral))
@@ -94,7 +94,7 @@ def test_first_values_and_changes(watching, agent, simulator):
     assert asked - of_the_agent == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
-def test_progress_of_an_action(watching, agent, client):
+def test_progress_of_an_action_is_shown(watching, agent, client):
     watching.wait_complete()
     agent_topic = client.path("ros/StepControl/_action/feedback")
     wait_until(lambda: agent.agent.node.count_subscribers(agent_topic) > 0, "the monitor")
@@ -108,7 +108,7 @@ def test_progress_of_an_action(watching, agent, client):
     watching.wait(lambda view: view.actions["StepControl"].state == 1, "its success")
 
 
-def test_the_agent_comes_and_goes(watching, start_agent, simulator):
+def test_start_and_end_of_the_agent_are_noticed(watching, start_agent, simulator):
     assert "no agent found in namespace /woosh_robot" in watching.source.link().text
     agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
     watching.wait_complete()
@@ -124,14 +124,14 @@ def test_the_agent_comes_and_goes(watching, start_agent, simulator):
     wait_until(lambda: simulator.counts["woosh.robot.RobotInfo"] >= known + 2, "another RobotInfo")
 
 
-def test_an_agent_that_hangs(watching, agent):
+def test_an_agent_that_hangs_is_noticed(watching, agent):
     watching.wait_link(lambda link: link.good)
     agent._spinner.stop()
     link = watching.wait_link(lambda link: not link.good)
     assert re.search(r"the agent has not answered for \d+ s", link.text)
 
 
-def test_the_link_of_the_agent(watching, agent, simulator):
+def test_the_link_of_the_agent_is_shown(watching, agent, simulator):
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
     simulator.stop_listening()
     link = watching.wait_link(lambda link: not link.good)
@@ -140,7 +140,7 @@ def test_the_link_of_the_agent(watching, agent, simulator):
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
 
 
-def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
+def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent, monkeypatch):
     """The message of `connected` arrives before the monitor has found the agent."""
     monkeypatch.setattr(ros_source, "_DISCOVERY_PERIOD", 2.0)
     watching = Watching(domain)
@@ -150,7 +150,7 @@ def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
         watching.close()
 
 
-def test_invalid_values(watching, agent, simulator):
+def test_messages_with_invalid_values_are_skipped(watching, agent, simulator):
     watching.wait_complete()
     simulator.push(PoseSpeed(pose=Pose2D(x=math.nan)))
     link = watching.wait_link(lambda link: "unreadable" in link.detail)
@@ -210,7 +210,7 @@ def test_once_names_a_latched_topic_without_a_message(
     assert status == 0
 
 
-def test_once_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
+def test_once_works_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
     start_agent(ip="127.0.0.1", port=simulator.port, enable_connected=False).wait_connected()
     status, text = Output(watching).wait()
     assert "it is unknown whether it is connected" in text
@@ -218,7 +218,7 @@ def test_once_with_an_agent_that_does_not_publish_connected(watching, start_agen
     assert status == 0
 
 
-def test_it_can_be_drawn(watching, agent):
+def test_the_view_can_be_drawn(watching, agent):
     watching.wait_complete()
     assert draw(watching.source.name, watching.source.link(), watching.source.view)
 
@@ -230,7 +230,9 @@ def test_it_can_be_drawn(watching, agent):
         ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
     ],
 )
-def test_once(domain: int, agent: Any, simulator: Any, arguments: list[str]) -> None:
+def test_once_prints_the_state(
+    domain: int, agent: Any, simulator: Any, arguments: list[str]
+) -> None:
     done = subprocess.run(
         [*PROGRAM, "--once", "--timeout", str(TIMEOUT), *arguments],
         capture_output=True,
@@ -244,7 +246,7 @@ def test_once(domain: int, agent: Any, simulator: Any, arguments: list[str]) -> 
     assert f"x {simulator.state.pose.x:.3f} m" in done.stdout
 
 
-def test_once_without_an_agent(domain: int) -> None:
+def test_once_without_an_agent_fails(domain: int) -> None:
     done = subprocess.run(
         [*PROGRAM, "--once", "--timeout", "1"],
         capture_output=True,
@@ -256,7 +258,7 @@ def test_once_without_an_agent(domain: int) -> None:
     assert "no agent found in namespace /woosh_robot" in done.stdout
 
 
-def test_wrong_namespace(domain: int) -> None:
+def test_invalid_namespace_is_refused(domain: int) -> None:
     done = subprocess.run(
         [*PROGRAM, "--once", "--namespace", "a b"],
         capture_output=True,
@@ -268,7 +270,7 @@ def test_wrong_namespace(domain: int) -> None:
     assert "monitor: error:" in done.stderr
 
 
-def test_signals(domain: int) -> None:
+def test_ctrl_c_ends_it(domain: int) -> None:
     process = subprocess.Popen(
         [*PROGRAM, "--interval", "0.1"],
         stdout=subprocess.PIPE,

@@ -63,7 +63,7 @@ def _of_task(message: Any) -> bool:
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
-def test_a_task_through_the_recorder_and_from_the_recording(
+def test_a_recorded_task_is_replayed_identically(
     tmp_path: Path, simulator: Any, start_agent: Any, client: Any, transport: str
 ) -> None:
     path = tmp_path / "field.jsonl.gz"

@@ -97,7 +97,7 @@ def test_qos_type_and_hash_in_the_graph(start_agent, client):
         assert (info.topic_type, str(info.topic_type_hash)) == (name, HASHES[name])
 
 
-def test_late_subscribers_get_the_newest(connect, client, push, simulator):
+def test_late_subscribers_get_the_newest_messages(connect, client, push, simulator):
     connect()
     for number in range(1, 61):
         push(StatusCode(code=number))

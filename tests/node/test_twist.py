@@ -36,7 +36,7 @@ def speeds(simulator: SimulatorThread) -> list[float]:
     return [round(twist.linear, 4) for twist in twists]
 
 
-def test_each_arrives_in_order(
+def test_velocities_arrive_in_order(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(latest_wins, "STALL", 3600.0)  # however slow this machine is
@@ -46,7 +46,7 @@ def test_each_arrives_in_order(
     assert speeds(simulator) == wanted
 
 
-def test_nobody_repeats_the_last_one(client: Client, simulator: SimulatorThread) -> None:
+def test_the_last_velocity_is_not_repeated(client: Client, simulator: SimulatorThread) -> None:
     before = simulator.state.odometer
     answers([drive(client, 0.4)])
     wait_until(lambda: simulator.state.odometer > before)
@@ -67,13 +67,13 @@ def test_nan_is_not_sent(client: Client, simulator: SimulatorThread) -> None:
     assert speeds(simulator) == []
 
 
-def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
+def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(TWIST, "the key switch is off")
     (answer,) = answers([drive(client, 0.4)])
     assert (answer.ok, answer.msg) == (False, "the key switch is off")
 
 
-def test_newest_wins_while_the_chassis_does_not_answer(
+def test_newest_velocity_wins_while_the_chassis_does_not_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Commands pile up neither here nor there, and nothing comes after the client has stopped."""
@@ -94,7 +94,7 @@ def test_newest_wins_while_the_chassis_does_not_answer(
     assert speeds(simulator) == [0.001], "there is no answer, and none is sent"
 
 
-def test_without_a_link_it_is_refused_and_not_kept(
+def test_velocity_without_a_link_is_refused_and_not_kept(
     client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.stop_listening()
@@ -108,7 +108,7 @@ def test_without_a_link_it_is_refused_and_not_kept(
     assert set(speeds(simulator)) == {0.0}
 
 
-def test_nothing_is_replayed_after_a_lost_link(
+def test_no_velocity_is_repeated_after_a_lost_link(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.mute(TWIST)
@@ -124,7 +124,7 @@ def test_nothing_is_replayed_after_a_lost_link(
     assert speeds(simulator) == [0.1, 0.2]
 
 
-def test_nothing_stale_comes_out_of_a_half_open_link(
+def test_no_stale_velocity_is_sent_after_a_half_open_link(
     client: Client, simulator: SimulatorThread
 ) -> None:
     answers([drive(client, 0.1)])

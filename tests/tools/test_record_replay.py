@@ -170,7 +170,7 @@ async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
 
 
 @aio
-async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
+async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with (
         simulator() as chassis,
@@ -212,7 +212,7 @@ async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
 
 
 @aio
-async def test_a_chassis_that_is_unreachable(tmp_path: Path) -> None:
+async def test_an_unreachable_chassis_is_recorded(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
         await chassis.stop_listening()
@@ -303,7 +303,7 @@ def pushed(t: float, name: str, body: Any, connection: int = 1) -> Any:
 INFO = exchange(0.0, "woosh.robot.RobotInfo", 900, {}, "")
 
 
-async def several_round_trips(client: ChassisClient) -> None:
+async def wait_round_trips(client: ChassisClient) -> None:
     """Give a playback at a high speed the time to send what it must not send yet."""
     for _ in range(10):
         await client.request(RobotInfo())
@@ -317,7 +317,7 @@ async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChas
 
 
 @aio
-async def test_answers_by_body_and_in_recorded_order() -> None:
+async def test_answers_are_chosen_by_the_request_and_come_in_recorded_order() -> None:
     records = [
         *exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "first a"),
         *exchange(2, "woosh.robot.Speak", 2, {"text": "b"}, "b"),
@@ -393,7 +393,7 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
         replaying(*records, speed=1e5) as replayed,
         ChassisClient(config=link(replayed.port)) as client,  # no subscription
     ):
-        await several_round_trips(client)
+        await wait_round_trips(client)
         assert replayed.rounds == 0
         heard: list[Any] = []
         client.subscribe(Mode, heard.append)
@@ -431,7 +431,7 @@ async def test_the_playback_pauses_until_a_command_is_sent() -> None:
         replaying(*records, wait_for_commands=True, speed=1e5) as replayed,
         connected(replayed.port) as (client, heard),
     ):
-        await several_round_trips(client)
+        await wait_round_trips(client)
         assert heard == []
         assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
         await eventually(lambda: len(heard) == 1)
@@ -454,7 +454,7 @@ async def test_each_client_receives_its_own_encoding(kind: str) -> None:
 
 
 @aio
-async def test_loop() -> None:
+async def test_the_recording_can_be_replayed_in_a_loop() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.Mode", {"work": 1}),
@@ -491,7 +491,7 @@ async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
 
 
 @aio
-async def test_frames_in_pieces(tmp_path: Path) -> None:
+async def test_frames_in_pieces_are_recorded_whole(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
