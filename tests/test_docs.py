@@ -1,4 +1,4 @@
-"""Names, numbers, examples and links in the docs are right."""
+"""Names, numbers, examples and links in the docs match the code."""
 
 from __future__ import annotations
 

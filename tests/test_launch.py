@@ -1,4 +1,4 @@
-"""Launch files and configuration: all that they name exists and accepts the given parameters."""
+"""Launch files and configuration: what they name exists, and their parameters are accepted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXECUTABLES = {"agent", "simulator"}
 
 @pytest.fixture
 def share(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Make launch files find the package in this checkout; return its folder."""
+    """Let launch files find the package in this checkout; return its folder."""
     import ament_index_python.packages as packages
 
     def share(name: str) -> str:
@@ -203,7 +203,7 @@ class TestLaunch:
         ],
     )
     def test_the_model_has_the_agents_prefix(self, text: str, prefix: str, tmp_path: Path):
-        """Otherwise the frames of the robot would not form one tree."""
+        """Without the prefix, the robot's frames would not form a single tree."""
         file = tmp_path / "mine.yaml"
         file.write_text(text)
         _, model = Launch("bringup", namespace="r9", params_file=str(file)).nodes
@@ -250,7 +250,7 @@ class TestLaunch:
 
     @pytest.mark.parametrize("name", ["fleet", "sim"])
     def test_included_files_get_all_their_arguments(self, name: str):
-        """An argument that is not passed on may be taken from another launch file."""
+        """ROS would take a missing argument from another launch file."""
         for each in Launch(name).included:
             assert set(each.given) == each.declared
 

@@ -1,4 +1,4 @@
-"""The memory of large frames is returned to the system."""
+"""The memory of large frames is returned to the operating system."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ print((resident() - before) // MIB)
 
 
 def left_behind(mode: str) -> int:
-    """Memory that a program still holds after freeing 40 MiB, in MiB."""
+    """Return the memory that a program still occupies after it freed 40 MiB, in MiB."""
     run = [sys.executable, "-c", PROGRAM, mode]
     return int(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
 

@@ -1,4 +1,4 @@
-"""Input never becomes code or a command: a search of the sources for functions that could do it."""
+"""Input is never executed: the sources do not use functions that could do it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PERMITTED = {
     ("security.py", "xml.etree.ElementTree"): "writes policies, reads nothing",
     ("testing/agents.py", "subprocess"): "runs the agent in tests, without a shell",
 }
-"""File and name of each permitted use, with the reason why it is safe."""
+"""Reason why each permitted use is safe, by file and name."""
 
 
 def dangers(source: str) -> set[str]:

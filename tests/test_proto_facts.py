@@ -1,4 +1,4 @@
-"""The compiled protobuf descriptors match the facts: nothing is missing, nothing extra."""
+"""The compiled protobuf descriptors match the facts exactly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reasons to reject a task, compared with those of the simulated chassis."""
+"""Reasons why a robot would reject a task, compared with those of the simulated chassis."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ CASES: list[tuple[str, Callable[[RobotInfo], object]]] = [
 def test_sufficient_reasons_do_not_depend_on_the_taskable_bit(
     name: str, change: Callable[[RobotInfo], object]
 ) -> None:
-    """Independent of the taskable bit, and without duplicates if it is not set."""
+    """They are given with and without the taskable bit, and only once."""
     for info in (ready(), not_taskable()):
         change(info)
         assert names(info) == [name]

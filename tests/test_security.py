@@ -21,7 +21,7 @@ SCRIPT = ROOT / "scripts" / "make_keystore"
 
 
 def names(policy: str, kind: str) -> set[str]:
-    """Return the names in a policy for which one operation is allowed."""
+    """Return the names for which a policy allows an operation, e.g. `topics subscribe`."""
     tag, operation = kind.split(" ")
     found = xml.fromstring(policy).findall(f".//{tag}[@{operation}='ALLOW']/*")
     return {str(each.text) for each in found}
@@ -119,7 +119,7 @@ _TOOLS = ["bash", "env", "cat", "cp", "dirname", "grep", "mkdir", "mktemp", "rm"
 
 
 class Keystore:
-    """Environment of the script: a PATH with or without a ros2, and a path for the keystore."""
+    """Environment of the script: a fake `ros2` on its PATH, and a path for the keystore."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "key store"
@@ -148,7 +148,7 @@ class Keystore:
         )
 
     def asked(self) -> list[list[str]]:
-        """Return and clear the logged calls of ros2, without the folders of the policies."""
+        """Return and clear the logged calls of `ros2`, without the folders of the policies."""
         asked = [line.split(" security ") for line in self.notes.read_text().splitlines()]
         self.notes.unlink()
         return [

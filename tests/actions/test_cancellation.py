@@ -1,4 +1,4 @@
-"""When a cancel is sent to the chassis, and when it is sent again."""
+"""Conditions under which a cancel is sent to the chassis, and repeated."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOST = ConnectionLostError("reset")
 
 
 class Chassis:
-    """Takes cancels and answers them when it is told to."""
+    """A chassis that receives cancels, and answers them when the test calls `answer`."""
 
     def __init__(self) -> None:
         self.replaced = False
@@ -57,7 +57,7 @@ class Chassis:
 
 
 async def settled() -> None:
-    """Let all tasks run until they wait."""
+    """Let all tasks run until each of them waits."""
     for _ in range(5):
         await asyncio.sleep(0)
 

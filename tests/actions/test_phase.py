@@ -1,4 +1,4 @@
-"""The phases of a goal: the diagram in the docs shows those of the code."""
+"""The phases of a goal, which the diagram in the docs must match."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EDGE = re.compile(r"^ +(\[\*\]|\w+) --> (\[\*\]|\w+)(?:: (.+))?$")
 
 @pytest.fixture(scope="module")
 def edges() -> list[tuple[str, str, str]]:
-    """From, to and label of each line of the diagram."""
+    """Source, target and label of each arrow in the diagram."""
     found = re.search(r"```mermaid\nstateDiagram-v2\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert found
     lines = [EDGE.match(line) for line in found[1].splitlines()]

@@ -1,4 +1,4 @@
-"""Binary frames as they are on the wire, put together by hand."""
+"""Binary frames as they are on the wire, encoded without the protobuf library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closing and reconfiguring: the client, one connection, and timeouts."""
+"""Closing and reconfiguring: of the client, of one connection, and while a timeout runs."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
         )
         await client.reconfigure(two.config())
         await client.wait_ready(TIMEOUT)
-        assert runners == [0]  # none except the one that reports it
+        assert runners == [0]  # only the task that reports the state is left
 
 
 @aio
@@ -245,7 +245,7 @@ async def test_a_cancelled_reconfigure_leaves_a_link() -> None:
 
 
 class Fake:
-    """A transport whose frames have all arrived already."""
+    """A transport whose frames have all been received already."""
 
     peer = "fake"
     progress_at = 0.0

@@ -1,4 +1,4 @@
-"""A hostile chassis: the link's use of memory and time stays bounded, and the link goes on."""
+"""A hostile chassis: the link's memory and time stay bounded, and the link keeps working."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MIB = 1024 * 1024
 
 @aio
 async def test_redirects_are_not_followed() -> None:
-    """A redirect could lead to another machine."""
+    """A redirect could connect the agent to another machine."""
     async with Peer() as elsewhere:
 
         async def redirect(reader: Any, writer: Any) -> None:
@@ -53,7 +53,7 @@ def _with_port(config: Any, port: int) -> Any:
 
 @aio
 async def test_an_impossible_length_ends_the_connection_at_once() -> None:
-    """Skipping it would take for ever, and its bytes would count as a sign of life."""
+    """Skipping such a frame would never end, and its bytes would count as signs of life."""
     async with Peer("tcp") as peer, peer.client() as client:
         wire = await peer.wire()
         await wire.raw(Packed.varint(2**40) + b"x" * 1000)
@@ -72,7 +72,7 @@ async def test_an_impossible_length_ends_the_connection_at_once() -> None:
     ids=["envelope", "poses", "lists", "names"],
 )
 def test_the_parts_of_a_json_frame_are_limited(data: str) -> None:
-    """An empty object takes two bytes in a frame and a hundred bytes of memory."""
+    """An empty object is two bytes in a frame, but a hundred bytes in memory."""
     tracemalloc.start()
     try:
         with pytest.raises(FrameError, match="objects, lists and names"):
@@ -90,7 +90,7 @@ def test_a_large_frame_with_few_parts_is_read() -> None:
 
 @pytest.mark.parametrize("codec", ["json", "protobuf"])
 def test_a_long_type_name_is_cut(codec: str) -> None:
-    """It appears in errors, in logs and in answers of the simulator."""
+    """The name appears in errors, in logs and in answers of the simulator."""
     name = "x" * MIB
     if codec == "json":
         envelope = JsonCodec().decode('{"type":"' + name + '","sn":1}')

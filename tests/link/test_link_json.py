@@ -1,4 +1,4 @@
-"""JSON frames as they are on the wire, as literal text in both directions."""
+"""JSON frames as they are on the wire, compared with literal text in both directions."""
 
 from __future__ import annotations
 

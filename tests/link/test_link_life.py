@@ -155,7 +155,7 @@ async def test_an_attempt_at_a_silent_server_ends_after_the_connect_timeout() ->
         client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=10))
         started = time.monotonic()
         error = await error_of(client)
-        assert time.monotonic() - started < 5  # whatever the timeouts of the library
+        assert time.monotonic() - started < 5  # shorter than the library's own timeouts
         assert isinstance(error, NotConnectedError)
         assert "within 0.05 s" in str(error)
         await eventually(lambda: all(writer.transport.is_closing() for writer in server.open))
@@ -323,7 +323,7 @@ async def test_failures_and_the_recovery_are_logged_once(
 
 @aio
 async def test_robot_info_is_requested_again_if_no_answer_comes() -> None:
-    """The first answer counts, whichever of the requests it belongs to."""
+    """The first answer to any of the requests counts."""
     unanswered: list[Frame] = []
 
     async def script(wire: Wire, frame: Frame) -> bool:

@@ -1,4 +1,4 @@
-"""Subscriptions and pushes: which are requested, which arrive, and in which order."""
+"""Subscriptions and pushes: which are requested, which are delivered, and in which order."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) ->
         seen: list[int] = []
         client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
         client.subscribe(TaskProc, print)
-        client.subscribe(Battery, print)()  # and unsubscribe again
+        client.subscribe(Battery, print)()  # subscribe and unsubscribe
         async with client:
             for number in (1, 2):
                 wire = await peer.wire(number)
@@ -101,7 +101,9 @@ async def test_subscribing_and_unsubscribing_while_connected(kind: str) -> None:
         await wire.push(POSE, pose(kind, 2))
         await eventually(lambda: len(second) == 2)
         stop_second()
-        frame = await wire.next()  # one frame for the first and one for the last, none between
+        frame = (
+            await wire.next()
+        )  # only the first subscription and the last unsubscription are sent
         assert topics(frame) == ([POSE], False)
         await wire.push(POSE, pose(kind, 3))
         await eventually(lambda: client.stats.rx == 4)
@@ -333,7 +335,7 @@ async def test_the_queue_keeps_the_newest_pushes_of_each_type_up_to_its_limit() 
     assert [n for name, n in seen if name == "counted"] == list(range(LATEST_DEPTH, sent))
     assert seen == sorted(seen, key=lambda one: (one[1], one[0] == "counted"))
     queue.put("state", lambda: seen.clear())
-    await taken(queue, 1)  # now there is room again
+    await taken(queue, 1)  # now there is room
     assert not seen
     assert dropped["state"] == 20
 

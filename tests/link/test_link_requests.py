@@ -245,7 +245,7 @@ async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
         for frame in frames:
             await wire.answer(frame)
         await soon(asyncio.gather(*tasks))
-        task = ask(client, Speak())  # there is room again
+        task = ask(client, Speak())  # now there is room
         await wire.answer(await wire.next("woosh.robot.Speak"))
         await soon(task)
         assert not [frame for frame in wire.seen if frame["type"] == "woosh.robot.Battery"]
@@ -359,7 +359,7 @@ async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         wire.freeze()
-        first = ask(client, Speak(text="x" * 16_000_000))  # fills every buffer on the way
+        first = ask(client, Speak(text="x" * 16_000_000))  # fills all buffers up to the chassis
         await turns()
         for _ in range(30):
             with pytest.raises(RequestTimeoutError):

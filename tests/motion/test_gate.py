@@ -1,4 +1,4 @@
-"""The gate: one way to the wheels, stop, the end, and who drives the robot."""
+"""The motion gate: reserved requests, `stop`, closing, and the owner of the wheels."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 TWIST = "woosh.robot.Twist"
 ORDERS = len(cancel_orders()) + 1
 LOAD = "x" * 16_000_000
-"""More than the sockets hold."""
+"""Text larger than the socket buffers."""
 
 every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
 
 
 @pytest.fixture(autouse=True)
 def long_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stop holds however slow this machine is."""
+    """Let a stop hold for the whole test, even on a slow machine."""
     monkeypatch.setattr(gate_module, "HOLD", 3600.0)
 
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
-    """A script of a chassis that accepts everything that can move it."""
+    """Accept every request; a script for `Peer`."""
     if frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
         await wire.answer(frame)
         return True
@@ -153,7 +153,7 @@ async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None
         gate = MotionGate(client)
         wire = await peer.wire()
         await gate.close(TIMEOUT)
-        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))  # its hold is shorter
+        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))  # forbids motion for a while only
         with pytest.raises(SupersededError, match="the agent is stopping"):
             await gate.request(request_)
         assert len(types(wire)) == ORDERS
@@ -199,7 +199,7 @@ async def test_the_last_zero_replaces_a_held_velocity(
         first = asyncio.ensure_future(gate.request(Twist(linear=1)))
         frame = await wire.next(TWIST)
         for serial in gate._velocities._unanswered:
-            gate._velocities._unanswered[serial] -= 3600.0  # for too long
+            gate._velocities._unanswered[serial] -= 3600.0  # unanswered for too long
         held = asyncio.ensure_future(gate.request(Twist(linear=2)))
         await turns()
         closing = asyncio.ensure_future(gate.close(TIMEOUT))
@@ -239,7 +239,7 @@ async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
 
 @aio
 async def test_no_zero_follows_an_accepted_task() -> None:
-    """The last zero would stop the task."""
+    """The zero at the end would stop the task."""
     tasks = [each for each in MOVING if "Exec" in each.DESCRIPTOR.name]
     driving = CallAction()
     driving.move_base.action = 1
@@ -298,7 +298,7 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
         await asyncio.wait([task])
         assert task.exception() is not None
         with pytest.raises(NotConnectedError):
-            await gate.request(request_)  # nor is what comes without a link
+            await gate.request(request_)  # a request without a link is not sent later either
         again = await peer.wire(2)
         await client.wait_ready(TIMEOUT)
         speaking = asyncio.ensure_future(gate.request(Speak()))

@@ -26,7 +26,7 @@ TWIST = "woosh.robot.Twist"
 
 @pytest.fixture(autouse=True)
 def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However slow this machine is, nothing is stalled or too old unless a test says so."""
+    """Let no command be stalled or stale unless a test says so, even on a slow machine."""
     monkeypatch.setattr(latest_wins, "STALL", 3600.0)
 
 
@@ -44,7 +44,7 @@ def speeds(wire: Wire) -> list[float]:
 
 
 async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Frame]:
-    """One command, unanswered for too long."""
+    """Send one command and let it be unanswered for too long; return its task and frame."""
     first = drive(gate, 1)
     frame = await wire.next(TWIST)
     stall(gate._velocities)
@@ -52,7 +52,7 @@ async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Fram
 
 
 def stall(latest: LatestWins[Any]) -> None:
-    """Make what is unanswered unanswered for too long."""
+    """Backdate the unanswered commands, so that they count as stalled."""
     for serial in latest._unanswered:
         latest._unanswered[serial] -= latest_wins.STALL + 1
     assert latest._stalled()
@@ -162,7 +162,7 @@ async def test_no_older_command_overtakes_a_stop_even_when_released_just_before(
         first, _ = await stalled(gate, wire)
         held = drive(gate, 2)
         await turns()
-        gate._velocities._let_go()  # as an answer does
+        gate._velocities._let_go()  # as after an answer
         stopping = asyncio.ensure_future(gate.request(Twist()))
         with pytest.raises(SupersededError):
             await soon(held)
@@ -190,13 +190,13 @@ async def test_a_command_held_right_after_another_was_released_is_superseded_at_
     second = go(2)
     await turns(3)
     latest._let_go()
-    third = go(3)  # runs before the second one that was let go
+    third = go(3)  # runs before the released second one
     await turns(3)
     with pytest.raises(SupersededError):
         await second
     fourth = go(4)
     await turns(3)
-    assert third.done()  # at once, not when it is too old
+    assert third.done()  # superseded at once, not only when it is stale
     with pytest.raises(SupersededError, match="newer"):
         await third
     answers[0].set_result("first")

@@ -1,4 +1,4 @@
-"""The actions of woosh.ros.CallAction: steps, lifts and paths, and orders about them."""
+"""The actions of woosh.ros.CallAction (steps, lifts and paths), and pause, resume and cancel."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def test_late_end_of_an_older_goal_does_not_end_the_newer_one(
 def test_end_of_another_programs_action_does_not_end_the_goal(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """This is also how it is after a restart of the agent."""
+    """The same happens after a restart of the agent."""
     request = CallAction()
     request.step_control.steps.add(mode=1, value=500.0, speed=0.5)
     request.step_control.action = EXECUTE
@@ -282,7 +282,7 @@ def test_earlier_goals_end_in_a_poll_is_ignored(
     asked: list[Outgoing] = []
 
     def answer_once(out: Outgoing) -> list[Outgoing]:
-        """A second answer would end the goal: it could have ended with the same report."""
+        """Drop all answers but the first: a repeated one would count as the end of this goal."""
         if out.request != FEEDBACKS:
             return [out]
         asked.append(out)
@@ -316,7 +316,7 @@ def test_last_goal_of_a_burst_wins(
     """The ends of all goals that it replaces come before the answer to its start request."""
     simulator.delay(CALL_ACTION, late)
     slow_down(simulator)
-    goals = [step(client, 6.0) for _ in range(count)]  # longer than the answers are late
+    goals = [step(client, 6.0) for _ in range(count)]  # longer than the delay of the answers
     simulator.wait_received(CALL_ACTION, count)
     hurry(simulator)
     status, ret = goals[-1].result()

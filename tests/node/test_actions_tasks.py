@@ -1,4 +1,4 @@
-"""robot/ExecTask against a chassis that behaves well, and one that does not."""
+"""robot/ExecTask, with a chassis that behaves well and with one that does not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cancelling goals, with the cancel request, the chassis's answers and its reports in any order."""
+"""Cancelling goals, with cancel requests, the chassis's answers and its reports in any order."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftCont
 
 @pytest.fixture(autouse=True)
 def unhurried(agent: RunningAgent, simulator: SimulatorThread) -> None:
-    """Let no goal end by itself before it is cancelled."""
+    """Slow simulated time down, so that no goal ends before it is cancelled."""
     slow_down(simulator)
 
 
@@ -56,7 +56,7 @@ def in_state(goal: GoalClient, state: int) -> GoalClient:
 
 
 def losing(*types: str, state: int | None = None) -> Callable[[Outgoing], list[Outgoing]]:
-    """Lose pushes of some types, if `state` is given only those with that state."""
+    """Return a filter that drops pushes of some types; with `state`, only those with it."""
 
     def pass_on(out: Outgoing) -> list[Outgoing]:
         lost = out.type in types and not out.sn and state in (None, getattr(out.body, "state", 0))
@@ -109,7 +109,7 @@ def test_action_can_be_cancelled_before_its_first_report(
     simulator.wait_received(CALL_ACTION)
     goal.cancel()
     assert goal.result()[0] == CANCELED
-    assert simulator.counts[FEEDBACKS] == 0, "without asking"
+    assert simulator.counts[FEEDBACKS] == 0, "the end is known without a poll"
 
 
 def test_goal_ends_only_when_the_chassis_says_so(
@@ -161,7 +161,7 @@ def test_refused_cancel_lets_the_goal_succeed(client: Client, simulator: Simulat
 def test_cancel_waits_until_the_chassis_has_accepted_the_goal(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """The chassis may still execute another goal, which a cancel would hit."""
+    """The chassis may still execute another goal, which an early cancel would end."""
     answered = threading.Event()
 
     def hold(out: Outgoing) -> list[Outgoing]:
@@ -175,7 +175,7 @@ def test_cancel_waits_until_the_chassis_has_accepted_the_goal(
     assert client_is_served(client)
     assert simulator.counts[ACTION_ORDER] == 0
     answered.set()
-    simulator.push(proc(4, EXECUTING))  # tells as much as the answer would
+    simulator.push(proc(4, EXECUTING))  # a report on the goal proves that it was accepted
     assert goal.result()[0] == CANCELED
     assert simulator.counts[ACTION_ORDER] == 1
 
@@ -223,7 +223,9 @@ def test_cancel_near_the_end_of_the_goal_gives_one_result(
     status, ret = goal.result()
     ends = {SUCCEEDED: COMPLETED, CANCELED: TASK_CANCELED}
     assert ret.state.value == ends[status]
-    assert short_task(client, 0.1).result()[0] == SUCCEEDED, "nothing is left of the first goal"
+    assert short_task(client, 0.1).result()[0] == SUCCEEDED, (
+        "the first goal must not affect the next one"
+    )
 
 
 def test_cancel_after_the_end_does_nothing(client: Client, simulator: SimulatorThread) -> None:
@@ -281,7 +283,7 @@ def test_cancel_of_an_action_without_a_link_is_sent_once_when_it_is_back(
 def test_refused_cancel_is_not_sent_again_after_a_lost_link(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """A refusal is an answer: it is up to the client to ask again."""
+    """A refusal is an answer, so only the client may repeat the cancel."""
     goal = in_state(task(client), EXECUTING)
     simulator.refuse(ACTION_ORDER, "later")
     goal.cancel()
@@ -336,5 +338,5 @@ def test_all_goals_can_be_cancelled_while_one_replaces_another(
 
 
 def client_is_served(client: Client) -> bool:
-    """Make a round trip through agent and chassis, so that everything before it is done."""
+    """Call a service; its answer shows that the agent has handled everything sent earlier."""
     return client.call(RobotState, "robot/RobotState") is not None

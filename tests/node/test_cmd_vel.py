@@ -1,4 +1,4 @@
-"""cmd_vel: drives while it is repeated, and stops the robot when it is not."""
+"""cmd_vel: the robot drives while velocities are repeated, and is stopped when they end."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TWIST = "woosh.robot.Twist"
 
 
 class Sender:
-    """Publishes on cmd_vel, once or again and again."""
+    """Publishes on cmd_vel, once or at a rate."""
 
     def __init__(self, client: Client, message_class: Any = Twist) -> None:
         self._client = client
@@ -55,7 +55,7 @@ class Sender:
         self._thread.start()
 
     def pause(self) -> float:
-        """End `repeat`; returns the time of the end."""
+        """Stop repeating; return the time of the end."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -72,7 +72,7 @@ def sender(agent: Any, client: Client) -> Iterator[Sender]:
 
 @pytest.fixture
 def twists(simulator: SimulatorThread) -> Callable[[], list[tuple[float, float, float]]]:
-    """What reached the chassis so far: linear, linear_y, angular."""
+    """Function that returns the velocities the chassis has received: linear, linear_y, angular."""
 
     def read() -> list[tuple[float, float, float]]:
         return [
@@ -85,7 +85,7 @@ def twists(simulator: SimulatorThread) -> Callable[[], list[tuple[float, float, 
 
 @pytest.fixture
 def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
-    """When velocities reached the chassis, and whether each was zero."""
+    """Arrival time of each velocity at the chassis, and True if it was zero."""
     times: list[tuple[float, bool]] = []
 
     def note(frame: Any) -> list[Any]:
@@ -99,11 +99,11 @@ def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
 
 
 def last_twist(simulator: SimulatorThread) -> Any:
-    return simulator._simulator.last(TWIST)  # in the simulator's own thread
+    return simulator._simulator.last(TWIST)  # called in the simulator's thread
 
 
 def start_task(sim: Any) -> None:
-    """As another client of the chassis would."""
+    """Start a task as another client of the chassis."""
     task = pack.ExecTask(task_id=7, type=util_task.kPick, mark_no="A23")
     assert dispatch(sim.chassis, task).ok
 
@@ -116,7 +116,9 @@ def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
 
 def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals):
     delays = []
-    for times in range(1, 4):  # a busy machine may be late to tell when the sender ended
+    for times in range(
+        1, 4
+    ):  # repeated, because a busy machine may note the end of the sender too late
         before = len(arrivals)
         sender.repeat(20, x=0.3)
         wait_until(lambda: len(arrivals) >= before + 5)  # noqa: B023
@@ -135,13 +137,13 @@ def test_a_zero_is_sent_once(simulator, agent, sender, twists):
     simulator.wait_received(TWIST)
     sender.send()
     wait_until(lambda: not agent.agent._gate.driving, "the answer to the zero")
-    count = len(twists())  # 3 if the watchdog of a busy machine was quicker
+    count = len(twists())  # 3 if the watchdog sent a zero too, on a busy machine
     threading.Event().wait(0.8)
     assert len(twists()) == count
 
 
 def test_zeros_of_an_idle_sender_are_not_sent(simulator, sender, client, twists):
-    """twist_mux and joysticks send them all the time."""
+    """twist_mux and joysticks send zeros all the time."""
     goal = step(client, 20.0)
     simulator.wait_received("woosh.ros.CallAction")
     sender.repeat(50)
@@ -163,7 +165,7 @@ class TestRate:
             sender.send()
             threading.Event().wait(0.005)
         lasted = time.monotonic() - begun
-        assert len(arrivals) < 3 * 10 * lasted, "a stop after each velocity, which does not wait"
+        assert len(arrivals) < 3 * 10 * lasted, "zeros are sent at once"
 
     def test_a_faster_stream_is_thinned_out_to_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=5.0)
@@ -172,7 +174,7 @@ class TestRate:
         begun = time.monotonic()
         sender.repeat(100, x=0.3)
         wait_until(lambda: len(arrivals) >= 6)
-        assert time.monotonic() - begun > 0.9, "six at 5 Hz take a second"
+        assert time.monotonic() - begun > 0.9, "six velocities at 5 Hz take a second"
         sender.pause()
 
     def test_the_first_zero_is_not_delayed_by_it(self, simulator, start_agent, client, arrivals):
@@ -192,7 +194,7 @@ class TestRate:
             return time.monotonic() - begun
 
         # several attempts: a busy machine may be late
-        wait_until(lambda: delay() < 0.5, "a zero before the next beat of the rate")
+        wait_until(lambda: delay() < 0.5, "a zero before the next period of the rate")
         assert arrivals[-1][1]
 
 
@@ -234,7 +236,7 @@ class TestRefused:
     def test_velocities_are_refused_while_another_clients_task_runs(
         self, simulator, agent, sender, client, logs
     ):
-        """Somebody who is not a client of the agent."""
+        """The other client talks to the chassis directly."""
         plans = client.echo(TaskProc, "robot/TaskProc")
         simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kExecuting))
         plans.wait(lambda m: m.robot_task_id == 7)
@@ -265,7 +267,7 @@ class TestRefused:
         simulator.wait_received(TWIST)
         goal = short_task(client, 0.5)
         goal.feedback.wait_count(1)
-        sender.send()  # the stick is let go
+        sender.send()  # as when the joystick is released
         assert goal.result()[0] == SUCCEEDED
         assert (0.0, 0.0, 0.0) not in twists()
 
@@ -293,7 +295,7 @@ class TestLinkLoss:
         simulator.wait_received(TWIST)
         simulator.stop_listening()
         wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
-        sender.send(x=0.4)  # nobody gets this, then or later
+        sender.send(x=0.4)  # there is no link, and this must not be sent later
         simulator.listen()
         agent.wait_connected(2)
         simulator.wait_received(TWIST, 2)
@@ -340,7 +342,7 @@ class TestStop:
         assert len(twists()) == count, "nothing after the stop"
         sender.pause()
         sender.send(x=0.2)
-        threading.Event().wait(0.2)  # the agent keeps the newest only
+        threading.Event().wait(0.2)  # time for the agent to take the newest
         sender.send()
         threading.Event().wait(0.2)
         sender.send(x=0.1)

@@ -25,7 +25,7 @@ from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_msgs.msg import ChangeNavPath, ExecTask, PoseSpeed, ScannerData, Speak
 from woosh_ros_msgs.msg import CallAction, MoveBase
 
-# the only oneof with message members; the agent sends it without converting all of it
+# the only oneof with message members; the table lacks it, because the agent converts its members
 PAIRS = PAIRS | {"woosh.ros.CallAction": (CallAction, message_type("woosh.ros.CallAction"))}
 CODECS = {
     "json": JsonCodec(),
@@ -34,7 +34,7 @@ CODECS = {
 }
 EXAMPLES = int(os.environ.get("CONVERSION_EXAMPLES", "30"))
 
-# messages are made from a seed: drawn value by value they would be too large for hypothesis
+# hypothesis draws only a seed: messages drawn value by value would be too large for it
 some = settings(
     max_examples=EXAMPLES,
     deadline=None,
@@ -99,7 +99,7 @@ def test_with_field_checks_of_ros():
 
 
 def test_nan_is_converted_to_ros():
-    """A scanner reports NaN if nothing reflects; only numbers sent to the robot must be finite."""
+    """A scanner reports NaN without a reflection; only numbers sent to the robot must be finite."""
     frame = {"type": "woosh.robot.ScannerData", "body": {"ranges": ["NaN", "Infinity", 1.5]}}
     codec = JsonCodec()
     body = codec.body(codec.decode(json.dumps(frame)), message_type("woosh.robot.ScannerData"))

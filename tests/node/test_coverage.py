@@ -1,4 +1,4 @@
-"""The table of endpoints matches the facts, is served completely, and each endpoint has a test."""
+"""The table of endpoints matches the facts; the agent offers each one, and each has a test."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def check_graph(watcher: Client, namespace: str) -> None:
     wait_until(lambda: ("agent", namespace or "/") in node.get_node_names_and_namespaces())
 
     def offered(names_and_types: Any) -> dict[str, str]:
-        """Types of the agent's endpoints by relative name, without those of every node."""
+        """Return types of the agent's endpoints by relative name, without those of any node."""
         prefix = f"{namespace}/"
         return {
             name.removeprefix(prefix): types[0]
@@ -76,7 +76,7 @@ def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client)
     simulator.stop_listening()
     where = {"ip": "127.0.0.1", "port": simulator.port}
     agent = start_agent(**where, backoff_min=0.05, backoff_max=0.1)
-    wait_until(lambda: agent.agent._chassis.last_error, "an attempt in vain")
+    wait_until(lambda: agent.agent._chassis.last_error, "a failed attempt")
     assert not client.call(SetIdentity, "setting/Identity").ok
     simulator.listen()
     agent.wait_connected()

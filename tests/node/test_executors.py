@@ -1,4 +1,4 @@
-"""Both executors behave the same: services, topics, goals, cancellation and shutdown."""
+"""Both executors behave alike: services, topics, goals, cancellation and shutdown."""
 
 from __future__ import annotations
 

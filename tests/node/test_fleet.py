@@ -1,4 +1,4 @@
-"""Several robots in one process: each agent behaves as if it were alone."""
+"""Several robots in one process: the agents do not affect each other."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def fleet(start_fleet: Callable[..., Program]) -> Program:
 
 
 def logger_of(namespace: str) -> str:
-    """Name of the agent's logger."""
+    """Return the name of an agent's logger."""
     return f"[{namespace.strip('/').replace('/', '.')}.agent"
 
 
@@ -142,7 +142,7 @@ def test_a_lost_link_affects_only_one_robot(
     wait_until(lambda: not clients[lost].call(Speak, "robot/Speak").ok)
     assert clients[other].call(Speak, "robot/Speak").ok
     assert goal.result()[0] == SUCCEEDED
-    # logged once, by the robot that is affected
+    # logged once, with the name of the affected robot
     told = [line for line in fleet.lines if "cannot connect" in line or "lost" in line]
     assert told
     assert all(logger_of(lost) in line for line in told), told
@@ -178,7 +178,7 @@ def test_an_error_is_logged_by_the_robot_that_has_it(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """In the executor thread and in the link thread."""
+    """Errors in the executor thread and in the link thread are both attributed."""
     with running_fleet(tmp_path, chassis) as fleet:
         failing, other = ROBOTS
         agent, second = fleet.agents

@@ -1,4 +1,4 @@
-"""Goals that are given up because the chassis tells nothing of them, though the link is up."""
+"""Goals given up because the chassis does not report on them, although the link is up."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ def poll_type(kind: str) -> str:
     return TASK_PROC if kind == "task" else FEEDBACKS
 
 
-def no_pushes(out: Outgoing) -> list[Outgoing]:
+def drop_reports(out: Outgoing) -> list[Outgoing]:
     return [] if out.type in (TASK_PROC, FEEDBACKS) and not out.sn else [out]
 
 
-def knows_nothing(out: Outgoing) -> list[Outgoing]:
-    """Neither pushes nor answers report on an action."""
+def hide_actions(out: Outgoing) -> list[Outgoing]:
+    """Drop pushed reports, and empty the answers to polls of actions."""
     answered = out.request == FEEDBACKS
-    return no_pushes(dataclasses.replace(out, body=Feedbacks()) if answered else out)
+    return drop_reports(dataclasses.replace(out, body=Feedbacks()) if answered else out)
 
 
 def wait_polled(simulator: SimulatorThread, kind: str, more: int) -> None:
@@ -82,11 +82,11 @@ def wait_polled(simulator: SimulatorThread, kind: str, more: int) -> None:
     simulator.wait_received(asks, simulator.counts[asks] + more)
 
 
-# The chassis never reports
+# The chassis sends no report
 
 
 def test_goal_never_reported_on_is_given_up(client: Client, simulator: SimulatorThread) -> None:
-    simulator.intercept(knows_nothing)
+    simulator.intercept(hide_actions)
     status, ret = step(client, 100.0).result()
     assert (status, ret.state.value) == (ABORTED, -1)
     assert "accepted the goal" in ret.msg
@@ -100,7 +100,7 @@ def test_goal_never_reported_on_is_given_up(client: Client, simulator: Simulator
 def test_goal_never_reported_on_is_given_up_if_polls_are_refused(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
-    simulator.intercept(no_pushes)
+    simulator.intercept(drop_reports)
     simulator.refuse(poll_type(kind), "unknown type")
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     status, ret = goal.result()
@@ -111,9 +111,9 @@ def test_goal_never_reported_on_is_given_up_if_polls_are_refused(
 def test_goal_reported_on_once_goes_on(
     client: Client, simulator: SimulatorThread, refused: bool
 ) -> None:
-    """A long step is reported on seldom, and a chassis may leave it out when polled."""
+    """A chassis rarely reports on a long step, and may omit it from its answers to polls."""
     goal = start_goal(client, "action")
-    remove = simulator.intercept(knows_nothing)
+    remove = simulator.intercept(hide_actions)
     if refused:
         simulator.refuse(FEEDBACKS, "unknown type")
     wait_polled(simulator, "action", 30)  # 3 s
@@ -123,7 +123,7 @@ def test_goal_reported_on_once_goes_on(
     assert goal.result()[0] == SUCCEEDED
 
 
-# The chassis answers no poll
+# The chassis does not answer polls
 
 
 @KINDS
@@ -131,11 +131,11 @@ def test_goal_is_given_up_if_polls_are_not_answered(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     goal = start_goal(client, kind)
-    simulator.intercept(no_pushes)
+    simulator.intercept(drop_reports)
     simulator.mute(poll_type(kind))
 
     def ended() -> bool:
-        simulator.push(PoseSpeed())  # so that it is not silent
+        simulator.push(PoseSpeed())  # the chassis is not silent
         return bool(goal.done)
 
     wait_until(ended)
@@ -154,7 +154,7 @@ def test_goal_goes_on_if_reports_come_between_unanswered_polls(
 
     def seldom(out: Outgoing) -> list[Outgoing]:
         if out.request != FEEDBACKS:
-            return no_pushes(out)
+            return drop_reports(out)
         asked.append(out)
         told = dataclasses.replace(out, sn=0, request="", body=feedbacks(2, f"step {len(asked)}"))
         return [told] if len(asked) % 2 == 0 else []
@@ -180,7 +180,7 @@ def test_goal_is_given_up_if_an_accepted_cancel_has_no_effect(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     goal = start_goal(client, kind)
-    simulator.intercept(no_pushes)
+    simulator.intercept(drop_reports)
     simulator.refuse(poll_type(kind), "unknown type")
     goal.cancel()
     status, ret = goal.result()
@@ -198,7 +198,7 @@ def test_goal_goes_on_while_reports_follow_an_accepted_cancel(
     def still_at_it(out: Outgoing) -> list[Outgoing]:
         if out.request == FEEDBACKS:
             return [dataclasses.replace(out, body=feedbacks(2, "still at it"))]
-        return no_pushes(out)
+        return drop_reports(out)
 
     remove = simulator.intercept(still_at_it)
     goal.cancel()
@@ -209,7 +209,7 @@ def test_goal_goes_on_while_reports_follow_an_accepted_cancel(
     assert simulator.counts[CALL_ACTION] == 2
 
 
-# A cancel gets no answer
+# The chassis does not answer a cancel
 
 
 @pytest.mark.parametrize("link_timeout", [10.0])
@@ -221,10 +221,10 @@ def test_cancel_is_repeated_only_after_a_report(
     goal = start_goal(client, kind)
     cancels = ACTION_ORDER if kind == "task" else CALL_ACTION
     sent = simulator.counts[cancels] + 1
-    remove = simulator.intercept(no_pushes if kind == "task" else knows_nothing)
+    remove = simulator.intercept(drop_reports if kind == "task" else hide_actions)
     if kind == "task":
         simulator.refuse(TASK_PROC, "unknown type")
-    simulator.refuse(cancels, "")  # so that it is not done
+    simulator.refuse(cancels, "")  # so that the chassis does not execute it
     simulator.mute(cancels)
     goal.cancel()
     simulator.wait_received(cancels, sent)

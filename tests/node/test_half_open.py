@@ -1,4 +1,4 @@
-"""A half-open link, with default timeouts: nobody waits forever."""
+"""A half-open link, with default timeouts: every call and goal ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from woosh_robot_msgs.srv import Speak
 
 SPEAK = "woosh.robot.Speak"
 NOTICED = 10.0
-"""Longest silence before the link counts as lost, as documented, in seconds."""
+"""Documented time after which a silent link counts as lost, in seconds."""
 
 
 @pytest.fixture(params=["websocket", "tcp"])

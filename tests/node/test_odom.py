@@ -1,4 +1,4 @@
-"""odom and /tf compared with the pose of the simulated robot."""
+"""odom and /tf, compared with the pose of the simulated robot."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ EXECUTE = 1
 
 @pytest.fixture
 def slow_simulator() -> Any:
-    """A simulator at three times real time: odom depends on distances per time, so not faster."""
+    """A simulator at three times real time. Faster motion would look like a jump of the pose."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 
 @pytest.fixture
 def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
-    """All poses that the robot reported, the oldest first."""
+    """All poses that the robot has reported, oldest first."""
     poses: list[Pose2D] = []
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -66,13 +66,13 @@ def odoms(client: Client) -> Any:
     return client.echo_with(Odometry, "odom", QoSProfile(depth=1000))
 
 
-def plane(pose: Any) -> Pose2D:
+def planar_pose(pose: Any) -> Pose2D:
     return Pose2D(
         pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
     )
 
 
-def of_transform(transform: Any) -> Pose2D:
+def transform_pose(transform: Any) -> Pose2D:
     shift, rotation = transform.translation, transform.rotation
     return Pose2D(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
 
@@ -83,7 +83,7 @@ def near(one: Pose2D, other: Pose2D, metres: float = 0.01, radians: float = 0.01
 
 
 def drive(client: Client, *steps: tuple[int, float]) -> None:
-    """Run steps of (mode, value) at full speed to their end."""
+    """Execute steps, each a mode and a value, and wait for their end."""
     goal = StepControl.Goal()
     goal.arg.action.value = EXECUTE
     for mode, value in steps:
@@ -108,10 +108,10 @@ def test_odom_follows_a_square(slow_simulator, truth, start, client):
     assert first.child_frame_id == "base_link"
     drive(client, *[(STRAIGHT, 1.0), (ROTATE, math.pi / 2)] * 4)
     end = start_pose(slow_simulator)
-    odom.wait(lambda m: near(begin * plane(m.pose.pose), end) and not m.twist.twist.angular.z)
+    odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end) and not m.twist.twist.angular.z)
     at = 0
     for message in odom.messages:
-        pose = begin * plane(message.pose.pose)
+        pose = begin * planar_pose(message.pose.pose)
         found = [i for i in range(at, len(truth)) if near(pose, truth[i])]
         if near(pose, begin) and not at:
             continue
@@ -128,14 +128,14 @@ def test_odom_follows_a_sideways_drive(slow_simulator, start, client):
     odom = odoms(client)
     drive(client, (LATERAL, 0.8))
     end = start_pose(slow_simulator)
-    odom.wait(lambda m: near(begin * plane(m.pose.pose), end))
+    odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end))
     speeds = [m.twist.twist.linear.y for m in odom.messages]
     assert max(speeds) > 0.3
     wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
 
 
 def test_the_stamp_is_the_time_of_receipt(slow_simulator, start, client):
-    """As many messages as pushes: if one were late, all of them would be."""
+    """A busy machine may stamp some messages late, so only the lower quartile counts."""
     sent: dict[float, float] = {}
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -152,7 +152,7 @@ def test_the_stamp_is_the_time_of_receipt(slow_simulator, start, client):
     drive(client, (STRAIGHT, 1.0))
     lags = []
     for message in odom.messages:
-        at = sent.get(round((begin * plane(message.pose.pose)).x, 4))
+        at = sent.get(round((begin * planar_pose(message.pose.pose)).x, 4))
         if at is not None and message.twist.twist.linear.x:
             lags.append(message.header.stamp.sec + message.header.stamp.nanosec / 1e9 - at)
     assert len(lags) > 10
@@ -160,7 +160,7 @@ def test_the_stamp_is_the_time_of_receipt(slow_simulator, start, client):
 
 
 class TestAtRest:
-    """A standing robot sends no reports."""
+    """odom of a standing robot, which does not report its pose."""
 
     def test_a_small_correction_does_not_move_odom(self, slow_simulator, start, client):
         begin = start_pose(slow_simulator)
@@ -177,7 +177,7 @@ class TestAtRest:
         assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
         before = len(odom.messages)
         odom.wait_count(before + 20)
-        assert all(near(plane(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
+        assert all(near(planar_pose(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
         assert not any(m.twist.twist.linear.y for m in odom.messages)
 
     def test_an_emergency_stop_ends_the_sideways_velocity(self, slow_simulator, start, client):
@@ -244,7 +244,7 @@ def test_a_report_with_non_finite_numbers_is_ignored(
     slow_simulator.push(good)
     odom.wait_count(len(odom.messages) + 5)
     for message in list(odom.messages):
-        assert plane(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
+        assert planar_pose(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
         assert message.twist.twist.linear.x == 0.0
     assert sum("non-finite numbers" in text for text in warnings_in(logs)) == 1
 
@@ -283,7 +283,7 @@ def test_odom_stops_while_the_link_is_lost(slow_simulator, start, client):
     slow_simulator.stop_listening()
     wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
     before = len(odom.messages)
-    threading.Event().wait(0.5)  # ten messages would arrive in this time
+    threading.Event().wait(0.5)  # time for ten messages
     assert len(odom.messages) - before <= 2, "messages in flight when the link was lost"
     slow_simulator.listen()
     agent.wait_connected(2)
@@ -319,7 +319,7 @@ class TestTransforms:
                 ("odom", "base_link"),
             ]
         # the jumps did not change the pose in odom
-        assert near(plane(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
+        assert near(planar_pose(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
 
     def test_odom_does_not_jump_with_a_new_pose_or_map(self, slow_simulator, start, client):
         start(publish_tf=True)
@@ -337,7 +337,7 @@ class TestTransforms:
         end = start_pose(slow_simulator)
         transforms.wait(lambda m: near(chain(m), end))
         self._is_continuous(odom.messages)
-        odom.wait(lambda m: near(plane(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
+        odom.wait(lambda m: near(planar_pose(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
 
     def test_odom_does_not_jump_with_a_new_pose_while_driving(self, slow_simulator, start, client):
         start(publish_tf=True)
@@ -368,11 +368,11 @@ class TestTransforms:
 
     @staticmethod
     def _is_continuous(messages: list[Any]) -> None:
-        poses = [plane(m.pose.pose) for m in messages]
+        poses = [planar_pose(m.pose.pose) for m in messages]
         for one, other in pairwise(poses):
             assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
 
 
 def chain(message: Any) -> Pose2D:
-    to_odom, to_base = (of_transform(t.transform) for t in message.transforms)
+    to_odom, to_base = (transform_pose(t.transform) for t in message.transforms)
     return to_odom * to_base

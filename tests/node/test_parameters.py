@@ -202,7 +202,7 @@ def test_change_of_the_robot_id_reconnects(
 def test_several_changes_at_once_are_checked_one_by_one(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
-    """The tools of ROS set parameters one by one: each change must be valid by itself."""
+    """ROS tools set parameters one by one, so each change must be valid on its own."""
     response = client.call(
         SetParameters,
         "agent/set_parameters",

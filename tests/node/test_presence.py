@@ -1,4 +1,4 @@
-"""`has_field`: each bit decides whether a field is sent, and tells whether it was received."""
+"""`has_field`: a bit per field, set if the field is to be sent or was received."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class TestBits:
             others = ros().has_field & ~bit
             assert present(convert.to_proto(ros(has_field=others)), bits) == bits.keys() - {name}
         assert present(convert.to_proto(ros(has_field=0)), bits) == set()
-        assert present(convert.to_proto(ros()), bits) == bits.keys()  # all ones
+        assert present(convert.to_proto(ros()), bits) == bits.keys()  # all bits are set
 
     def test_bits_tell_what_was_received(self, ros: Any, proto: Any):
         bits = bits_of(ros)

@@ -29,11 +29,11 @@ LONG = {
     "liveness_timeout": 600.0,
     "goal_link_timeout": 600.0,
 }
-"""Timeouts so long that a program that waits for one of them at its end fails the test."""
+"""Long timeouts: a program that waits for one of them when it ends fails the test."""
 
 
 def parameters(**values: Any) -> list[str]:
-    """Return ROS arguments that set these parameters and long timeouts."""
+    """Return ROS arguments that set these parameters and the timeouts in `LONG`."""
     return [word for name, value in (LONG | values).items() for word in ("-p", f"{name}:={value}")]
 
 
@@ -89,7 +89,7 @@ def test_program_ends_with_a_frozen_chassis(program: Program, simulator: Simulat
 def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(
     program: Program, simulator: SimulatorThread, client: Client
 ) -> None:
-    """The slowest case: every step of the shutdown runs into its timeout."""
+    """In this slowest case every step of the shutdown runs into its timeout."""
     goal = lift3(client, 0.4, speed=0.001)
     goal.feedback.wait_count(1)
     drive(client)
@@ -105,7 +105,7 @@ def test_program_ends_without_a_chassis(start_program: Callable[..., Program]) -
 
 
 def test_program_ends_while_connecting(start_program: Callable[..., Program]) -> None:
-    """A server accepts the connection, and never answers."""
+    """The server accepts the connection and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         program = start_program(*parameters(ip="127.0.0.1", port=silent.getsockname()[1]))
         silent.settimeout(TIMEOUT)
@@ -144,7 +144,7 @@ def test_program_ends_cleanly_after_further_signals(
 def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:
     slow_down(simulator)
     goals = [task(client, mark="A23"), step(client, 100.0)]
-    goals[1].result()  # refused because a task runs, so it is no open goal
+    goals[1].result()  # refused because a task is running, so not an open goal
     goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     stop_time(simulator)
     program.end()

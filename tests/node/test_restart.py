@@ -26,7 +26,7 @@ COMMANDS = (SPEAK, EXEC_TASK, TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallA
 def start(
     simulator: SimulatorThread, start_program: Callable[..., Program]
 ) -> Callable[[], Program]:
-    """Start the agent's program, and wait until it is connected."""
+    """Function that starts the agent's program and waits until it is connected."""
 
     def start_connected() -> Program:
         program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
@@ -38,7 +38,7 @@ def start(
 
 @pytest.fixture
 def start_client(domain: int) -> Iterator[Callable[[], Client]]:
-    """Start further clients in the domain."""
+    """Function that starts another client in the domain."""
     clients: list[Client] = []
 
     def start_one() -> Client:
@@ -51,7 +51,7 @@ def start_client(domain: int) -> Iterator[Callable[[], Client]]:
 
 
 def speak_until_answered(client: Client, texts: Iterator[str]) -> str:
-    """Call Speak with one text after the other until the agent answers; return the last text."""
+    """Call Speak with one text after the other until a call succeeds; return its text."""
     while True:
         text = next(texts)
         call = client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
@@ -98,7 +98,7 @@ def test_agent_killed_during_a_goal_repeats_no_command(
     assert not goal.done, "no agent is left that could report its end"
 
     simulator.call(lambda sim: sim.chassis.tasks.cancel("enough"))
-    late = start_client()  # the old one still sees the action servers of the killed agent
+    late = start_client()  # the first client still sees the action servers of the killed agent
     assert short_task(late, 0.3).result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 2
 

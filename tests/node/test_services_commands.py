@@ -1,4 +1,4 @@
-"""Command services: requests to the chassis, and the answers that clients get."""
+"""Command services: requests to the chassis, and responses to clients."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def arg_class(command: Any) -> Any:
 
 
 def answer_with(simulator: Any, **changes: Any) -> Any:
-    """Change every answer like this; the chassis does nothing."""
+    """Replace every answer of the chassis by one with these changes."""
     for command in COMMANDS:
         simulator.refuse(command.request, "not done")
     return simulator.intercept(lambda f: [replace(f, **changes) if f.request else f])
@@ -117,7 +117,7 @@ def test_nothing_is_repeated_after_the_link_is_back(simulator, agent, client):
 
 
 def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
-    """Yield the paths of the nested fields of these types; a list counts by its first item."""
+    """Yield the paths of all nested fields of these types; a list stands for its first item."""
     for name, kind in cls.get_fields_and_field_types().items():
         of = item_type(kind)
         where = f"{path}{name}" + ("[0]" if of else "")
@@ -154,7 +154,7 @@ def test_bad_values_are_named_and_not_sent(kinds, value, simulator, agent, clien
 
 
 class CString(ctypes.Structure):
-    """rosidl_runtime_c__String; a Speak request consists of a single one."""
+    """The C type rosidl_runtime_c__String. A Speak request consists of one."""
 
     _fields_ = [
         ("data", ctypes.c_char_p),
@@ -164,11 +164,11 @@ class CString(ctypes.Structure):
 
 
 def speak_bytes(client: Any, text: bytes) -> Any:
-    """Send bytes as a C client can; rclpy would check the text."""
+    """Send bytes that need not be UTF-8, as a C client can. rclpy would check the text."""
     service = client.service(Speak, "robot/Speak")
     request, number = CString(text, len(text), len(text) + 1), ctypes.c_int64()
     send = ctypes.CDLL("librcl.so").rcl_send_request
-    with service.handle, service._lock:  # the answer is not read before it is expected
+    with service.handle, service._lock:  # the executor must not read the answer yet
         where = ctypes.c_void_p(service.handle.pointer)
         assert send(where, ctypes.byref(request), ctypes.byref(number)) == 0
         future = service._pending_requests[number.value] = Future()

@@ -1,4 +1,4 @@
-"""Info services: they ask the chassis each time, and fall back on the last known value."""
+"""Info services: each call asks the chassis, and falls back on the last known value."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
 
 BATTERY = "woosh.robot.Battery"
 PATIENCE = 2
-"""How long the agent `hasty` waits for an answer, in seconds; enough for a slow machine."""
+"""Timeout for answers of the agent `hasty`, in seconds; long enough for a slow machine."""
 FALLBACK = "robot/Battery answers with the last known value"
 
 
 @pytest.fixture
 def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
-    """An agent with a short timeout for answers and long pauses before it reconnects."""
+    """An agent with a short timeout for answers and a long back-off."""
     where = {"ip": "127.0.0.1", "port": simulator.port}
     agent = start_agent(**where, poll_timeout=PATIENCE * 1000, backoff_min=30.0, backoff_max=60.0)
     agent.wait_connected()

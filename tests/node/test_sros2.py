@@ -19,7 +19,7 @@ from woosh_robot_agent.testing import AgentProcess, running_chassis
 
 ROOT = Path(__file__).parents[2]
 EVERY_ROS_NODE = {"ros_discovery_info"}
-"""Topics of the middleware; SROS2 adds them to all permissions."""
+"""Topics of the middleware, which SROS2 adds to all permissions."""
 
 
 def permissions(policy: str) -> dict[str, set[str]]:
@@ -100,7 +100,7 @@ def test_policies_of_agent_and_client_fit_each_other() -> None:
     published, subscribed = of_the_robot(agent["publish"]), of_the_robot(agent["subscribe"])
     assert of_the_robot(client["publish"]) <= subscribed
     assert of_the_robot(client["subscribe"]) <= published
-    # The rest is between the agent and itself: a message on goal_pose becomes a goal.
+    # The agent is also its own client: a message on goal_pose becomes a goal.
     assert subscribed - of_the_robot(client["publish"]) <= published
     assert published - of_the_robot(client["subscribe"]) <= subscribed
 

@@ -1,4 +1,4 @@
-"""The standard layer as a whole: its endpoints, its switches, and two robots at a time."""
+"""The standard layer as a whole: its endpoints, its switches, and two robots in one domain."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SWITCHES = [p.name for p in PARAMETERS if p.name.startswith("enable_") or p.name
 
 
 def endpoints(client: Client) -> dict[str, Any]:
-    """The endpoints that the agent has, by name: the type of a service, the info of a topic."""
+    """Return the agent's endpoints by name, with the type of a service or the info of a topic."""
     found: dict[str, Any] = {}
     node = client.node
     if ("agent", client.namespace) not in node.get_node_names_and_namespaces():
@@ -85,7 +85,7 @@ def test_invalid_frames_are_refused(name):
 class TestTwoRobots:
     @pytest.fixture
     def robots(self, domain: int) -> Iterator[list[tuple[SimulatorThread, RunningAgent, Client]]]:
-        """Two robots with an agent each, in one domain, with their own namespaces and prefixes."""
+        """Two robots in one domain, each with its own agent, namespace and frame prefix."""
         running = []
         for name in ("r1", "r2"):
             config = SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)

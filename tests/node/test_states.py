@@ -1,4 +1,4 @@
-"""battery_state, plan, footprint, connected, map and /diagnostics against the simulated robot."""
+"""battery_state, plan, footprint, connected, map and /diagnostics, with the simulated robot."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_footprint_follows_a_change_of_its_type(simulator, agent, client):
 
 
 def test_footprint_is_repeated_with_new_stamps(agent, client):
-    """Viewers draw it at the robot's pose at the time of its stamp."""
+    """Viewers draw a footprint at the robot's pose at the time of its stamp."""
     stamps = [m.header.stamp for m in client.echo(PolygonStamped, "footprint").wait_count(4)]
     assert stamps[-1].sec + stamps[-1].nanosec / 1e9 > stamps[0].sec + stamps[0].nanosec / 1e9
 
@@ -123,13 +123,13 @@ class TestMap:
         assert (grid.info.width, grid.info.height) == (3, 2)
         assert grid.info.resolution == pytest.approx(0.5)
         assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, -2.0)
-        # the lowest row of the image is the first of the grid
+        # the last row of the image is the first of the grid
         assert list(grid.data) == [100, 0, 0, 0, -1, 100]
 
     def test_it_is_requested_only_on_demand(self, simulator, scene, agent, client):
         states = client.echo(BatteryState, "battery_state")
         states.wait_count(1)
-        diagnostics(client).wait_count(2)  # two seconds
+        diagnostics(client).wait_count(2)  # two seconds, enough for a request
         assert simulator.counts[SCENE_DATA] == 0
 
     def test_it_is_requested_again_when_the_map_changes(self, simulator, scene, agent, client):

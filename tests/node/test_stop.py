@@ -1,4 +1,4 @@
-"""stop: at once, from any state, and before all that waits."""
+"""The service `stop` acts at once, in any state, and before everything that waits to be sent."""
 
 from __future__ import annotations
 
@@ -97,9 +97,9 @@ def test_the_zero_is_sent_before_the_cancels(simulator, agent, client):
 
 
 def test_stop_withdraws_what_waits_to_be_sent(simulator, agent: RunningAgent, client):
-    """The chassis reads nothing for a while: later it must not get what the stop is to end."""
+    """The chassis does not read for a while. Later it must not get requests older than the stop."""
     simulator.inject("half_open")
-    big = "x" * 1_000_000  # more than the sockets hold
+    big = "x" * 1_000_000  # exceeds the socket buffers
     loads = [client.call_async(Speak, "robot/Speak", arg=speak(big)) for _ in range(12)]
     connection = agent.agent._chassis._connection
     assert connection is not None
@@ -122,7 +122,7 @@ def test_stop_withdraws_what_waits_to_be_sent(simulator, agent: RunningAgent, cl
 
 
 def test_a_goal_requested_before_the_stop_does_not_move_the_robot(simulator, agent, client):
-    """However the two overtake each other on their way."""
+    """The goal may arrive before or after the stop."""
     for _ in range(10):
         action = client.action(StepControl, "ros/StepControl")
         client.service(Trigger, "stop")
@@ -179,7 +179,7 @@ def test_after_a_stop_no_request_moves_the_robot(
 
 
 def to_ros(parent: Any, message: Message) -> Any:
-    """The ROS message of the field `arg` of a request or a goal."""
+    """Return the ROS message for the field `arg` of a request or a goal."""
     arg = class_of(parent.get_fields_and_field_types()["arg"], "msg")
     return converter(arg, type(message)).to_ros(message)
 

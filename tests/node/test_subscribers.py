@@ -1,4 +1,4 @@
-"""Topics without subscribers are not published, and new subscribers get messages soon."""
+"""Topics without subscribers are not published; new subscribers get a message soon."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def wait_quiet(published: Counter[str], name: str) -> None:
 def test_odom_is_published_as_soon_as_it_has_a_subscriber(
     start: Callable[..., RunningAgent], client: Client
 ) -> None:
-    """It does not wait for the next period, which is 10 s here."""
+    """The first message does not wait for the next period, which is 10 s here."""
     start(odom_rate=0.1)
     threading.Event().wait(0.5)  # the first period has begun
     listen(client, Odometry, "odom")[0].wait_count(1, 5.0)

@@ -1,4 +1,4 @@
-"""`woosh_robot_agent.testing`: the example of the docs, the fixtures and the context managers."""
+"""`woosh_robot_agent.testing`: the documented example, the fixtures and the context managers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
 
 
 def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
-    """Run pytest outside of this repository, as users do; return its exit status and output."""
+    """Run pytest outside this repository, as users do; return its exit status and output."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "--strict-markers", "--strict-config", *arguments],
         cwd=folder,
@@ -180,7 +180,7 @@ def test_the_exception_of_a_callback_reaches_the_test() -> None:
 
 
 def test_the_driver_does_not_need_pytest() -> None:
-    """The driver does not import this package, either."""
+    """The driver must not import this package either."""
     program = (
         "import sys, woosh_robot_agent.agent, woosh_robot_agent.node, woosh_robot_agent.simulator\n"
         "found = {'pytest', 'woosh_robot_agent.testing'} & set(sys.modules)\n"

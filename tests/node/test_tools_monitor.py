@@ -37,7 +37,7 @@ PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 
 
 class Watching:
-    """A `RosSource` in an event loop of its own, for use from the test's thread."""
+    """A `RosSource` in its own event loop, used from the test's thread."""
 
     def __init__(self, domain: int, namespace: str = NAMESPACE) -> None:
         self.source = RosSource(namespace, domain=domain)
@@ -59,7 +59,7 @@ class Watching:
         return wait_until(lambda: self.ask(condition), what, TIMEOUT)
 
     def wait_complete(self) -> None:
-        """Wait until `monitor --once` would print."""
+        """Wait until the view is complete, when `monitor --once` would print it."""
         source = self.source
         wait_until(lambda: source.link().good and source.is_complete(), "first values", TIMEOUT)
 
@@ -99,7 +99,7 @@ def test_progress_of_an_action_is_shown(watching, agent, client):
     agent_topic = client.path("ros/StepControl/_action/feedback")
     wait_until(lambda: agent.agent.node.count_subscribers(agent_topic) > 0, "the monitor")
     ends = []
-    for _ in range(10):  # DDS can match the two only after the first feedbacks
+    for _ in range(10):  # DDS may discover the subscription only after the first feedback messages
         goal = step(client, 0.2)
         ends.append(goal.result()[0])
         if watching.ask(lambda view: "StepControl" in view.actions):
@@ -120,7 +120,7 @@ def test_start_and_end_of_the_agent_are_noticed(watching, start_agent, simulator
     start_agent(ip="127.0.0.1", port=simulator.port)
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
     watching.wait_complete()
-    # One request of the agent itself, and one of the monitor.
+    # One request comes from the agent itself, and one from the monitor.
     wait_until(lambda: simulator.counts["woosh.robot.RobotInfo"] >= known + 2, "another RobotInfo")
 
 
@@ -141,7 +141,7 @@ def test_the_link_of_the_agent_is_shown(watching, agent, simulator):
 
 
 def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent, monkeypatch):
-    """The message of `connected` arrives before the monitor has found the agent."""
+    """The message on `connected` arrives before the monitor has discovered the agent."""
     monkeypatch.setattr(ros_source, "_DISCOVERY_PERIOD", 2.0)
     watching = Watching(domain)
     try:
@@ -160,7 +160,7 @@ def test_messages_with_invalid_values_are_skipped(watching, agent, simulator):
 
 
 class Output:
-    """Console to which `monitor --once` prints, and the end of that."""
+    """Console output of `monitor --once` and its exit status."""
 
     def __init__(self, watching: Watching) -> None:
         self._file = io.StringIO()

@@ -32,12 +32,12 @@ POSE_SPEED = "woosh.robot.PoseSpeed"
 TASK_PROC = "woosh.robot.TaskProc"
 HASHES = json.loads((Path(__file__).parents[1] / "facts/ros/type_hashes.json").read_text())
 QUIET = ("StatusCode", "NavPath")
-"""Topics whose values are not part of RobotInfo, and only come by pushes."""
+"""Topics whose values are not part of RobotInfo and only come as pushes."""
 
 
 @pytest.fixture
 def push(simulator: Any) -> Callable[[Message], None]:
-    """Push a message; the chassis pushes nothing by itself."""
+    """Function that pushes a message. The chassis sends no other pushes."""
     ours: list[Message] = []
 
     def only_ours(frame: Any) -> list[Any]:
@@ -53,7 +53,7 @@ def push(simulator: Any) -> Callable[[Message], None]:
 
 @pytest.fixture
 def connect(simulator: Any, start_agent: Any) -> Callable[..., Any]:
-    """Start an agent; `answer` changes the answer of the chassis to RobotInfo."""
+    """Function that starts an agent; its argument changes the chassis's answer to RobotInfo."""
 
     def connect(answer: Callable[[Any], Any] | None = None) -> Any:
         if answer:
@@ -79,7 +79,7 @@ def echo_all(client: Any) -> dict[str, Any]:
 
 
 def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
-    """Wait until the client has discovered the publishers of its subscriptions."""
+    """Wait until the client has discovered a publisher for each of its subscriptions."""
     names = [subscription.topic_name for subscription in client.node.subscriptions]
     wait_until(
         lambda: sum(map(client.node.count_publishers, names)) >= topics, "the agent's publishers"

@@ -1,4 +1,4 @@
-"""Velocity commands through robot/Twist: the newest counts, and a stale one never arrives."""
+"""Velocity commands through robot/Twist: the newest wins, and a stale one is never sent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("agent")
 
 
 def drive(client: Client, linear: float) -> Any:
-    """Ask for a velocity; the answer's future."""
+    """Command a velocity; return the future of the answer."""
     return client.call_async(Twist, "robot/Twist", arg=TwistMsg(linear=linear))
 
 
@@ -31,7 +31,7 @@ def answers(futures: list[Any]) -> list[Any]:
 
 
 def speeds(simulator: SimulatorThread) -> list[float]:
-    """What the chassis was told."""
+    """Return the linear velocities that the chassis has received."""
     twists = [each.message for each in simulator.received if each.type == TWIST]
     return [round(twist.linear, 4) for twist in twists]
 
@@ -39,7 +39,7 @@ def speeds(simulator: SimulatorThread) -> list[float]:
 def test_velocities_arrive_in_order(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(latest_wins, "STALL", 3600.0)  # however slow this machine is
+    monkeypatch.setattr(latest_wins, "STALL", 3600.0)  # no command is stale, even on a slow machine
     wanted = [round(0.01 * i, 4) for i in range(1, 31)]
     given = answers([drive(client, linear) for linear in wanted])
     assert all(answer.ok for answer in given)
@@ -76,10 +76,8 @@ def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) 
 def test_newest_velocity_wins_while_the_chassis_does_not_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Commands pile up neither here nor there, and nothing comes after the client has stopped."""
-    monkeypatch.setattr(
-        latest_wins, "STALL", 2.0
-    )  # the first is not too old even on a slow machine
+    """Commands queue up neither in the agent nor in the chassis, and none follows the last one."""
+    monkeypatch.setattr(latest_wins, "STALL", 2.0)  # the first is not stale even on a slow machine
     simulator.mute(TWIST)
     drive(client, 0.001)
     simulator.wait_received(TWIST)
@@ -162,7 +160,7 @@ def test_the_end_of_the_agent_long_after_a_velocity_sends_nothing(
     agent: RunningAgent,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The chassis has stopped by itself; by now somebody else may drive it."""
+    """The chassis has stopped by itself, and another client may drive it now."""
     monkeypatch.setattr(gate, "DRIVING", 0.1)
     assert wait_future(drive(client, 0.1)).ok
     wait_until(lambda: not agent.agent._gate.driving, "the end of the drive")

@@ -1,4 +1,4 @@
-"""Every call under load is answered once, and nothing stays behind.
+"""Every call under load is answered once, and nothing is left behind.
 
 `scripts/bench --flood` goes on for longer and judges the memory too.
 """

@@ -1,4 +1,4 @@
-"""`doctor` over real sockets: each check passes and fails."""
+"""`doctor` over real sockets: each check is seen to pass and to fail."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Report:
 @pytest.fixture
 def examine(capsys: pytest.CaptureFixture[str]) -> Callable[..., Report]:
     def run(port: int, *arguments: str, ip: str = "127.0.0.1", skew: str = "60") -> Report:
-        # On a busy machine the simulated time lags behind.
+        # On a busy machine simulated time lags behind real time.
         status = main(["--ip", ip, "--port", str(port), "--max-skew", skew, "--json", *arguments])
         out, err = capsys.readouterr()
         assert err == ""
@@ -94,7 +94,7 @@ def test_clock_is_not_checked_with_protobuf(chassis, examine, arguments, port):
 
 
 def test_all_addresses_of_a_name_are_tried(chassis, examine, monkeypatch):
-    """The robot need not listen on the first one; `localhost` often resolves to ::1 first."""
+    """The robot may not listen on the first address: `localhost` often resolves to ::1 first."""
     port = chassis.port
     addresses = [
         (socket.AF_INET, socket.SOCK_STREAM, 6, "", (host, port))

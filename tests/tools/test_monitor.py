@@ -54,7 +54,7 @@ def shown(view: RobotView, link: LinkReport = GOOD) -> str:
 
 
 def row(text: str, title: str) -> str:
-    """Return the text beside a title."""
+    """Return the text in the row with this title."""
     (found,) = re.findall(rf"^│ {re.escape(title)}  +(.*?) *│$", text, re.MULTILINE)
     return str(found)
 
@@ -66,7 +66,7 @@ def seen(*messages: Any) -> RobotView:
     return view
 
 
-# The picture
+# The drawn view
 
 
 def test_an_empty_view_shows_the_link_only():
@@ -95,7 +95,7 @@ def test_parts_update_robot_info():
     text = shown(view)
     assert row(text, "mode") == "control auto   work task   state task"
     assert row(text, "battery") == "14 %   charging (auto)"
-    assert row(text, "pose") == "unknown"  # RobotInfo replaced what was known
+    assert row(text, "pose") == "unknown"  # the new RobotInfo has no pose
 
 
 def test_pose_task_and_actions_are_shown():
@@ -254,11 +254,11 @@ class Terminal:
 
     def read(self) -> None:
         select.select([self._master], [], [], 0.1)
-        with suppress(BlockingIOError, OSError):  # the latter when the program has ended
+        with suppress(BlockingIOError, OSError):  # OSError: the program has ended
             self.text += os.read(self._master, 1_000_000).decode(errors="replace")
 
     def wait(self, text: str) -> None:
-        """Wait for a text that follows all texts awaited so far."""
+        """Wait for a text in the output after all texts found so far."""
         deadline = time.monotonic() + TIMEOUT
         while text not in self.text:
             assert time.monotonic() < deadline, f"no {text!r} in {self.text[-3000:]}"
@@ -266,7 +266,7 @@ class Terminal:
         self.text = self.text.partition(text)[2]
 
     def end(self) -> int:
-        """Wait for the end and return the exit status, reading so that the program can write."""
+        """Return the exit status. Reads the output meanwhile, so that the program can write."""
         deadline = time.monotonic() + TIMEOUT
         while self.process.poll() is None:
             assert time.monotonic() < deadline, "it does not end"
@@ -299,7 +299,7 @@ def test_terminal_follows_the_robot_and_its_link(
     terminal.wait("OUTDATED")
     chassis.listen()
     terminal.wait("connected since")
-    for key in "xyz0 \r\x1b[A":  # keys without a function
+    for key in "xyz0 \r\x1b[A":  # keys that do nothing
         terminal.press(key)
     terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}

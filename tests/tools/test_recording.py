@@ -1,4 +1,4 @@
-"""The file of a recording, and the parsers that find frames in a stream."""
+"""Recording files, and the parsers that find frames in a byte stream."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_crash_loses_only_the_end(tmp_path, name):
     for number in range(100):
         file.frame(1, "client", str(number).encode(), text=True)
     file.flush()
-    whole = path.read_bytes()  # as after a crash: never closed
+    whole = path.read_bytes()  # as after a crash, because the file is not closed
     assert [record.data for record in read_recording(path).records] == [str(n) for n in range(100)]
     file.close()
     path.write_bytes(whole[:-7])

@@ -1,4 +1,4 @@
-"""The programs from outside: options, exit status and output."""
+"""The tools as programs: options, exit status and output."""
 
 from __future__ import annotations
 
