@@ -135,9 +135,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     given = parse(parser, arguments)
     if given.docs:
-        from benchmarks.report import (
-            plots,
-        )  # imported here, so that a missing matplotlib is noticed before the measurement
+        from benchmarks.report import plots  # fails before the measurement
     tables, values = [], {}
     for name in given.only:
         found = []

@@ -151,7 +151,7 @@ CASES = [
         inherited=ANY,
     ),
     Case(
-        "one predecessor, answer lost: progress before the predecessor's end proves nothing",
+        "one predecessor, answer lost: progress is not its own before the predecessor's end",
         [
             (UNCONFIRMED, PROGRESS, NOT_MINE),
             (UNCONFIRMED, CANCELED, NOT_MINE),

@@ -224,11 +224,9 @@ HOSTILE = {
     "base64 of nothing but padding": '{"type":"woosh.common.FileData","body":{"data":"'
     + "=" * MIB
     + '"}}',
-    "base64 that is none": '{"type":"woosh.common.FileData","body":{"data":"'
-    + "\\u0000" * 9
-    + '"}}',
+    "invalid base64": '{"type":"woosh.common.FileData","body":{"data":"' + "\\u0000" * 9 + '"}}',
     "keys twice": '{"type":"x","type":"woosh.robot.PoseSpeed","body":{},"body":1}',
-    "a number too big": '{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":1e308}}}',
+    "a number out of range": '{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":1e308}}}',
     "any in any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","body":{"info":'
     + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
     + "{}"

@@ -101,9 +101,8 @@ async def test_subscribing_and_unsubscribing_while_connected(kind: str) -> None:
         await wire.push(POSE, pose(kind, 2))
         await eventually(lambda: len(second) == 2)
         stop_second()
-        frame = (
-            await wire.next()
-        )  # only the first subscription and the last unsubscription are sent
+        # only the first subscription and the last unsubscription were sent
+        frame = await wire.next()
         assert topics(frame) == ([POSE], False)
         await wire.push(POSE, pose(kind, 3))
         await eventually(lambda: client.stats.rx == 4)

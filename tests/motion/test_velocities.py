@@ -190,7 +190,7 @@ async def test_a_command_held_right_after_another_was_released_is_superseded_at_
     second = go(2)
     await turns(3)
     latest._let_go()
-    third = go(3)  # runs before the released second one
+    third = go(3)  # starts before the released second command is sent
     await turns(3)
     with pytest.raises(SupersededError):
         await second

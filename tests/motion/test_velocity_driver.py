@@ -111,7 +111,7 @@ async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
         for speed in (0.2, 0.3, 0.4):
             rig.driver.drive(speed, 0.0, 0.0)
             await rig.settle()
-        rig.limits = LIMITS  # with a period that has passed already
+        rig.limits = LIMITS  # their period is over already
         rig.driver.drive(0.5, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0), (0.5, 0.0, 0.0))
 
@@ -205,9 +205,8 @@ async def test_a_velocity_without_a_link_is_not_kept() -> None:
     async with driving() as rig:
         await lose_link(rig)
         rig.limits = replace(LIMITS, rate=0.001)
-        rig.driver._sent = (
-            asyncio.get_running_loop().time()
-        )  # so that the next velocity would wait for its period
+        # the next velocity would have to wait for its period
+        rig.driver._sent = asyncio.get_running_loop().time()
         rig.driver.drive(0.2, 0.0, 0.0)
         rig.wire = await rig.peer.wire(2)
         await rig.client.wait_ready(TIMEOUT)

@@ -46,7 +46,7 @@ def test_a_half_open_link_is_noticed_and_reported(
     injection = simulator.inject("half_open")
     call = speak(client, "during")
     chassis = agent.agent._chassis
-    wait_until(lambda: chassis.state.value != "ready", "the notice")
+    wait_until(lambda: chassis.state.value != "ready", "the loss to be noticed")
     silence = re.search(r"nothing was heard for ([0-9.]+) s", str(chassis.last_error))
     assert silence
     assert float(silence[1]) <= NOTICED

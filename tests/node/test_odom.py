@@ -220,7 +220,7 @@ def test_the_pose_of_a_standing_robot_is_repeated(start, client):
     stamps = [m.header.stamp.sec + m.header.stamp.nanosec / 1e9 for m in odom.messages]
     assert stamps[-1] - stamps[0] > 0.8 * 24 / 50.0, "no faster than the rate"
     gaps = sorted(b - a for a, b in pairwise(stamps))
-    assert gaps[len(gaps) // 4] < 0.04, "a busy machine skips some beats, but not most"
+    assert gaps[len(gaps) // 4] < 0.04, "a busy machine skips some messages, but not most"
 
 
 @pytest.mark.parametrize("field", ["x", "theta", "linear"])

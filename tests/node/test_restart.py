@@ -1,4 +1,4 @@
-"""An agent that is killed and started again: nothing reaches the chassis twice."""
+"""An agent that is killed and started again: no command reaches the chassis twice."""
 
 from __future__ import annotations
 

@@ -185,9 +185,8 @@ def main(arguments: Sequence[str]) -> int:
     print(f"seed {seed}", file=sys.stderr)
     logging.getLogger("woosh_robot_agent").setLevel(logging.ERROR)
     logging.getLogger("woosh_robot_agent").propagate = False
-    logging.getLogger("websockets").setLevel(
-        logging.CRITICAL
-    )  # the websockets library logs aborted handshakes as errors
+    # the library logs aborted handshakes as errors
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     results = []
     for key in keys:
         count = max(1, round(options.inputs * TARGETS[key].share / shares))

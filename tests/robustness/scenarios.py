@@ -174,9 +174,8 @@ def plan(seed: int) -> Plan:
         faults.append(PlannedFault(name, arguments, at, at + lasts))
     last = max(faults, key=lambda fault: fault.until)
     length = max(length, last.until)
-    faults[faults.index(last)] = replace(
-        last, until=length
-    )  # this fault lasts until the end of the scenario
+    # the last fault lasts until the end of the scenario
+    faults[faults.index(last)] = replace(last, until=length)
     requests = [
         (rng.uniform(0, length), rng.choice(("query", "query", "speak", "speak", "set_sound")))
         for _ in range(rng.randint(10, 25))

@@ -1,6 +1,6 @@
-"""Mixed traffic with every fault: nothing in the agent grows from rest to rest.
+"""Mixed traffic with every fault: nothing in the agent grows.
 
-`scripts/bench --soak` goes on for an hour and judges the memory too.
+`scripts/bench --soak` goes on for an hour and also checks the memory.
 """
 
 from __future__ import annotations
