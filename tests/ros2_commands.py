@@ -71,9 +71,7 @@ def documented() -> list[Command]:
 
 try:
     from rosidl_runtime_py import set_message_fields
-except (
-    ImportError
-):  # the module is not on PyPI; this has the same rules for the field types of our messages
+except ImportError:  # not on PyPI; the replacement suffices for the field types of our messages
 
     def set_message_fields(msg: Any, values: Any) -> None:
         """Set the fields named in `values`; the others keep their defaults."""

@@ -87,9 +87,7 @@ async def test_probes_are_sent_only_when_idle(kind: str) -> None:
 
         transport.ping = counted  # type: ignore[method-assign]
         pause = 1.0
-        while (
-            pause > 0.8
-        ):  # repeated if a busy machine made a pause, because a ping is right after it
+        while pause > 0.8:  # repeated if a busy machine paused so long that a ping is due
             pings, pause = 0, 0.0
             for _ in range(30):  # 1.5 s, but never 1 s of silence
                 begun = time.monotonic()

@@ -116,9 +116,8 @@ def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
 
 def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals):
     delays = []
-    for times in range(
-        1, 4
-    ):  # repeated, because a busy machine may note the end of the sender too late
+    # repeated, because a busy machine may note the end of the sender too late
+    for times in range(1, 4):
         before = len(arrivals)
         sender.repeat(20, x=0.3)
         wait_until(lambda: len(arrivals) >= before + 5)  # noqa: B023

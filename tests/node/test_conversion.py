@@ -78,8 +78,8 @@ class TestRoundTrip:
 
 
 @pytest.mark.timeout(600)
-def test_with_field_checks_of_ros():
-    """ROS checks each assignment to a field if an environment variable is set at start-up."""
+def test_messages_pass_the_field_checks_of_ros():
+    """ROS checks each assignment to a field if ROS_PYTHON_CHECK_FIELDS is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "2"}
     command = [
         sys.executable,

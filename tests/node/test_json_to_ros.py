@@ -110,13 +110,13 @@ def places(data: Any) -> list[tuple[Any, Any]]:
         {},
     ],
 )
-def test_values_of_older_and_newer_chassis(data: Any):
+def test_values_of_older_and_newer_chassis_are_accepted(data: Any):
     at_once, by_protobuf = both_ways(pair("woosh.robot.PoseSpeed"), data)
     assert at_once == by_protobuf
     assert at_once[0] == "message"
 
 
-def test_a_scan_without_reflections():
+def test_ranges_without_a_reflection_become_nan():
     data = {"ranges": [1, None, 2.5, "NaN", "Infinity"]}
     ranges = pair("woosh.robot.ScannerData").from_json(data).ranges
     assert str(list(ranges)) == "[1.0, nan, 2.5, nan, inf]"
@@ -153,8 +153,8 @@ def test_a_class_with_other_slots_is_created_by_its_constructor():
 
 
 @pytest.mark.timeout(600)
-def test_with_field_checks_of_ros():
-    """ROS checks each assignment to a field if an environment variable is set at start-up."""
+def test_messages_pass_the_field_checks_of_ros():
+    """ROS checks each assignment to a field if ROS_PYTHON_CHECK_FIELDS is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "3"}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "any_message"]
     done = subprocess.run(

@@ -148,14 +148,14 @@ class Bench:
             part,
             "refused, as counted",
             str(refused),
-            "at least as many as callers saw",
+            "at least as many as the callers saw",
             refused >= kinds["too many"],
         )
         if slow:
             median = max(report["median"] for report in reports)
             self._add(
                 part,
-                "median wait of the callers, most of them refused",
+                "median response time, refused calls included",
                 f"{median:.3f} s",
                 "below that of the chassis",
                 median < slow,

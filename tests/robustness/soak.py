@@ -331,8 +331,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--reference-after",
         type=float,
-        help="seconds until the memory is taken that the end is compared with (default 300, at "
-        "most half of the duration)",
+        help="seconds until the reference memory is measured (default 300, at most half of the "
+        "duration)",
     )
     parser.add_argument(
         "--seed", type=int, default=0, help="seed of traffic and faults (default 0)"

@@ -365,9 +365,8 @@ async def test_pushes_go_to_subscribers() -> None:
         subscribed(0.1, "woosh.robot.PoseSpeed", "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.PoseSpeed", {"mapId": 1}),
         pushed(0.3, "woosh.robot.Mode", {"work": 1}),
-        pushed(
-            0.4, "woosh.robot.Battery", {"power": 3}
-        ),  # without a recorded subscription: sent to every client
+        # a push without a recorded subscription goes to every client
+        pushed(0.4, "woosh.robot.Battery", {"power": 3}),
     ]
     async with replaying(*records) as replayed:
         poses: list[Any] = []
