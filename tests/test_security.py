@@ -71,7 +71,7 @@ def test_policies_can_be_made_for_another_namespace(namespace: str, prefix: str)
     assert "woosh_robot/" not in agent + client
 
 
-def test_simulated_time() -> None:
+def test_clock_is_allowed_only_with_simulated_time() -> None:
     assert "/clock" not in security.agent_policy() + security.client_policy()
     inputs = names(security.agent_policy(), "topics subscribe")
     assert names(security.agent_policy(sim_time=True), "topics subscribe") - inputs == {"/clock"}
@@ -229,7 +229,7 @@ def test_missing_sros2_is_reported(keystore: Keystore) -> None:
 @pytest.mark.parametrize(
     "arguments", [[], ["a", "b"], ["--what"], ["--node"], ["a", "--", "--only", "nothing"]]
 )
-def test_bad_arguments_make_nothing(keystore: Keystore, arguments: Sequence[str]) -> None:
+def test_bad_arguments_create_no_keystore(keystore: Keystore, arguments: Sequence[str]) -> None:
     refused = keystore.make(*arguments)
     assert refused.returncode == 2, refused.stderr
     assert refused.stderr

@@ -135,7 +135,8 @@ def main(arguments: Sequence[str]) -> int:
     )
     given = parse(parser, arguments)
     if given.docs:
-        from benchmarks.report import plots  # fails before the measurement
+        # imported before the measurement, so that a missing matplotlib is noticed at once
+        from benchmarks.report import plots
     tables, values = [], {}
     for name in given.only:
         found = []

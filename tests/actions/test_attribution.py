@@ -218,7 +218,7 @@ POLLS = {
 
 
 @pytest.mark.parametrize(("previous", "polls"), POLLS.values(), ids=POLLS.keys())
-def test_poll_is_news_if_the_chassis_does_not_repeat_an_earlier_end(
+def test_poll_is_news_unless_it_may_repeat_an_earlier_end(
     previous: str | None, polls: list[tuple[Phase, str, Outcome | None, bool]]
 ) -> None:
     attribution = Attribution(repeats_ends=True, previous=previous)

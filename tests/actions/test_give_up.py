@@ -44,7 +44,7 @@ CASES = [
         None,
     ),
     Case(
-        "link lost, then a report received earlier: the link is still lost",
+        "link lost, then a report that was in transit: the link is still lost",
         [(1, "link_lost", "reset"), (2, "report")],
         9,
         "the link was lost (reset)",

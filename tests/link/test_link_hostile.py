@@ -203,7 +203,7 @@ async def test_texts_of_the_chassis_are_logged_as_one_short_line() -> None:
         ("x" * 600, "x" * 500 + "... (600 characters)"),
     ],
 )
-def test_one_line(text: str, expected: str) -> None:
+def test_one_line_escapes_and_cuts_a_text(text: str, expected: str) -> None:
     assert one_line(text) == expected
 
 

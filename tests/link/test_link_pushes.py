@@ -86,7 +86,7 @@ async def test_a_task_push_as_on_the_wire() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_subscribing_and_unsubscribing_while_connected(kind: str) -> None:
+async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
         first: list[int] = []

@@ -121,7 +121,7 @@ async def test_while_the_chassis_does_not_answer_only_the_newest_is_held() -> No
 
 @pytest.mark.usefixtures("short_stall")
 @aio
-async def test_what_is_held_too_long_is_not_sent() -> None:
+async def test_a_command_held_too_long_is_not_sent() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()

@@ -79,7 +79,7 @@ def test_goal_ends_with_the_state_and_text_of_the_chassis(
     assert (ended, ret.state.value, ret.msg, ret.action) == (status, state, "as it is", STEP)
 
 
-def test_other_states_than_an_end_are_feedback(client: Client, simulator: SimulatorThread) -> None:
+def test_states_before_the_end_are_feedback(client: Client, simulator: SimulatorThread) -> None:
     goal = running(client)
     for state in (3, 4, 10, 2):
         simulator.push(feedbacks(state, f"state {state}"))

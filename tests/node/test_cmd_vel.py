@@ -206,7 +206,9 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
-    def test_beyond_the_limits_is_clamped(self, simulator, start_agent, client, twists):
+    def test_velocity_beyond_the_limits_is_scaled_down(
+        self, simulator, start_agent, client, twists
+    ):
         agent = start_agent(
             ip="127.0.0.1", port=simulator.port, cmd_vel_max_linear=0.5, cmd_vel_max_angular=0.2
         )

@@ -155,6 +155,6 @@ def convert_of(ros: Any) -> Any:
     return next(converter(*pair) for pair in PAIRS.values() if pair[0] is type(ros))
 
 
-def test_custom_bytes():
+def test_bytes_of_any_value_are_sent():
     ros = ExecTask(custom=bytes(range(256)))
     assert convert_of(ros).to_proto(ros).custom == bytes(range(256))

@@ -113,7 +113,7 @@ MORE = {"robot/PlanPath": plan_path, "robot/RobotWiFi": robot_wifi, TWICE: set_i
 
 
 @pytest.mark.parametrize("name", MORE)
-def test_endpoint_that_the_manual_does_not_show(name, simulator, agent, client):
+def test_endpoint_outside_the_manual_works(name, simulator, agent, client):
     slow_down(simulator)  # there is a path only while the task drives
     MORE[name](client)
 

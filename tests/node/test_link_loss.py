@@ -266,7 +266,7 @@ def test_goal_that_never_arrived_is_aborted(
 
 @pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_that_never_arrived_is_not_taken_for_the_one_before(
+def test_goal_that_never_arrived_does_not_get_the_end_of_an_earlier_one(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     """Both have the same name, and the chassis reports the end of the earlier one under it."""
@@ -384,7 +384,7 @@ def test_goal_goes_on_if_the_chassis_hung_for_a_while(
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_cancel_is_repeated_only_where_the_goal_still_runs(
+def test_cancel_is_repeated_only_if_the_goal_still_runs(
     client: Client, simulator: SimulatorThread
 ) -> None:
     """A cancel of a task names no task, so it could end another client's newer task."""

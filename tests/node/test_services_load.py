@@ -41,7 +41,7 @@ def test_a_slow_call_holds_up_no_other(simulator, busy_agent, client):
     assert not wait_future(slow).ok
 
 
-def test_calls_wait_for_their_answers_together(simulator, busy_agent, client):
+def test_calls_wait_for_their_answers_concurrently(simulator, busy_agent, client):
     simulator.mute(SPEAK)
     calls = [speak(client, str(number)) for number in range(40)]
     simulator.wait_received(SPEAK, 40)

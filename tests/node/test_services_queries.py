@@ -79,7 +79,7 @@ def test_path_queries_have_their_own_response_fields(agent, client):
     assert client.call(PlanPath, "robot/PlanPath").plan_path is not None
 
 
-def test_task_progress_is_asked_for_with_its_argument(simulator, agent, client):
+def test_task_progress_query_sends_its_argument(simulator, agent, client):
     client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
     sent = simulator.last("woosh.robot.TaskProc")
     assert (sent.robot_task_id, sent.dest) == (17, "A2")
@@ -91,7 +91,7 @@ def test_invalid_utf_8_is_not_sent(simulator, agent, client, logs):
     assert not simulator.counts["woosh.robot.TaskProc"]
 
 
-def test_zero_and_no_presence_bit_while_nothing_is_known(start_agent, client, logs):
+def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):
     start_agent(ip="127.0.0.1", port=1, poll_timeout=60_000)
     for query in QUERIES:
         info = ask(client, query)

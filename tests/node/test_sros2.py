@@ -89,7 +89,7 @@ def test_every_node_has_the_endpoints_that_the_policy_assumes(client: Client) ->
     wait_until(lambda: used(client, "client", "/") == nothing, "the endpoints of a node")
 
 
-def test_policies_of_agent_and_client_fit_each_other() -> None:
+def test_policies_of_agent_and_client_match() -> None:
     agent = permissions(security.agent_policy())
     client = permissions(security.client_policy())
     common = {"rt/rosout", "rt/parameter_events"}
@@ -112,7 +112,7 @@ needs_sros2 = pytest.mark.skipif(
 
 
 @needs_sros2
-def test_agent_and_client_under_sros2(
+def test_agent_and_client_work_under_sros2(
     domain: int, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`client` is started without security, so it must not see the agent."""

@@ -177,7 +177,7 @@ def values(status: Any) -> dict[str, str]:
 
 
 class TestDiagnostics:
-    def test_all_ok(self, simulator, agent, client):
+    def test_a_ready_robot_is_ok(self, simulator, agent, client):
         array = diagnostics(client).wait_count(1)[0]
         names = ["link", "chassis", "battery", "hardware", "abnormal codes"]
         assert [s.name.rpartition(": ")[2] for s in array.status] == names
@@ -190,7 +190,7 @@ class TestDiagnostics:
         assert values(of(array, "chassis"))["taskable"] == "yes"
         assert values(of(array, "battery"))["percent"] == "93"
 
-    def test_each_objection_is_listed(self, simulator, agent, client):
+    def test_each_reason_to_reject_a_task_is_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.set_emergency_stop(True)
         request = SwitchControlMode.Request()

@@ -41,7 +41,7 @@ def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-def test_the_example_of_the_docs(tmp_path: Path) -> None:
+def test_the_documented_example_passes(tmp_path: Path) -> None:
     for file in EXAMPLES:
         shutil.copy(file, tmp_path)
     status, said = run_pytest(tmp_path)
@@ -62,7 +62,7 @@ def test_the_docs_show_the_example_unchanged(file: Path) -> None:
         "from woosh_robot_agent.testing import simulated_chassis, woosh_agent",
     ],
 )
-def test_fixtures_by_plugin_and_by_import(tmp_path: Path, conftest: str) -> None:
+def test_fixtures_work_as_plugin_and_as_import(tmp_path: Path, conftest: str) -> None:
     (tmp_path / "conftest.py").write_text(conftest)
     (tmp_path / "test_it.py").write_text(
         "def test_it(woosh_agent, simulated_chassis):\n"

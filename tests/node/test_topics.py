@@ -86,7 +86,7 @@ def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
     )
 
 
-def test_qos_type_and_hash_in_the_graph(start_agent, client):
+def test_graph_shows_qos_type_and_hash(start_agent, client):
     start_agent(ip="127.0.0.1", port=1)
     for topic in TOPICS:
         path = client.path(topic.name)
@@ -128,7 +128,7 @@ def test_first_values_come_from_robot_info(connect, client, push, simulator):
         assert first == converter(type(first), type(said)).to_ros(said), topic.name
 
 
-def test_each_push_once_and_in_order(connect, client, push):
+def test_each_push_is_published_once_and_in_order(connect, client, push):
     connect(holding(RobotInfo()))
     echoes = echo_all(client)
     wait_matched(client)
@@ -180,7 +180,7 @@ def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
     wait_until(lambda: agent.agent._services.known.get(TASK_PROC).robot_task_id == 3)
 
 
-def test_nothing_is_published_again_until_the_chassis_is_back(connect, client, push, simulator):
+def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, simulator):
     powers = iter((50, 49))
 
     def count_down(frame: Any) -> list[Any]:

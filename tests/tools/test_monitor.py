@@ -328,7 +328,7 @@ def piped(port: int) -> Iterator[subprocess.Popen[str]]:
     process.communicate()
 
 
-def test_without_a_terminal(chassis: SimulatorThread) -> None:
+def test_without_a_terminal_the_view_is_printed_repeatedly(chassis: SimulatorThread) -> None:
     with piped(chassis.port) as process:
         assert process.stdout is not None
         pictures = 0

@@ -405,7 +405,7 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
 
 
 @aio
-async def test_a_robot_that_never_came_back() -> None:
+async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),

@@ -126,7 +126,7 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path, content, text):
         read_recording(path)
 
 
-def test_not_gzip(tmp_path):
+def test_a_file_that_is_not_gzip_is_refused(tmp_path):
     path = tmp_path / "a.jsonl.gz"
     path.write_bytes(json.dumps({}).encode())
     with pytest.raises(RecordingError, match="not a gzip"):
