@@ -1,4 +1,4 @@
-"""Benchmarks of the agent, each printed as Markdown tables: `scripts/bench`.
+"""Benchmarks of the agent, run by `scripts/bench`. They print Markdown tables.
 
 `floors/` holds the programs that the agent is compared with, `programs/` those that a measurement
 starts beside them, `measurements/` what is measured, and `report/` tables, plots and pages.

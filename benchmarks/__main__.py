@@ -12,9 +12,12 @@ BENCHMARKS = {
     "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
     "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
     "links": ("benchmarks.measurements.links", "WebSocket and TCP, JSON and protobuf, compared"),
-    "scale": ("benchmarks.measurements.scale", "cost against robots, push rate and scan size"),
+    "scale": ("benchmarks.measurements.scale", "cost by number of robots, push rate and scan size"),
     "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
-    "speed": ("benchmarks.measurements.speed", "cost of the agent over bare rclpy and sockets"),
+    "speed": (
+        "benchmarks.measurements.speed",
+        "cost of the agent relative to bare rclpy and sockets",
+    ),
 }
 """Module and description of each benchmark. Each module has `main(arguments) -> exit status`."""
 

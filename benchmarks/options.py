@@ -1,4 +1,4 @@
-"""Options that all benchmarks of speed share, on the command line and in the code."""
+"""Options that all benchmarks of speed share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from woosh_robot_agent.parameters import EXECUTORS
 
 TURNS = 5
-"""Number of times that agent and floor take turns in one repetition, because the speed of a machine
+"""Number of turns of agent and floor in one repetition. Turns are needed because a machine's speed
 drifts."""
 _SMOKE_SCALE = 0.01
 
@@ -32,7 +32,7 @@ class Options:
 
     @property
     def smoke(self) -> bool:
-        """True if the measurement only has to run, and its figures mean nothing."""
+        """True if the benchmark is only checked to work, with meaningless figures."""
         return self.scale < 1.0
 
     def samples(self, usual: int) -> int:
@@ -41,7 +41,7 @@ class Options:
 
     @property
     def agent_parameters(self) -> dict[str, str]:
-        """Parameters of the agent that these options set."""
+        """Parameters of the agent, as set by these options."""
         return {
             "executor": self.executor,
             "transport": self.transport,
@@ -81,7 +81,7 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse
 
 
 def repetitions(options: argparse.Namespace) -> int:
-    """Return how often to measure."""
+    """Return the number of repetitions."""
     return 1 if options.smoke else int(options.repeat)
 
 

@@ -1,4 +1,4 @@
-"""Drive a simulated robot through its hall and plot odom and scans over the walls."""
+"""Drive a simulated robot through its hall; plot odom and scans over the walls."""
 
 from __future__ import annotations
 
@@ -67,8 +67,10 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
     poses = [
         (
             stamp(m.transforms[0]),
-            plane_of(m.transforms[0].transform.translation, m.transforms[0].transform.rotation)
-            * plane_of(m.transforms[1].transform.translation, m.transforms[1].transform.rotation),
+            planar_pose(m.transforms[0].transform.translation, m.transforms[0].transform.rotation)
+            * planar_pose(
+                m.transforms[1].transform.translation, m.transforms[1].transform.rotation
+            ),
         )
         for m in transforms
     ]
@@ -85,7 +87,7 @@ def draw(path: str, walls: Any, odoms: Any, transforms: Any, scans: Any) -> None
         ]
         axes.scatter([p.x for p in points], [p.y for p in points], s=1, color="tab:red", alpha=0.3)
     start = poses[0][1]
-    track = [start * plane_of(m.pose.pose.position, m.pose.pose.orientation) for m in odoms]
+    track = [start * planar_pose(m.pose.pose.position, m.pose.pose.orientation) for m in odoms]
     axes.plot([p.x for p in track], [p.y for p in track], color="tab:blue", label="odom")
     axes.scatter([], [], s=6, color="tab:red", label="scan")
     axes.plot(*zip(*GOALS, strict=True), "x", color="tab:green", label="goal_pose")
@@ -101,7 +103,7 @@ def stamp(message: Any) -> float:
     return float(message.header.stamp.sec + message.header.stamp.nanosec / 1e9)
 
 
-def plane_of(position: Any, rotation: Any) -> Pose2D:
+def planar_pose(position: Any, rotation: Any) -> Pose2D:
     """Return the planar part of a pose or transform."""
     return Pose2D(position.x, position.y, 2 * math.atan2(rotation.z, rotation.w))
 

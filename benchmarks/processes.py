@@ -1,4 +1,4 @@
-"""Start Python modules as processes, and read what they cost: CPU time, memory, files, threads."""
+"""Start Python modules as processes, and read their CPU time, memory, files and threads."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ ROOT = Path(__file__).resolve().parents[1]
 """Root of the repository, where modules are started."""
 _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
 _END_TIMEOUT = 5.0
-"""Time that a program gets to end by itself before it is killed, in seconds."""
+"""Time after which a program that was asked to end is killed, in seconds."""
 _LOG_TAIL = 4000
 """Length of the log that is shown when a program dies, in characters."""
 
 
 @dataclass(frozen=True)
 class Resources:
-    """Resources that a process holds at one moment.
+    """Resources of a process at one moment.
 
     Attributes:
         rss: Resident memory, shared libraries included, in bytes.
@@ -129,11 +129,11 @@ class Program:
     @property
     def log(self) -> str:
         """The last part of its stderr."""
-        # opened again, because reading moves the file position, which the program shares
+        # opened again, because reading would move the file position shared with the program
         return Path(f"/proc/self/fd/{self._log_file.fileno()}").read_text()[-_LOG_TAIL:]
 
     def wait_logged(self, text: str, times: int = 1, timeout: float = 60.0) -> None:
-        """Wait until `text` is in its log the given number of times."""
+        """Wait until its log contains `text` the given number of times."""
 
         def logged() -> bool:
             self.check_running()
@@ -157,7 +157,7 @@ class Program:
         return rss(self.process.pid)
 
     def interrupt(self) -> None:
-        """Ask the program to end, without waiting for it."""
+        """Send SIGINT to the program, without waiting for its end."""
         if not self._stopping and self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
         self._stopping = True
@@ -177,7 +177,7 @@ class Program:
 
 @contextlib.contextmanager
 def running(*command: str, domain: int) -> Iterator[Program]:
-    """Run a program for the length of the block.
+    """Run a program while the block runs.
 
     Raises:
         RuntimeError: The program ended by itself. The text holds the last part of its log.
@@ -187,7 +187,7 @@ def running(*command: str, domain: int) -> Iterator[Program]:
         try:
             yield program
         except (AssertionError, OSError):
-            program.check_running()  # the reason of its end says more than this error
+            program.check_running()  # its log explains more than this error
             raise
         program.check_running()
     finally:

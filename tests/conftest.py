@@ -12,7 +12,7 @@ import pytest
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let each process begin with some of the longest tests, so that the last ones are short.
+    """Let each process begin with some of the longest tests, so that none runs alone at the end.
 
     Tests with a timeout of their own count as long. pytest-xdist gives each process a section of
     the list, and moves tests to idle processes later.
@@ -44,7 +44,7 @@ else:
 
     @pytest.fixture
     def domain() -> Iterator[int]:
-        """A ROS_DOMAIN_ID that no other test uses."""
+        """A ROS_DOMAIN_ID that no other test uses at the same time."""
         with harness.own_domain() as number:
             yield number
 
@@ -56,7 +56,7 @@ else:
 
     @pytest.fixture
     def start_agent(domain: int) -> Iterator[Callable[..., harness.RunningAgent]]:
-        """Start agents; keyword arguments are ROS parameters."""
+        """Function that starts an agent; its keyword arguments are ROS parameters."""
         running: list[harness.RunningAgent] = []
 
         def start(**parameters: Any) -> harness.RunningAgent:
@@ -85,7 +85,7 @@ else:
 
     @pytest.fixture
     def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:
-        """Start the agent's program; arguments are ROS arguments."""
+        """Function that starts the agent's program; its arguments are ROS arguments."""
         programs: list[harness.Program] = []
 
         def start(*arguments: str) -> harness.Program:

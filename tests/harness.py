@@ -1,4 +1,4 @@
-"""Building blocks of the tests with ROS: the real agent, and a ROS client of it.
+"""Building blocks of the tests with ROS: the real agent, and a ROS client that uses it.
 
 The agent talks to a simulated chassis over a socket, and to the client over DDS, in a ROS domain
 that no other test uses.
@@ -61,7 +61,7 @@ class Collector:
         return found[0]
 
     def wait_count(self, count: int, timeout: float = TIMEOUT) -> list[Any]:
-        """Wait for this many messages; return all that have been received."""
+        """Wait until this many messages have been received; return all."""
         with self._changed:
             assert self._changed.wait_for(lambda: len(self.messages) >= count, timeout), (
                 f"{len(self.messages)} of {count} messages received: {self.messages}"
@@ -156,7 +156,7 @@ class Client:
     def service(self, srv: Any, name: str) -> Any:
         """Return the client of a service, once both ends have discovered each other."""
         if (srv, name) not in self._clients:
-            # as deep as the agent's: with the default depth of 10, a burst of answers is cut off
+            # as deep as the agent's: with the default depth of 10, answers of a burst are lost
             client = self.node.create_client(
                 srv, self.path(name), qos_profile=QoSProfile(depth=1000)
             )

@@ -1,4 +1,4 @@
-"""A minimal replacement of ROS's `launch`, which is not on PyPI, to load our launch files with."""
+"""A minimal replacement of ROS's `launch`, which is not on PyPI. It can load our launch files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class Part:
-    """Any object that a launch file creates; it only stores its arguments."""
+    """Stand-in for any object that a launch file creates; stores its arguments."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         self.arguments = arguments

@@ -1,4 +1,4 @@
-"""Random ROS and protobuf messages, limited to what the mapping can represent."""
+"""Random ROS and protobuf messages that the conversion can represent."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def random_ros(rng: random.Random, cls: Any) -> Any:
             setattr(message, name, [_ros_value(rng, of) for _ in range(rng.randint(0, 2))])
     if is_oneof(cls):
         choice = next(name for name in dir(message) if name.endswith("_choice"))
-        # old clients set only one of the two
+        # old clients set only one of the two fields
         message.which, old = rng.choice([(0, 1), (1, 0), (1, 1)])
         number = rng.randint(0, len(members(cls)))
         message.which *= number
@@ -89,7 +89,7 @@ def members(cls: Any) -> list[str]:
 
 
 def carried(message: Any) -> Any:
-    """Return a copy without unused bits and values of absent fields, which the mapping drops."""
+    """Return a copy without unused bits and values of absent fields, which the conversion drops."""
     result = copy.deepcopy(message)
     cls = type(message)
     number = 0

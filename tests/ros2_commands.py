@@ -1,4 +1,4 @@
-"""The documented commands, parsed as the shell and the `ros2` tool parse them."""
+"""Parser of the documented commands. It parses as the shell and the `ros2` tool do."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def documented() -> list[Command]:
 
 try:
     from rosidl_runtime_py import set_message_fields
-except ImportError:  # not on PyPI; the same rules for the field types of these messages
+except ImportError:  # not on PyPI; the replacement suffices for the field types of our messages
 
     def set_message_fields(msg: Any, values: Any) -> None:
         """Set the fields named in `values`; the others keep their defaults."""

@@ -1,4 +1,4 @@
-"""The benchmarks of speed run. How fast the agent is, `scripts/bench` tells on an idle machine."""
+"""The benchmarks of speed work. `scripts/bench` measures the speed itself, on an idle machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FIGURES = (
     *("convert_pose", "convert_scan", "convert_info"),
     *("idle_rss", "idle_cpu", "startup", "fleet"),
 )
-"""Names in the output of `--speed --json`, on which users rely."""
+"""Names in the output of `--speed --json`, which scripts of users may depend on."""
 
 
 def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
@@ -40,7 +40,7 @@ def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
         assert all(value > 0 for value in figures.values()), found
 
 
-def test_growth_of_cost_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert scale.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert list(found) == list(scale.SWEEPS)

@@ -1,4 +1,4 @@
-"""Names, numbers, examples and links in the docs are right."""
+"""Names, numbers, examples and links in the docs match the code."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 
 
-def test_the_simulators_examples(tmp_path: Path) -> None:
+def test_the_simulators_examples_are_valid(tmp_path: Path) -> None:
     text = (DOCS / "simulator.md").read_text()
     scenarios = re.findall(r"```yaml\n# scenario\n(.*?)```", text, re.S)
     assert scenarios
@@ -45,7 +45,7 @@ def test_the_simulators_examples(tmp_path: Path) -> None:
     assert set(injected) <= set(faults.FAULTS)
 
 
-def test_the_scene_of_the_page_on_the_simulator(tmp_path: Path) -> None:
+def test_the_documented_scene_matches_the_simulator(tmp_path: Path) -> None:
     (scene,) = re.findall(
         r"```yaml\n# scene\n(.*?)```", (DOCS / "simulator.md").read_text(), re.DOTALL
     )
@@ -55,7 +55,7 @@ def test_the_scene_of_the_page_on_the_simulator(tmp_path: Path) -> None:
     assert set(chassis.map.marks) == {"A1", "P1"}
 
 
-def test_the_limits_in_the_page_on_security() -> None:
+def test_the_documented_limits_match_the_code() -> None:
     text = (DOCS / "security.md").read_text()
     simulator, link = SimulatorConfig(), LinkConfig()
     for said in (
@@ -74,6 +74,6 @@ def test_the_limits_in_the_page_on_security() -> None:
 @pytest.mark.parametrize(
     "page", [*sorted(DOCS.glob("*.md")), ROOT / "README.md"], ids=lambda page: str(page.name)
 )
-def test_links_between_pages_lead_somewhere(page: Path) -> None:
+def test_links_between_pages_have_targets(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
         assert (page.parent / target).exists(), target

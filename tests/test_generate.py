@@ -14,7 +14,7 @@ from woosh_robot_agent import generate
 ROOT = Path(__file__).parent.parent
 
 
-def test_nothing_is_out_of_date() -> None:
+def test_generated_files_are_up_to_date() -> None:
     stale = [str(path.relative_to(ROOT)) for path, _ in generate.outdated(ROOT)]
     assert not stale, f"out of date: {', '.join(stale)}; run {generate.COMMAND}"
 
@@ -24,7 +24,7 @@ def test_each_table_has_a_place() -> None:
     assert set(re.findall(r"^<!-- generated: (\S+) -->$", text, re.M)) == set(generate.TABLES)
 
 
-def test_a_changed_table_is_written_anew() -> None:
+def test_a_changed_table_is_rewritten() -> None:
     page = "# Page\n\n<!-- generated: endpoints -->\n| old |\n<!-- end -->\n\nText\n"
     table = generate.TABLES["endpoints"]()
     new = f"# Page\n\n<!-- generated: endpoints -->\n{table}\n<!-- end -->\n\nText\n"

@@ -24,7 +24,7 @@ KINDS = {
 
 
 class TypeHash(ctypes.Structure):
-    """rosidl_type_hash_t."""
+    """The C type rosidl_type_hash_t."""
 
     _fields_ = [("version", ctypes.c_uint8), ("value", ctypes.c_uint8 * 32)]
 
@@ -33,7 +33,7 @@ class TypeHash(ctypes.Structure):
 
 
 def built_hash(name: str) -> str:
-    """Type hash in the compiled library, e.g. of `woosh_robot_msgs/msg/Mode`."""
+    """Return the hash of a type, e.g. `woosh_robot_msgs/msg/Mode`, from its compiled library."""
     package = name.split("/")[0]
     path = Path(get_package_prefix(package)) / "lib" / f"lib{package}__rosidl_generator_c.so"
     function = getattr(ctypes.CDLL(str(path)), name.replace("/", "__") + "__get_type_hash")
@@ -42,7 +42,7 @@ def built_hash(name: str) -> str:
 
 
 def facts_of(package: str) -> dict[str, list[dict[str, Any]]]:
-    """Constants and fields of each part of a type, by name (`msg/Mode`)."""
+    """Return constants and fields of each part of a type in the facts, by name (`msg/Mode`)."""
     return {
         f"{folder}/{short}": [facts[part] if part else facts for part in parts]
         for kind, (folder, parts) in KINDS.items()
@@ -51,7 +51,7 @@ def facts_of(package: str) -> dict[str, list[dict[str, Any]]]:
 
 
 def installed_parts(package: str, name: str) -> list[dict[str, list[str]]]:
-    """Constants and fields of each part of an installed .msg, .srv or .action file."""
+    """Return constants and fields of each part of an installed .msg, .srv or .action file."""
     path = Path(get_package_prefix(package)) / "share" / package / f"{name}.{name.split('/')[0]}"
     parts: list[dict[str, list[str]]] = [{"constants": [], "fields": []}]
     for line in path.read_text().splitlines():
@@ -64,7 +64,7 @@ def installed_parts(package: str, name: str) -> list[dict[str, list[str]]]:
 
 
 def part_classes(package: str, name: str) -> list[Any]:
-    """Python classes of the parts of a type."""
+    """Return the Python classes of the parts of a type."""
     kind, short = name.split("/")
     cls = getattr(importlib.import_module(f"{package}.{kind}"), short)
     parts = dict(KINDS.values())[kind]
@@ -73,21 +73,21 @@ def part_classes(package: str, name: str) -> list[Any]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 class TestPackage:
-    def test_installs_all_types_and_no_others(self, package: str):
+    def test_all_types_and_no_others_are_installed(self, package: str):
         content, _ = get_resource("rosidl_interfaces", package)
         installed = {line.rpartition(".")[0] for line in content.split() if ".idl" not in line}
         hashed = {name.partition("/")[2] for name in HASHES if name.startswith(package + "/")}
         assert installed == hashed == facts_of(package).keys()
 
-    def test_hashes(self, package: str):
+    def test_type_hashes_match_the_facts(self, package: str):
         wanted = {name: text for name, text in HASHES.items() if name.startswith(package + "/")}
         assert {name: built_hash(name) for name in wanted} == wanted
 
-    def test_definitions(self, package: str):
+    def test_definitions_match_the_facts(self, package: str):
         for name, parts in facts_of(package).items():
             assert installed_parts(package, name) == parts, name
 
-    def test_constants_and_defaults_of_the_classes(self, package: str):
+    def test_constants_and_defaults_of_the_classes_match_the_facts(self, package: str):
         for name, parts in facts_of(package).items():
             for cls, part in zip(part_classes(package, name), parts, strict=True):
                 compare_class(cls, part)

@@ -1,4 +1,4 @@
-"""Launch files and configuration: all that they name exists and accepts the given parameters."""
+"""Launch files and configuration: what they name exists, and their parameters are accepted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXECUTABLES = {"agent", "simulator"}
 
 @pytest.fixture
 def share(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Make launch files find the package in this checkout; return its folder."""
+    """Let launch files find the package in this checkout; return its folder."""
     import ament_index_python.packages as packages
 
     def share(name: str) -> str:
@@ -141,7 +141,7 @@ def params_file(folder: Path, **values: Any) -> str:
 
 @pytest.mark.usefixtures("share")
 class TestLaunch:
-    def test_agent(self):
+    def test_agent_starts_with_the_given_parameters(self):
         (node,) = Launch("agent", ip="172.20.8.74", namespace="robot7").nodes
         values = check_agent(node)
         assert (values["ip"], node["namespace"]) == ("172.20.8.74", "robot7")
@@ -160,7 +160,7 @@ class TestLaunch:
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
 
-    def test_bringup_without_robot_state_publisher(self):
+    def test_bringup_works_without_robot_state_publisher(self):
         (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         values = check_agent(node)
         assert values["publish_tf"] is True
@@ -168,7 +168,7 @@ class TestLaunch:
         assert values["frame_prefix"] == "r1/"
 
     @pytest.mark.usefixtures("robot_state_publisher")
-    def test_bringup_with_robot_state_publisher(self):
+    def test_bringup_starts_robot_state_publisher_if_installed(self):
         agent, model = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         assert check_agent(agent)["publish_laser_tf"] is False
         assert model["executable"] == ("robot_state_publisher",) * 2
@@ -203,13 +203,13 @@ class TestLaunch:
         ],
     )
     def test_the_model_has_the_agents_prefix(self, text: str, prefix: str, tmp_path: Path):
-        """Otherwise the frames of the robot would not form one tree."""
+        """Without the prefix, the robot's frames would not form a single tree."""
         file = tmp_path / "mine.yaml"
         file.write_text(text)
         _, model = Launch("bringup", namespace="r9", params_file=str(file)).nodes
         assert model["values"]["frame_prefix"] == prefix
 
-    def test_sim(self):
+    def test_sim_starts_agent_and_simulator(self):
         launch = Launch("sim", port="5490", speed="2")
         (simulator,) = launch.others
         path, *arguments = [launch_stub.resolve(each, launch.context) for each in simulator.cmd]
@@ -219,7 +219,7 @@ class TestLaunch:
         values = check_agent(bringup.nodes[0])
         assert (values["ip"], values["port"]) == ("127.0.0.1", 5490)
 
-    def test_fleet(self):
+    def test_fleet_starts_all_robots(self):
         agents = [check_agent(each.nodes[0]) for each in Launch("fleet").included]
         assert [(v["port"], v["frame_prefix"]) for v in agents] == [(5480, "r1/"), (5490, "r2/")]
 
@@ -250,7 +250,7 @@ class TestLaunch:
 
     @pytest.mark.parametrize("name", ["fleet", "sim"])
     def test_included_files_get_all_their_arguments(self, name: str):
-        """An argument that is not passed on may be taken from another launch file."""
+        """ROS would take a missing argument from another launch file."""
         for each in Launch(name).included:
             assert set(each.given) == each.declared
 
@@ -264,7 +264,7 @@ class TestLaunch:
             "robots: [{name: r1, ip: a}, {name: r1, ip: b}]",
         ],
     )
-    def test_invalid_fleet_file(self, text: str, tmp_path: Path):
+    def test_invalid_fleet_file_is_refused(self, text: str, tmp_path: Path):
         file = tmp_path / "fleet.yaml"
         file.write_text(text)
         with pytest.raises(ValueError, match=r"fleet\.yaml"):
@@ -275,7 +275,7 @@ class TestConfiguration:
     def test_the_parameter_file_has_all_parameters(self):
         assert (ROOT / "config/agent.yaml").read_text() == parameters.yaml()
 
-    def test_the_model(self):
+    def test_the_model_is_valid(self):
         robot = ElementTree.parse(ROOT / "config/woosh_base.urdf").getroot()
         links = {link.get("name") for link in robot.iter("link")}
         assert {"base_link", "laser"} <= links

@@ -1,4 +1,4 @@
-"""The memory of large frames is returned to the system."""
+"""The memory of large frames is returned to the operating system."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ print((resident() - before) // MIB)
 
 
 def left_behind(mode: str) -> int:
-    """Memory that a program still holds after freeing 40 MiB, in MiB."""
+    """Return the memory that a program still occupies after it freed 40 MiB, in MiB."""
     run = [sys.executable, "-c", PROGRAM, mode]
     return int(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
 
 
-def test_large_blocks_go_back_at_once() -> None:
+def test_freed_large_blocks_are_returned_at_once() -> None:
     assert left_behind("off") > 30, "glibc returns them by default"
     assert left_behind("on") < 5

@@ -1,4 +1,4 @@
-"""Input never becomes code or a command: a search of the sources for functions that could do it."""
+"""Input is never executed: the sources do not use functions that could do it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PERMITTED = {
     ("security.py", "xml.etree.ElementTree"): "writes policies, reads nothing",
     ("testing/agents.py", "subprocess"): "runs the agent in tests, without a shell",
 }
-"""File and name of each permitted use, with the reason why it is safe."""
+"""Reason why each permitted use is safe, by file and name."""
 
 
 def dangers(source: str) -> set[str]:
@@ -47,7 +47,7 @@ def dangers(source: str) -> set[str]:
     return {name for name in found if not any(name.startswith(f"{each}.") for each in found)}
 
 
-def test_only_permitted_uses() -> None:
+def test_only_permitted_uses_are_found() -> None:
     package = ROOT / "woosh_robot_agent"
     found = {
         (path.relative_to(package).as_posix(), danger)
@@ -72,11 +72,11 @@ def test_only_permitted_uses() -> None:
         "asyncio.create_subprocess_shell(text)",
     ],
 )
-def test_dangerous_names(source: str) -> None:
+def test_dangerous_names_are_found(source: str) -> None:
     assert dangers(source)
 
 
-def test_harmless_names() -> None:
+def test_harmless_names_are_not_found() -> None:
     assert not dangers("import yaml, re; yaml.safe_load(text); re.compile(text); a.exec_task()")
 
 

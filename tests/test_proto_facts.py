@@ -1,4 +1,4 @@
-"""The compiled protobuf descriptors match the facts: nothing is missing, nothing extra."""
+"""The compiled protobuf descriptors match the facts exactly."""
 
 from __future__ import annotations
 
@@ -108,12 +108,12 @@ def actual_messages(by_name: Any) -> Any:
     }
 
 
-def test_the_files_are_those_of_the_facts() -> None:
+def test_the_files_match_the_facts() -> None:
     assert set(FILES) == set(FACTS)
 
 
 @pytest.mark.parametrize("path", sorted(FACTS))
-def test_a_file_holds_exactly_what_the_facts_say(path: str) -> None:
+def test_each_file_matches_the_facts_exactly(path: str) -> None:
     fact, file = FACTS[path], FILES[path]
 
     assert file.package == fact["package"]
@@ -124,7 +124,7 @@ def test_a_file_holds_exactly_what_the_facts_say(path: str) -> None:
     assert not file.extensions_by_name
 
 
-def test_the_misspelt_names_stay() -> None:
+def test_misspelt_names_are_kept() -> None:
     types = message_types()
     assert "genral" in types["woosh.robot.RobotInfo"].DESCRIPTOR.fields_by_name
     assert "seanner" in types["woosh.robot.HardwareState"].DESCRIPTOR.fields_by_name

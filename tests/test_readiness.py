@@ -1,4 +1,4 @@
-"""Reasons to reject a task, compared with those of the simulated chassis."""
+"""Reasons why a robot would reject a task, compared with those of the simulated chassis."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def names(info: RobotInfo) -> list[str]:
     return [objection.name for objection in objections(info)]
 
 
-def test_a_ready_robot():
+def test_a_ready_robot_has_no_reason():
     assert objections(ready()) == []
     assert is_taskable(ready()) is True
     assert is_located(ready()) is True
@@ -52,7 +52,7 @@ def test_an_empty_robot_info_gives_no_reason():
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("located", [False, True])
 @pytest.mark.parametrize("initialised", [False, True])
-def test_the_same_reasons_as_the_chassis(stop: bool, located: bool, initialised: bool) -> None:
+def test_reasons_match_those_of_the_chassis(stop: bool, located: bool, initialised: bool) -> None:
     for ctrl, work in itertools.product((robot.kAuto, robot.kManual, robot.kMaintain), (1, 2)):
         chassis = Chassis(SimulatorConfig())
         readiness = chassis.readiness
@@ -78,17 +78,17 @@ CASES: list[tuple[str, Callable[[RobotInfo], object]]] = [
 
 
 @pytest.mark.parametrize(("name", "change"), CASES, ids=[case[0] for case in CASES])
-def test_reasons_that_are_sufficient_by_themselves(
+def test_sufficient_reasons_do_not_depend_on_the_taskable_bit(
     name: str, change: Callable[[RobotInfo], object]
 ) -> None:
-    """Independent of the taskable bit, and without duplicates if it is not set."""
+    """They are given with and without the taskable bit, and only once."""
     for info in (ready(), not_taskable()):
         change(info)
         assert names(info) == [name]
         assert all(objections(info)[0])
 
 
-def test_all_reasons_at_once():
+def test_all_reasons_are_given_at_once():
     info = not_taskable()
     info.mode.CopyFrom(Mode(ctrl=robot.kManual, work=robot.kDeployMode))
     info.device_state.CopyFrom(DeviceState(hardware=1024))
@@ -117,7 +117,7 @@ def test_all_reasons_at_once():
         (lambda i: None, "not_taskable", "not why"),
     ],
 )
-def test_probable_reasons_only_if_the_robot_is_not_taskable(change, name, text):
+def test_probable_reasons_are_given_only_if_the_robot_is_not_taskable(change, name, text):
     info = ready()
     change(info)
     assert names(info) == []

@@ -21,7 +21,7 @@ SCRIPT = ROOT / "scripts" / "make_keystore"
 
 
 def names(policy: str, kind: str) -> set[str]:
-    """Return the names in a policy for which one operation is allowed."""
+    """Return the names for which a policy allows an operation, e.g. `topics subscribe`."""
     tag, operation = kind.split(" ")
     found = xml.fromstring(policy).findall(f".//{tag}[@{operation}='ALLOW']/*")
     return {str(each.text) for each in found}
@@ -49,7 +49,7 @@ def test_a_client_may_use_all_endpoints_but_not_set_parameters() -> None:
     assert "/woosh_robot/agent/" not in policy
 
 
-def test_a_read_only_client() -> None:
+def test_a_read_only_client_may_send_no_command() -> None:
     policy = security.client_policy(read_only=True, only=["robot/Pose*", "robot/ExecTask"])
     assert names(policy, "services request") == {"/woosh_robot/robot/PoseSpeed"}
     assert names(policy, "topics subscribe") == {"/woosh_robot/robot/PoseSpeed"}
@@ -57,7 +57,7 @@ def test_a_read_only_client() -> None:
 
 
 @pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/hall/r2", "/hall/r2")])
-def test_another_namespace(namespace: str, prefix: str) -> None:
+def test_policies_can_be_made_for_another_namespace(namespace: str, prefix: str) -> None:
     agent = security.agent_policy(namespace)
     assert f"{prefix}/robot/Mode" in names(agent, "services reply")
     assert f"{prefix}/agent/set_parameters" in names(agent, "services reply")
@@ -71,7 +71,7 @@ def test_another_namespace(namespace: str, prefix: str) -> None:
     assert "woosh_robot/" not in agent + client
 
 
-def test_simulated_time() -> None:
+def test_clock_is_allowed_only_with_simulated_time() -> None:
     assert "/clock" not in security.agent_policy() + security.client_policy()
     inputs = names(security.agent_policy(), "topics subscribe")
     assert names(security.agent_policy(sim_time=True), "topics subscribe") - inputs == {"/clock"}
@@ -88,7 +88,7 @@ def test_simulated_time() -> None:
         (["client", "--read-only", "--only", "Pose", "--only", "cmd_vel"], "no endpoint matches"),
     ],
 )
-def test_bad_arguments(
+def test_bad_arguments_are_refused(
     arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -119,7 +119,7 @@ _TOOLS = ["bash", "env", "cat", "cp", "dirname", "grep", "mkdir", "mktemp", "rm"
 
 
 class Keystore:
-    """Environment of the script: a PATH with or without a ros2, and a path for the keystore."""
+    """Environment of the script: a fake `ros2` on its PATH, and a path for the keystore."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "key store"
@@ -148,7 +148,7 @@ class Keystore:
         )
 
     def asked(self) -> list[list[str]]:
-        """Return and clear the logged calls of ros2, without the folders of the policies."""
+        """Return and clear the logged calls of `ros2`, without the folders of the policies."""
         asked = [line.split(" security ") for line in self.notes.read_text().splitlines()]
         self.notes.unlink()
         return [
@@ -193,7 +193,7 @@ def test_only_the_owner_can_read_the_keys(keystore: Keystore) -> None:
     assert key.stat().st_mode & 0o077 == 0
 
 
-def test_a_keystore_with_options(keystore: Keystore) -> None:
+def test_options_reach_the_keystore(keystore: Keystore) -> None:
     arguments = ("--namespace", "/r2", "--node", "/ui/panel", str(keystore.path))
     made = keystore.make(*arguments, "--", "--read-only")
     assert made.returncode == 0, made.stderr
@@ -212,14 +212,14 @@ def test_a_keystore_is_for_one_domain(keystore: Keystore) -> None:
     assert keystore.asked() == []
 
 
-def test_without_ros2(keystore: Keystore) -> None:
+def test_missing_ros2_is_reported(keystore: Keystore) -> None:
     keystore.fake.unlink()
     refused = keystore.make(str(keystore.path))
     assert refused.returncode == 1
     assert "source ROS 2" in refused.stderr
 
 
-def test_without_sros2(keystore: Keystore) -> None:
+def test_missing_sros2_is_reported(keystore: Keystore) -> None:
     refused = keystore.make(str(keystore.path), WITHOUT_SROS2="1")
     assert refused.returncode == 1
     assert "apt-get install ros-jazzy-sros2" in refused.stderr
@@ -229,7 +229,7 @@ def test_without_sros2(keystore: Keystore) -> None:
 @pytest.mark.parametrize(
     "arguments", [[], ["a", "b"], ["--what"], ["--node"], ["a", "--", "--only", "nothing"]]
 )
-def test_bad_arguments_make_nothing(keystore: Keystore, arguments: Sequence[str]) -> None:
+def test_bad_arguments_create_no_keystore(keystore: Keystore, arguments: Sequence[str]) -> None:
     refused = keystore.make(*arguments)
     assert refused.returncode == 2, refused.stderr
     assert refused.stderr

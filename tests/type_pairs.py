@@ -1,4 +1,4 @@
-"""The pairs of types that the endpoints of the table convert."""
+"""The pairs of ROS and protobuf types between which the agent's endpoints convert."""
 
 from __future__ import annotations
 
@@ -36,4 +36,4 @@ def _pairs() -> dict[str, tuple[Any, Any]]:
 
 
 PAIRS = _pairs()
-"""ROS class and protobuf class of each type in the table, by protobuf full name."""
+"""ROS class and protobuf class of each type of the endpoints, by protobuf full name."""

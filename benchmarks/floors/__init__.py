@@ -1,4 +1,4 @@
-"""Floors: small programs that show the least that rclpy and a socket cost.
+"""Floors: minimal programs that show the lowest possible cost with rclpy and a socket.
 
-They import nothing of the agent, because the cost of that is part of what is measured.
+They do not import the agent, because its import is part of the measured cost.
 """

@@ -1,4 +1,4 @@
-"""Floor of memory and start: a node with the agent's entities, which do nothing.
+"""Floor of memory and start-up time: a node with the agent's entities, which do nothing.
 
     python -m benchmarks.floors.entities KIND:TYPE:NAME:DEPTH...
 
@@ -18,7 +18,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 MODULES = {"service": "srv", "action": "action"}
-"""Modules of the ROS types of each kind, where that is not `msg`."""
+"""Module of the ROS types of each kind; that of kinds not listed is `msg`."""
 
 
 def do_nothing(*_arguments: Any) -> None:

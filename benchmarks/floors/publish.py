@@ -1,4 +1,4 @@
-"""Floor of pushes: publishes a message for each frame of a WebSocket, in the thread that reads it.
+"""Floor of pushes: a thread that reads a WebSocket and publishes a message for each frame.
 
 It reads only one field of a frame: `mileage`, the number of the push.
 """

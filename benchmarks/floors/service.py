@@ -1,4 +1,4 @@
-"""Floor of service calls: a node with 52 services, as many as the agent has, answered at once."""
+"""Floor of service calls: a node with 52 services, like the agent, that answer at once."""
 
 from __future__ import annotations
 

@@ -31,17 +31,17 @@ Service = tuple[Any, str]
 POSE_SPEED: Service = (PoseSpeed, "robot/PoseSpeed")
 SCAN: Service = (ScannerData, "robot/ScannerData")
 _DELAY = 0.05
-"""Time that the chassis takes for each concurrent call, in seconds."""
+"""Delay of the chassis's answer to each concurrent call, in seconds."""
 _CONCURRENT = 10
 """Number of concurrent calls."""
 _CALL_TIMEOUT = 30.0
-"""Time after which a call counts as never answered, in seconds."""
+"""Timeout for the answer to a call, in seconds."""
 
 
 class Caller:
-    """Calls a service of the agent with an executor of its own in this thread.
+    """Calls a service, with its own executor in this thread.
 
-    Make it before the agent: DDS discovers the last one to join the fastest.
+    Create it before the agent: DDS discovers the participant that joins last the fastest.
     """
 
     def __init__(self, domain: int) -> None:
@@ -54,7 +54,7 @@ class Caller:
         self._client: Any = None
 
     def use(self, srv: Any, name: str) -> None:
-        """Select the service to call; return when it answers."""
+        """Select the service to call, and wait until it answers."""
         if self._client is not None:
             self._node.destroy_client(self._client)
         self._srv = srv
@@ -72,7 +72,7 @@ class Caller:
             self.calls(5)
 
     def calls(self, count: int) -> list[float]:
-        """Call one time after the other; return the round-trip times, in seconds."""
+        """Make calls one after the other; return their round-trip times, in seconds."""
         times = []
         for _ in range(count):
             begin = time.perf_counter()
@@ -122,7 +122,7 @@ class Caller:
 
 @contextlib.contextmanager
 def calling(domain: int) -> Iterator[Caller]:
-    """Provide a caller for the length of the block."""
+    """Provide a caller while the block runs."""
     caller = Caller(domain)
     try:
         yield caller
@@ -208,7 +208,7 @@ def call_repeatedly(
 
 
 def measure(domain: int, options: Options) -> Measured:
-    """Measure sequential calls of agent and floors by turns, then concurrent calls of the agent."""
+    """Measure sequential calls of agent and floors in turn, then concurrent calls of the agent."""
     with (
         calling(domain) as caller,
         echo_chassis(domain, options.transport) as (chassis, port),
@@ -241,13 +241,13 @@ def measure(domain: int, options: Options) -> Measured:
 
 
 def _ratio(value: float, floors: list[float]) -> tuple[float, str]:
-    """Return the value over the sum of the floors, and both as text."""
+    """Return the value divided by the sum of the floors, and a text with all of them."""
     terms = " + ".join(f"{each:.0f}" for each in floors)
     return value / sum(floors), f"{value:.0f} / ({terms}) µs"
 
 
 def _concurrent(chassis: Program, caller: Caller, count: int) -> tuple[float, str]:
-    """Return the throughput of concurrent calls over the ideal one, and both as text."""
+    """Return the throughput of concurrent calls divided by the ideal one, and both as text."""
     chassis.send("delay", _DELAY)
     caller.concurrent_calls(2 * _CONCURRENT, _CONCURRENT)
     count = max(count, 2 * _CONCURRENT)

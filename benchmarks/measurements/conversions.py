@@ -1,4 +1,4 @@
-"""Conversion from JSON to ROS: compiled converters against ParseDict and a copy by reflection."""
+"""Conversion from JSON to ROS: compiled converters, compared with ParseDict and a generic copy."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import pose_speed, robot_info
 
 _ITEMS = 3
-"""Number of items in a list that is filled."""
+"""Number of items that an empty list is filled with."""
 _TEXT = "A2: new navigation task"
 _TURNS = 15
 _DURATION = 0.1
@@ -84,7 +84,7 @@ def _value(field: Any) -> Any:
 
 
 def measure(_domain: int, options: Options) -> Measured:
-    """Measure both ways by turns, from the output of `json.loads` to the ROS message."""
+    """Measure both ways in turn, from the output of `json.loads` to the ROS message."""
     figures = {}
     for name, (message, ros_name) in samples().items():
         body = json.loads(json.dumps(to_json(message, defaults=True)))

@@ -1,4 +1,4 @@
-"""Number of robots that this machine serves when each pushes PoseSpeed at 20 Hz.
+"""Maximum number of robots that this machine can serve when each pushes PoseSpeed at 20 Hz.
 
 All robots push at the same moment, which is the hardest case. They count as served if at least
 99.9 % of the pushes of every robot reach a subscriber and the 99th percentile of all latencies is
@@ -25,13 +25,13 @@ from woosh_robot_agent.testing import own_domain
 RATE = 20.0
 """Rate at which each robot pushes, in Hz."""
 STEP = 5
-"""Number of robots that are added at a time, and of those that share a process."""
+"""Number of robots added at a time, and number of robots that share a process."""
 MAX_ROBOTS = 120
-"""Number of robots at which a measurement ends even if more could be served."""
+"""Maximum number of robots that a measurement tries."""
 WAYS = {"one process per robot": False, f"{STEP} robots per process": True}
 """The two ways to run several robots: True if robots share a process."""
 _MAX_PER_DOMAIN = 20
-"""Number of robots in one ROS domain. On the loopback, DDS finds at most 32 participants in one."""
+"""Number of robots per ROS domain. DDS discovers at most 32 participants on the loopback."""
 _DURATION = 5.0
 
 
@@ -45,7 +45,7 @@ class _Domain:
     stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def subscribe(self) -> Program:
-        """Replace the subscriber by one to all robots of the domain."""
+        """Replace the subscriber by one that listens to all robots of the domain."""
         self.stack.close()
         self.subscriber = self.stack.enter_context(subscribing(self.number, *self.namespaces))
         return self.subscriber
@@ -95,7 +95,7 @@ class Fleet:
         return sum(len(domain.namespaces) for domain in self._domains)
 
     def grow(self, count: int) -> None:
-        """Add robots; return when they are connected and their pushes arrive."""
+        """Add robots, and wait until they are connected and their pushes arrive."""
         while count:
             if not self._domains or len(self._domains[-1].namespaces) >= _MAX_PER_DOMAIN:
                 self._domains.append(_Domain(self._stack.enter_context(own_domain())))
@@ -156,14 +156,14 @@ def served(run: PushRun) -> bool:
 
 
 def max_robots(options: Options, *, shared: bool) -> tuple[int, str]:
-    """Return the highest number of robots that are served, and their cost as text."""
+    """Return the maximum number of robots that are served, and their cost as text."""
     best, description = 0, "none"
     with Fleet(options, shared=shared) as fleet:
         while fleet.robots < (1 if options.smoke else MAX_ROBOTS):
             fleet.grow(1 + shared if options.smoke else STEP)
             run = fleet.push()
             if not served(run):
-                run = fleet.push()  # one hiccup of the machine is not the limit
+                run = fleet.push()  # a single failure may be a hiccup of the machine
             if not served(run) and not options.smoke:
                 break
             best, description = fleet.robots, _describe(run)
@@ -180,7 +180,7 @@ def _describe(run: PushRun) -> str:
 
 
 def measure(_domain: int, options: Options) -> Measured:
-    """Measure the highest number of robots in both ways; the figure is the larger number."""
+    """Measure the maximum number of robots in both ways; the figure is the higher one."""
     found = {way: max_robots(options, shared=shared) for way, shared in WAYS.items()}
     text = "; ".join(f"{way}: {count} robots, {cost}" for way, (count, cost) in found.items())
     return {"fleet": (max(count for count, _ in found.values()), text)}

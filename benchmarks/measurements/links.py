@@ -1,4 +1,4 @@
-"""Compare what each transport and encoding costs, by turns on the same machine.
+"""Compare the cost of each transport and encoding, measured in turn on the same machine.
 
 scripts/bench --links                 print the table, medians of three repetitions
 scripts/bench --links --docs          also write it to docs/speed.md

@@ -1,4 +1,4 @@
-"""Cost of an idle agent, and the time that it takes to start."""
+"""Cost of an idle agent, and its start-up time."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.testing import wait_until
 
 _STARTS = 5
-"""Number of starts of which the median counts."""
+"""Number of starts; the figure is their median."""
 _START_TIMEOUT = 60.0
 _POLL = 0.02
-"""Time between two looks for endpoints, in seconds. A look takes CPU that the start needs too."""
+"""Period of polling for endpoints, in seconds. Polling takes CPU time that the start needs too."""
 _KINDS = {Kind.SERVICE: "service", Kind.INPUT: "subscription", Kind.LATCHED: "latched"}
 
 
@@ -50,7 +50,7 @@ def _commands(port: int, options: Options) -> dict[str, list[str]]:
 
 
 def measure(domain: int, options: Options) -> Measured:
-    """Measure several starts of agent and floor by turns, and the last of them idle."""
+    """Measure several starts of agent and floor in turn, then both while idle."""
     starts: dict[str, list[float]] = {"agent": [], "floor": []}
     rss, cpu = {}, {}
     with echo_chassis(domain, options.transport) as (_, port):
@@ -73,7 +73,7 @@ def measure(domain: int, options: Options) -> Measured:
 
 
 def _idle(program: Program, options: Options) -> tuple[float, float]:
-    """Return CPU (percent of one core) and memory (MiB) of a program that nobody uses."""
+    """Return CPU (percent of one core) and memory (MiB) of an idle program."""
     threading.Event().wait(5.0 * options.scale)  # until the start is over
     cpu, begin = program.cpu, time.monotonic()
     threading.Event().wait(20.0 * options.scale)
@@ -82,14 +82,14 @@ def _idle(program: Program, options: Options) -> tuple[float, float]:
 
 
 class Watcher:
-    """A client that is there before the agent and sees it start."""
+    """A client that runs before the agent and watches its start."""
 
     def __init__(self, domain: int) -> None:
         self._client = Client(domain)
         self._connected = self._client.echo(Bool, "connected")
 
     def wait_started(self, *, connected: bool) -> None:
-        """Return when every endpoint is discovered and, if wanted, the link is ready."""
+        """Wait until every endpoint is discovered and, if requested, the link is ready."""
         deadline = time.monotonic() + _START_TIMEOUT
         while not (self._all_discovered() and (self._link_ready() or not connected)):
             assert time.monotonic() < deadline, "timed out waiting for the endpoints"
@@ -113,7 +113,7 @@ class Watcher:
 
 
 def _wait_gone(domain: int) -> None:
-    """Return when the agent has disappeared from the ROS graph."""
+    """Wait until the agent has disappeared from the ROS graph."""
     client = Client(domain)
     wait_until(
         lambda: "agent" not in client.node.get_node_names(), "the agent to go", _START_TIMEOUT

@@ -22,11 +22,11 @@ from woosh_robot_agent.testing.agents import NAMESPACE
 
 TOPIC = "robot/PoseSpeed"
 _MAX_LAG = 0.1
-"""Latency of the last push above which a backlog must have grown, in seconds."""
+"""Latency of the last push above which there is a growing backlog, in seconds."""
 _MAX_LOSS = 0.001
-"""Share of the pushes that may be lost, because another program may have taken the core."""
+"""Share of the pushes that may be lost, because other programs use the machine too."""
 _MIN_REACHED = 0.8
-"""Share of a rate that must have been reached before a higher one is tried."""
+"""Share of a rate that must be reached before a higher rate is tried."""
 _TRIES = 3
 _POLL = 0.02
 _STEP = 1.2
@@ -55,7 +55,7 @@ class PushRun:
 
     @classmethod
     def merge(cls, runs: Sequence[PushRun]) -> PushRun:
-        """Return runs over the same topics as one run."""
+        """Combine runs over the same topics into one."""
         return cls(
             sent={number: at for run in runs for number, at in run.sent.items()},
             received={
@@ -133,7 +133,7 @@ class PushPath:
         Args:
             rate: Rate of the pushes, in Hz.
             count: Number of the pushes.
-            poll: Time between two looks of the subscribers, in seconds; 0 takes each push at once.
+            poll: Polling period of the subscribers, in seconds; with 0 they take each push at once.
             quiet: Time without an arrival after which the rest counts as lost, beyond the period
                 of the pushes, in seconds.
         """
@@ -147,7 +147,7 @@ class PushPath:
         cpu, subscriber_cpu = (now - then for now, then in zip(self._cpu(), before, strict=True))
         return PushRun(
             sent=dict(enumerate(report["sent"], start=first)),
-            # older pushes were latched, or belong to the run before
+            # older pushes were latched, or belong to the previous run
             received={
                 topic: {number: at for number, at in pairs if number >= first}
                 for each in arrivals
@@ -195,9 +195,9 @@ def subscribing(domain: int, *namespaces: str) -> Iterator[Program]:
 
 
 def measure(domain: int, options: Options) -> Measured:
-    """Measure PoseSpeed at 100 Hz by turns, then the highest rate.
+    """Measure PoseSpeed at 100 Hz with agent and floor in turn, then the highest rate.
 
-    odom is off, because the floor has none.
+    odom is off, because the floor does not publish it.
     """
     with (
         own_domain() as floor_domain,
@@ -205,7 +205,7 @@ def measure(domain: int, options: Options) -> Measured:
         push_path(floor_domain, options, floor=True) as floor_path,
         _drop_counter(domain) as drops,
     ):
-        drops()  # discovery of this subscriber is over before anything is timed
+        drops()  # waits until this subscriber is discovered, before anything is timed
         turns = [
             (agent_path.push(100.0, count), floor_path.push(100.0, count))
             for count in [options.samples(1000 // TURNS)] * TURNS

@@ -1,4 +1,4 @@
-"""Samples of times, and figures made of them."""
+"""Statistics of measured times."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 Measured = dict[str, tuple[float, str]]
-"""Figures of one repetition, by name: the value, and a text with the values it was made of."""
+"""Figures of one repetition, by name: the value, and a text with the measurements behind it."""
 MICROSECONDS = 1e6
 """Microseconds in a second."""
 
@@ -34,7 +34,7 @@ class Spread:
 
 @contextlib.contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """Switch Python's garbage collector off in this process for the length of the block."""
+    """Disable Python's garbage collector in this process while the block runs."""
     gc.collect()
     gc.disable()
     try:

@@ -58,7 +58,7 @@ Curves = dict[str, list[Point]]
 
 @dataclass(frozen=True)
 class Sweep:
-    """One size that is varied.
+    """A size that is varied.
 
     Attributes:
         size: Label of the size.
@@ -74,7 +74,7 @@ class Sweep:
 
 
 def robots(options: Options) -> Curves:
-    """Vary the number of robots in both ways to run them, as long as all are served."""
+    """Vary the number of robots, for both ways to run them, up to the number that is served."""
     curves: Curves = {}
     for way, shared in WAYS.items():
         points = curves.setdefault(way, [])
@@ -135,7 +135,8 @@ def main(arguments: Sequence[str]) -> int:
     )
     given = parse(parser, arguments)
     if given.docs:
-        from benchmarks.report import plots  # fails now rather than at the end
+        # imported before the measurement, so that a missing matplotlib is noticed at once
+        from benchmarks.report import plots
     tables, values = [], {}
     for name in given.only:
         found = []

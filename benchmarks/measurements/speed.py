@@ -1,9 +1,9 @@
-"""Measure what the agent costs compared with floors: programs that do no more than they must.
+"""Measure the cost of the agent relative to floors: programs that do only what is necessary.
 
 scripts/bench --speed                 print all figures, medians of three repetitions
 scripts/bench --speed --json          print one JSON object instead of the table
 scripts/bench --speed --only push_cpu convert_pose
-scripts/bench --speed --smoke         run for seconds, only to see that it works
+scripts/bench --speed --smoke         run for seconds, to check that the benchmark works
 scripts/bench --speed --docs          also write the table to docs/speed.md
 """
 
@@ -41,7 +41,7 @@ class Target:
     higher_is_better: bool = False
 
     def verdict(self, value: float) -> str:
-        """Return in words how a value compares with both."""
+        """Return in words how a value compares with both target values."""
 
         def reaches(limit: float) -> bool:
             return value >= limit if self.higher_is_better else value <= limit
@@ -114,14 +114,14 @@ class Results:
         return f"{min(self.values[name]):.3g} to {max(self.values[name]):.3g}"
 
     def detail(self, name: str) -> str:
-        """Return the detail of the repetition that is closest to the median."""
+        """Return the detail of the repetition whose value is closest to the median."""
         values = self.values[name]
         nearest = min(range(len(values)), key=lambda i: abs(values[i] - self.median(name)))
         return self.details[name][nearest]
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure, and print the table. The exit status is 0: machines differ too much to judge."""
+    """Measure, and print the table. The exit status is 0, because machines differ too much."""
     parser = make_parser("speed", __doc__)
     parser.add_argument(
         "--only", nargs="+", choices=TARGETS, default=list(TARGETS), help="figures to measure"
@@ -153,7 +153,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
-    """Return the wanted figures, and those that are measured together with them."""
+    """Return the requested figures, and those that are measured together with them."""
     results = Results()
     for repetition in range(repeat):
         for measure, names in MEASUREMENTS:

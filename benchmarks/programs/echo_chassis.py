@@ -2,7 +2,7 @@
 
     python -m benchmarks.programs.echo_chassis [--beams N] [--transport websocket|tcp]
 
-It shares the machine with what is measured, so it does as little as it can: it encodes each answer
+It runs beside the measured program, so it does as little as it can: it encodes each answer
 and each push only once. It prints its port. Each line on stdin is a command:
 
     delay SECONDS            from now on answer after SECONDS
@@ -34,12 +34,12 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import full_name, message_type
 
 _PLACEHOLDER = 123456789
-"""Serial number in the text of a prepared answer, to be replaced by the request's."""
+"""Serial number in a prepared answer, which is replaced by that of the request."""
 _BUSY_WAIT = 0.002
 """Time before a push that is spent in `time.sleep`, in seconds: the event loop's timers have a
 resolution of only 1 ms."""
 _CATCH_UP = 0.005
-"""Longest delay that pushes may catch up on, in seconds. More would make a burst of them."""
+"""Maximum delay that pushes may catch up on, in seconds. A longer one would cause a burst."""
 Answer = Callable[[int], "str | bytes"]
 """Returns the frame that answers the request with a serial number."""
 
@@ -120,7 +120,7 @@ class EchoChassis:
             codec: [_push_frame(codec, number) for number in numbers]
             for codec in set(self._subscribers.values())
         }
-        # prepared as the bytes that go out, so that encoding is not part of what is measured
+        # encoded beforehand, so that encoding is not part of the measurement
         outgoing = [
             (transport, [transport.header(len(f), text=codec is JSON) + f for f in frames[codec]])
             for transport, codec in self._subscribers.items()

@@ -24,7 +24,7 @@ from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import Speak
 
 ANSWER_TIMEOUT = 300.0
-"""Time after the last call until a missing answer counts as never given, in seconds."""
+"""Timeout for answers after the last call, in seconds."""
 
 
 class Caller:
@@ -37,7 +37,7 @@ class Caller:
     def __init__(self) -> None:
         self._request = Speak.Request(arg=SpeakMsg(text="a flood"))
         node = Node(f"caller_{os.getpid()}")
-        # deep enough for all answers: one that DDS overwrites would look like a missing one
+        # deep enough for all answers: one that DDS overwrites would count as missing
         self._client = node.create_client(
             Speak, f"{NAMESPACE}/robot/Speak", qos_profile=QoSProfile(depth=50_000)
         )
@@ -48,7 +48,7 @@ class Caller:
         self._waits: list[float] = []
 
     def wait_for_service(self) -> None:
-        """Return when the service is there."""
+        """Wait until the service is available."""
         while not self._client.service_is_ready():
             time.sleep(0.05)
 

@@ -8,7 +8,7 @@ The field `mileage` numbers the messages. Each line on stdin is a command:
                             arrived for QUIET seconds; then print, as JSON, the numbers that
                             arrived on each topic and their times (time.monotonic, in seconds)
 
-POLL is the time between two looks for new messages, in seconds. Polling costs next to nothing. With
+POLL is the polling period for new messages, in seconds. Polling costs very little CPU time. With
 0 the program takes each message as soon as it arrives.
 """
 
@@ -49,7 +49,7 @@ class Subscriber:
         }
 
     def take(self, last: int, quiet: float, poll: float) -> dict[str, list[tuple[int, float]]]:
-        """Receive as the command `take` says; return number and time of each message, by topic."""
+        """Execute the command `take`; return number and time of each message, by topic."""
         for arrivals in self._arrivals.values():
             arrivals.clear()
         self._last_arrival = time.monotonic()

@@ -13,7 +13,7 @@ from woosh_robot_agent.testing.agents import NAMESPACE
 
 @contextlib.contextmanager
 def echo_chassis(domain: int, transport: str, *options: str) -> Iterator[tuple[Program, int]]:
-    """Run the echo chassis; the block gets the program and its port."""
+    """Run the echo chassis; yield the program and its port."""
     command = ("benchmarks.programs.echo_chassis", "--transport", transport, *options)
     with running(*command, domain=domain) as program:
         yield program, program.receive()
@@ -23,7 +23,7 @@ def echo_chassis(domain: int, transport: str, *options: str) -> Iterator[tuple[P
 def agent(
     domain: int, port: int, options: Options, namespace: str = NAMESPACE, **parameters: Any
 ) -> Iterator[Program]:
-    """Run the agent; the block begins when it is connected to the chassis at `port`."""
+    """Run the agent; the block starts when it is connected to the chassis at `port`."""
     with running(*agent_command(port, options, namespace, **parameters), domain=domain) as program:
         program.wait_logged("connected to")
         yield program

@@ -1,1 +1,1 @@
-"""How results are shown: tables, plots, and the pages in `docs/` that hold them."""
+"""Presentation of results: tables, plots, and the pages in `docs/` that contain them."""

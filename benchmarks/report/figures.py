@@ -17,7 +17,7 @@ class Figure:
         part: Part of the benchmark.
         name: What was measured.
         value: The result, with its unit.
-        limit: What the value has to be; empty if the figure is for information only.
+        limit: Requirement on the value; empty if the figure is for information only.
         ok: False if the limit was exceeded.
         depends_on_machine: True if a busy or slow machine may exceed the limit. Only the benchmark
             judges such a figure, because it can be repeated; the tests do not.

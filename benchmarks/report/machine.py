@@ -1,4 +1,4 @@
-"""The machine and the versions that results were measured with."""
+"""Description of the machine and the versions that results were measured with."""
 
 from __future__ import annotations
 

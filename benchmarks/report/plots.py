@@ -1,4 +1,4 @@
-"""Plots of cost against size. They need matplotlib: `.venv/bin/pip install matplotlib`."""
+"""Plots of cost over size. They need matplotlib: `.venv/bin/pip install matplotlib`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def draw(path: Path, sweep: Sweep, curves: Curves, machine: str) -> None:
     """Write an SVG with two panels, CPU and latency, and the machine below them."""
-    # a fixed salt: the same figures give the same file
+    # with a fixed salt, the same figures give the same file
     matplotlib.rcParams["svg.hashsalt"] = path.name
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2))
     for number, (name, points) in enumerate(curves.items()):

@@ -1,4 +1,4 @@
-"""Which reports under the name of a goal are on that goal: the cases, one by one."""
+"""Attribution of reports to a goal, although several goals can have the same name."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ ANY = tuple(Outcome)
 
 MINE, NOT_MINE = True, False
 WANTED = True
-"""The client of the goal asked to cancel it."""
+"""The client has asked to cancel the goal."""
 
 
 @dataclass
 class Case:
-    """A goal, and the reports under its name in the order in which they come.
+    """A goal, and the reports under its name in the order of their arrival.
 
-    Each report: the goal's phase, what is reported, to whom it belongs, and WANTED if the goal is
+    Each report has the goal's phase, the outcome, MINE or NOT_MINE, and WANTED if the goal is
     to be cancelled.
     """
 
@@ -37,7 +37,7 @@ class Case:
 
 
 CASES = [
-    # A name that no goal had before: a task with a new id
+    # A new name: a task with a new id
     Case("new name, progress before the answer", [(STARTING, PROGRESS, MINE)]),
     Case("new name, end before the answer", [(STARTING, SUCCEEDED, MINE)]),
     Case("new name, cancelled before the answer", [(STARTING, CANCELED, MINE)]),
@@ -45,7 +45,7 @@ CASES = [
     Case("new name, end after the answer", [(RUNNING, ABORTED, MINE)]),
     Case("new name, answer lost", [(UNCONFIRMED, PROGRESS, MINE)]),
     Case("new name, answer lost, end", [(UNCONFIRMED, SUCCEEDED, MINE)]),
-    # A name that is used again while nothing runs: an action, after the cancel of what ran last
+    # A reused name while nothing runs: an action, after the cancel of the last goal
     Case(
         "idle action, progress before the answer",
         [(STARTING, PROGRESS, MINE), (REPORTED, PROGRESS, MINE)],
@@ -54,7 +54,7 @@ CASES = [
     Case("idle action, succeeds", [(RUNNING, SUCCEEDED, MINE)], inherited=[CANCELED]),
     Case("idle action, fails", [(RUNNING, ABORTED, MINE)], inherited=[CANCELED]),
     Case(
-        "idle action, a late cancel of what ran last, then its own",
+        "idle action, a late cancel of the last goal, then its own",
         [(RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
         inherited=[CANCELED],
     ),
@@ -75,12 +75,12 @@ CASES = [
         inherited=[CANCELED],
     ),
     Case(
-        "idle action, progress and end before the answer, as of another program's action",
+        "idle action, progress and end before the answer may be on another program's action",
         [(STARTING, PROGRESS, MINE), (REPORTED, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
         inherited=[CANCELED],
     ),
     Case(
-        "idle action, progress and the wanted cancel before the answer",
+        "idle action, progress and cancel before the answer, cancel wanted",
         [(STARTING, PROGRESS, MINE), (REPORTED, CANCELED, MINE, WANTED)],
         inherited=[CANCELED],
     ),
@@ -89,7 +89,7 @@ CASES = [
         [(UNCONFIRMED, SUCCEEDED, NOT_MINE), (UNCONFIRMED, SUCCEEDED, MINE)],
         inherited=[CANCELED],
     ),
-    # A name that was used before by a goal that has ended: a task id that is used again
+    # A reused name whose earlier goal has ended: a task with a used id
     Case("used id, progress before the answer", [(STARTING, PROGRESS, MINE)], inherited=ANY),
     *(
         Case(
@@ -105,14 +105,14 @@ CASES = [
         inherited=ANY,
     ),
     Case(
-        "used id, progress after the answer settles it",
+        "used id, after progress that follows the answer every end is its own",
         [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
         inherited=ANY,
     ),
     Case("used id, cancel wanted", [(RUNNING, CANCELED, MINE, WANTED)], inherited=ANY),
-    # One earlier goal of the name may still run
+    # One earlier goal with the name may still run
     Case(
-        "one predecessor, reports before the answer are its own",
+        "one predecessor, reports before the answer are on the predecessor",
         [(STARTING, PROGRESS, NOT_MINE), (STARTING, ABORTED, NOT_MINE), (RUNNING, ABORTED, MINE)],
         predecessors=1,
         inherited=ANY,
@@ -151,7 +151,7 @@ CASES = [
         inherited=ANY,
     ),
     Case(
-        "one predecessor, answer lost: progress tells nothing until its end came",
+        "one predecessor, answer lost: progress is not its own before the predecessor's end",
         [
             (UNCONFIRMED, PROGRESS, NOT_MINE),
             (UNCONFIRMED, CANCELED, NOT_MINE),
@@ -161,7 +161,7 @@ CASES = [
         predecessors=1,
         inherited=ANY,
     ),
-    # Several earlier goals of the name may still run
+    # Several earlier goals with the name may still run
     Case(
         "two predecessors, each with an end before the answer",
         [
@@ -184,7 +184,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_is_mine(case: Case) -> None:
+def test_report_belongs_to_the_right_goal(case: Case) -> None:
     attribution = Attribution(case.predecessors, case.inherited)
     heard = False
     for phase, outcome, mine, *wanted in case.reports:
@@ -204,13 +204,13 @@ POLLS = {
         [(RUNNING, BEFORE, SUCCEEDED, NO_NEWS), (RUNNING, BEFORE, SUCCEEDED, NEWS)],
     ),
     "another end": (BEFORE, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
-    "an end where none was known": (None, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
-    "the earlier end, answer lost: it proves nothing, however often it is told": (
+    "an end, no earlier end known": (None, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
+    "the earlier end, answer lost: it proves nothing, however often it is repeated": (
         BEFORE,
         [(UNCONFIRMED, BEFORE, SUCCEEDED, NO_NEWS), (UNCONFIRMED, BEFORE, SUCCEEDED, NO_NEWS)],
     ),
     "another end, answer lost": (BEFORE, [(UNCONFIRMED, ANOTHER, SUCCEEDED, NEWS)]),
-    "an end where none was known, answer lost": (
+    "an end, no earlier end known, answer lost": (
         None,
         [(UNCONFIRMED, ANOTHER, SUCCEEDED, NO_NEWS), (UNCONFIRMED, ANOTHER, SUCCEEDED, NO_NEWS)],
     ),
@@ -218,7 +218,7 @@ POLLS = {
 
 
 @pytest.mark.parametrize(("previous", "polls"), POLLS.values(), ids=POLLS.keys())
-def test_is_news_of_a_chassis_that_repeats_ends(
+def test_poll_is_news_unless_it_may_repeat_an_earlier_end(
     previous: str | None, polls: list[tuple[Phase, str, Outcome | None, bool]]
 ) -> None:
     attribution = Attribution(repeats_ends=True, previous=previous)
@@ -232,5 +232,5 @@ def test_everything_is_news_after_a_report_on_the_goal() -> None:
     assert attribution.is_news(BEFORE, SUCCEEDED, RUNNING)
 
 
-def test_everything_is_news_of_a_chassis_that_repeats_nothing() -> None:
+def test_everything_is_news_if_the_chassis_does_not_repeat_ends() -> None:
     assert Attribution().is_news(ANOTHER, SUCCEEDED, UNCONFIRMED)

@@ -1,4 +1,4 @@
-"""When a cancel is sent to the chassis, and when it is sent again."""
+"""Conditions under which a cancel is sent to the chassis, and repeated."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOST = ConnectionLostError("reset")
 
 
 class Chassis:
-    """Takes cancels and answers them when it is told to."""
+    """A chassis that receives cancels, and answers them when the test calls `answer`."""
 
     def __init__(self) -> None:
         self.replaced = False
@@ -57,7 +57,7 @@ class Chassis:
 
 
 async def settled() -> None:
-    """Let all tasks run until they wait."""
+    """Let all tasks run until each of them waits."""
     for _ in range(5):
         await asyncio.sleep(0)
 
@@ -67,7 +67,7 @@ def chassis() -> Chassis:
     return Chassis()
 
 
-async def test_nothing_is_sent_without_a_request(chassis: Chassis) -> None:
+async def test_no_cancel_is_sent_without_a_request(chassis: Chassis) -> None:
     await chassis.report()
     assert not chassis.sent
 
@@ -115,7 +115,7 @@ async def test_cancel_never_hits_a_newer_goal(chassis: Chassis) -> None:
     assert not chassis.sent
 
 
-async def test_nothing_is_sent_after_stop(chassis: Chassis) -> None:
+async def test_no_cancel_is_sent_after_stop(chassis: Chassis) -> None:
     await chassis.request()
     chassis.cancellation.stop()
     await settled()

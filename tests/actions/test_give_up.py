@@ -1,4 +1,4 @@
-"""When a goal is given up, and why: the cases, on a clock that is made up."""
+"""Cases in which a goal is given up or not, with the time and the reason, on a simulated clock."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from woosh_robot_agent.actions.give_up import GiveUp
 from woosh_robot_agent.actions.timing import GoalTiming
 
 TIMING = GoalTiming(link_timeout=8.0, fruitless_polls=3, min_cancel_timeout=10.0)
-"""The deadlines come after 8 s, an accepted cancel counts for 16 s."""
+"""Deadlines of 8 s, and of 16 s after an accepted cancel."""
 
 
 @dataclass
 class Case:
-    """What happens to a goal, each time with the time in seconds; then, when and why it ends."""
+    """Events of a goal, each with its time in seconds; then the time and the reason of its end."""
 
     name: str
     happens: list[tuple[object, ...]]
@@ -33,7 +33,7 @@ CASES = [
     # The link
     Case("link lost", [(1, "link_lost", "reset")], 9, "the link was lost (reset)"),
     Case(
-        "link restored: a report is awaited anew",
+        "link restored: the wait for a report starts again",
         [(1, "link_lost", "reset"), (7, "link_restored")],
         15,
         "the link was lost, and no report on the goal came for 8 s",
@@ -44,7 +44,7 @@ CASES = [
         None,
     ),
     Case(
-        "link lost, then a report that was on its way: the link is still lost",
+        "link lost, then a report that was in transit: the link is still lost",
         [(1, "link_lost", "reset"), (2, "report")],
         9,
         "the link was lost (reset)",
@@ -56,7 +56,7 @@ CASES = [
         "(two)",
     ),
     Case(
-        "link restored, and polls without news: the deadline tells",
+        "link restored, and polls without news: the link's deadline counts",
         [(0, "link_lost", "reset"), (1, "link_restored"), *((t, *NOTHING) for t in range(2, 9))],
         9,
         "the link was lost",
@@ -82,7 +82,7 @@ CASES = [
         13,
         "the link was lost",
     ),
-    # A chassis that sends nothing at all
+    # A silent chassis
     Case("silence", [(1, "chassis_silent", "late")], 9, "the chassis does not answer (late)"),
     Case(
         "silence goes on: the first poll counts",
@@ -93,7 +93,7 @@ CASES = [
     Case("silence, then an answer", [(1, "chassis_silent", "late"), (5, *TOLD)], None),
     Case("silence, then a report", [(1, "chassis_silent", "late"), (5, "report")], None),
     Case(
-        "silence, then an answer that tells nothing, which counts as the first such poll",
+        "silence, then answers without news: the first of them counts as the first fruitless poll",
         [(1, "chassis_silent", "late"), *((t, *NOTHING) for t in (2, 3, 10))],
         10,
         "3 polls in a row",
@@ -105,7 +105,7 @@ CASES = [
         "the link was lost",
     ),
     Case(
-        "silence after a lost answer: that deadline stays",
+        "silence after a lost answer: the deadline of the lost answer stays",
         [(1, "answer_lost", "late"), (4, "chassis_silent", "later"), (5, *TOLD)],
         9,
         "no answer to the goal",
@@ -117,45 +117,45 @@ CASES = [
         9,
         "3 polls in a row brought no report on it (no answer)",
     ),
-    Case("too few polls, for however long", [(1, *UNANSWERED), (60, *UNANSWERED)], None),
-    Case("many polls, but for too short", [(t / 10, *UNANSWERED) for t in range(70)], None),
+    Case("too few polls, over a long time", [(1, *UNANSWERED), (60, *UNANSWERED)], None),
+    Case("many polls, over too short a time", [(t / 10, *UNANSWERED) for t in range(70)], None),
     Case(
-        "polls whose answers tell nothing of a goal never reported on",
+        "answers without news of a goal never reported on",
         [(t, *NOTHING) for t in (1, 2, 3, 9)],
         9,
         "4 polls in a row brought no report on it (its answers do not mention it)",
     ),
     Case(
-        "polls whose answers tell nothing of a goal reported on once: long steps report seldom",
+        "answers without news of a goal reported on once: reports on long steps are rare",
         [(t, *TOLD) for t in range(1, 60)],
         None,
     ),
     Case(
-        "an answer among them: the count begins anew",
+        "an answer between unanswered polls: the count starts again",
         [(1, *UNANSWERED), (5, *UNANSWERED), (8, *TOLD), (9, *UNANSWERED), (13, *UNANSWERED)],
         None,
     ),
     Case(
-        "a report among them: the count begins anew",
+        "a report between unanswered polls: the count starts again",
         [(1, *UNANSWERED), (5, *UNANSWERED), (8, "report"), (9, *UNANSWERED), (13, *UNANSWERED)],
         None,
     ),
     # An accepted cancel
     Case("cancel accepted", [(1, "cancel_accepted")], 17, "accepted the cancel"),
     Case(
-        "cancel accepted, with reports: the robot is still busy with it",
+        "cancel accepted, then a report: the robot is still busy, so the wait starts again",
         [(1, "cancel_accepted"), (10, "report")],
         26,
         "accepted the cancel, but no report on the goal came for 16 s",
     ),
     Case(
-        "cancel accepted, then the link lost: its deadline comes first, whichever is earlier",
+        "cancel accepted, then the link lost: the link's deadline counts, even if it is later",
         [(1, "cancel_accepted"), (12, "link_lost", "reset")],
         20,
         "the link was lost",
     ),
     Case(
-        "cancel accepted, and answers that tell nothing",
+        "cancel accepted, and answers without news",
         [(1, "cancel_accepted"), *((t, *TOLD) for t in range(2, 17))],
         17,
         "accepted the cancel",
@@ -164,7 +164,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_end(case: Case) -> None:
+def test_goal_is_given_up_in_time_and_with_its_reason(case: Case) -> None:
     now = 0.0
     give_up = GiveUp(TIMING, lambda: now)
     for time, method, *arguments in case.happens:
@@ -194,7 +194,7 @@ def test_end(case: Case) -> None:
         ("cancel_accepted", [], False),
     ],
 )
-def test_in_doubt(method: str, arguments: list[str], in_doubt: bool) -> None:
+def test_goal_is_in_doubt_until_a_report(method: str, arguments: list[str], in_doubt: bool) -> None:
     """A goal in doubt is polled more often."""
     give_up = GiveUp(TIMING, lambda: 0.0)
     getattr(give_up, method)(*arguments)

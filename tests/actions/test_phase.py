@@ -1,4 +1,4 @@
-"""The phases of a goal: the diagram in the docs shows those of the code."""
+"""The phases of a goal, which the diagram in the docs must match."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EDGE = re.compile(r"^ +(\[\*\]|\w+) --> (\[\*\]|\w+)(?:: (.+))?$")
 
 @pytest.fixture(scope="module")
 def edges() -> list[tuple[str, str, str]]:
-    """From, to and label of each line of the diagram."""
+    """Source, target and label of each arrow in the diagram."""
     found = re.search(r"```mermaid\nstateDiagram-v2\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert found
     lines = [EDGE.match(line) for line in found[1].splitlines()]
@@ -36,7 +36,7 @@ def test_diagram_shows_the_first_and_the_last_phase(edges: list[tuple[str, str, 
     assert outer == [("[*]", "NEW", ""), ("ENDED", "[*]", "")]
 
 
-def test_every_phase_is_reached_and_every_step_leads_somewhere() -> None:
+def test_every_phase_and_every_step_is_used() -> None:
     assert {Phase.NEW, *TRANSITIONS.values()} == set(Phase)
     assert {step for _, step in TRANSITIONS} == set(Step)
 

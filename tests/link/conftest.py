@@ -1,4 +1,4 @@
-"""Make every warning in the link's tests an error, e.g. about tasks and sockets left behind."""
+"""Make every warning in the link's tests an error, e.g. about unclosed sockets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random messages of any type, and the message types in the table of endpoints."""
+"""Strategies for random messages of any type, and the message types in the table of endpoints."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ except ImportError:
     from websockets.legacy.server import serve
 
 TIMEOUT = 60.0
-"""Time after which a test stops waiting, in seconds; far more than anything here takes."""
+"""Time after which a test stops waiting, in seconds; much longer than any of them needs."""
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]
 
@@ -73,7 +73,7 @@ async def soon(work: Awaitable[Any], timeout: float = TIMEOUT / 2) -> Any:
 
 
 async def turns(count: int = 20) -> None:
-    """Let all tasks run that can run now."""
+    """Yield to the event loop, so that all tasks that are ready run."""
     for _ in range(count):
         await asyncio.sleep(0)
 
@@ -96,7 +96,7 @@ def config(port: int, **changes: Any) -> LinkConfig:
 
 
 class Wire:
-    """The end of one connection that belongs to the chassis."""
+    """The chassis's end of one connection."""
 
     def __init__(self, peer: Any, transport: Any) -> None:
         self.peer = peer
@@ -185,7 +185,7 @@ class JsonWire(Wire):
 
 
 class Packed:
-    """woosh.commu_pack.MessagePackJson, encoded and decoded by hand."""
+    """Encoder and decoder of woosh.commu_pack.MessagePackJson, without the protobuf library."""
 
     @staticmethod
     def varint(value: int) -> bytes:
@@ -431,9 +431,9 @@ async def error_of(client: ChassisClient) -> Any:
 
 
 async def drops(_reader: Any, _writer: Any) -> None:
-    """Accept, then drop."""
+    """Accept a connection, then drop it."""
 
 
 async def silent(reader: Any, _writer: Any) -> None:
-    """Accept, then say nothing."""
+    """Accept a connection, then send nothing."""
     await reader.read()

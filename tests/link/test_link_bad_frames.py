@@ -64,7 +64,7 @@ async def test_a_bad_frame_is_counted_logged_once_and_skipped(
             wire.abort()
             again = await peer.wire(2)
             await client.wait_ready(TIMEOUT)
-            await again.raw(frame)  # another link, another time
+            await again.raw(frame)  # logged again on a new link
             await eventually(lambda: client.stats.bad_frames == {counted: 4})
             logged = [r for r in records if f"bad frame ({counted})" in r.getMessage()]
             assert logged[-1].levelno == logging.WARNING
@@ -76,11 +76,11 @@ async def test_a_bad_frame_is_counted_logged_once_and_skipped(
 
 
 @aio
-async def test_text_that_is_not_utf8() -> None:
+async def test_text_that_is_not_utf8_is_a_bad_frame() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         wire.transport.write(b"\x81\x02\xff\xff")
-        if OLD:  # the library ends the connection by itself
+        if OLD:  # this version of the library closes the connection
             await peer.wire(2)
             await client.wait_ready(TIMEOUT)
             assert client.stats.connects == 2

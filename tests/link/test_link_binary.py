@@ -1,4 +1,4 @@
-"""Binary frames as they are on the wire, put together by hand."""
+"""Binary frames as they are on the wire, encoded without the protobuf library."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_push_has_neither_sn_nor_ok() -> None:
     assert (envelope.sn, envelope.ok) == (0, None)
 
 
-def test_a_refusal_without_a_body() -> None:
+def test_a_refusal_needs_no_body() -> None:
     envelope = CODEC.decode(Packed.pack({"type": "error", "msg": "no", "sn": 9}))
     assert (envelope.ok, envelope.msg, envelope.sn) == (False, "no", 9)
 

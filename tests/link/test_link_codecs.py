@@ -1,4 +1,4 @@
-"""Both codecs with random messages and random data: exact round trips, and only FrameError."""
+"""Both codecs with random messages and data: round trips are exact; bad data gives FrameError."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def read(codec: Any, data: str | bytes) -> None:
 def check_told(error: FrameError) -> None:
     assert error.kind
     assert str(error)
-    str(error).encode()  # can be logged
+    str(error).encode()  # an error text that can be logged
 
 
 @settings(quick, max_examples=300)

@@ -35,7 +35,7 @@ def test_tcp_has_its_own_default_port() -> None:
         ("fe80::1%eth0", "ws://[fe80::1%eth0]:5480"),
     ],
 )
-def test_names_and_addresses_of_every_kind(ip: str, address: str) -> None:
+def test_names_and_addresses_of_every_kind_are_accepted(ip: str, address: str) -> None:
     assert LinkConfig(ip=ip).address == address
 
 

@@ -1,4 +1,4 @@
-"""The sizes that a client reports: what may grow, does, and becomes small again."""
+"""The sizes that a client reports: they grow with its load, and shrink after it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def sizes_without_tasks(sizes: dict[str, int]) -> dict[str, int]:
 
 
 @aio
-async def test_a_client_without_a_link_holds_nothing() -> None:
+async def test_all_sizes_are_zero_without_a_link() -> None:
     async with Peer() as peer:
         client = peer.client()
         assert client.debug() == {**IDLE, "tasks": 0}
@@ -55,7 +55,7 @@ async def test_queued_pushes_are_counted() -> None:
         connection = client._connection
         assert connection is not None
         envelope = connection._codec.decode(f'{{"type":"{POSE}"}}')
-        for _ in range(3):  # all of them before the delivery task runs
+        for _ in range(3):  # all before the delivery task runs
             connection._on_push(envelope)
         assert client.debug()["pushes"] == 3
         await eventually(lambda: len(queued) == 3)

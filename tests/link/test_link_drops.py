@@ -1,4 +1,4 @@
-"""Drops are counted, and logged twice: when a series begins, and with their number at its end."""
+"""Drops are counted, and logged at the beginning of a series and, with their number, at its end."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]
 
 
 @aio
-async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
+async def test_refused_requests_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         wire = await peer.wire()
         waiting = asyncio.ensure_future(client.request(Speak(text="first")))
@@ -55,13 +55,13 @@ async def test_refused_requests(caplog: pytest.LogCaptureFixture) -> None:
 
 
 @aio
-async def test_dropped_pushes(caplog: pytest.LogCaptureFixture) -> None:
+async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with Peer() as peer, peer.client(push_queue=2) as client:
         wire = await peer.wire()
         seen: list[int] = []
         client.subscribe(StatusCode, lambda message: seen.append(message.code))
         envelope = client._connection._codec.decode(f'{{"type":"{CODE}"}}')  # type: ignore[union-attr]
-        for _ in range(6):  # all of them before the delivery task runs
+        for _ in range(6):  # all before the delivery task runs
             client._connection._on_push(envelope)  # type: ignore[union-attr]
         await eventually(lambda: about(caplog, "none since then"))
         assert len(seen) == 2
@@ -109,7 +109,7 @@ async def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
         await eventually(
             lambda: sum(int(t.split()[0]) for _, t in about(caplog, "none since then")) == 10
         )
-        if longest < drop_log.QUIET / 2:  # otherwise a busy machine made the pauses
+        if longest < drop_log.QUIET / 2:  # otherwise a busy machine delayed the drops
             first, second = (text for _, text in about(caplog, "thing"))
             assert first == "things get lost"
             assert second.startswith("10 things were lost within ")

@@ -1,4 +1,4 @@
-"""Closing and reconfiguring: the client, one connection, and timeouts."""
+"""Closing and reconfiguring: of the client, of one connection, and while a timeout runs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("backlog", [0, 16_000_000])
 @aio
-async def test_the_close_is_bounded_even_if_the_other_end_reads_nothing(
+async def test_a_close_ends_in_time_even_if_the_other_end_reads_nothing(
     kind: str, backlog: int
 ) -> None:
     async with Peer(kind) as peer:
@@ -215,7 +215,7 @@ async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
         )
         await client.reconfigure(two.config())
         await client.wait_ready(TIMEOUT)
-        assert runners == [0]  # none except the one that reports it
+        assert runners == [0]  # only the task that reports the state is left
 
 
 @aio
@@ -245,7 +245,7 @@ async def test_a_cancelled_reconfigure_leaves_a_link() -> None:
 
 
 class Fake:
-    """A transport whose frames have all arrived already."""
+    """A transport whose frames have all been received already."""
 
     peer = "fake"
     progress_at = 0.0

@@ -1,4 +1,4 @@
-"""The example in the documentation runs, with another address."""
+"""The documented example runs, with its address replaced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hostile chassis: the link's use of memory and time stays bounded, and the link goes on."""
+"""A hostile chassis: the link's memory and time stay bounded, and the link keeps working."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MIB = 1024 * 1024
 
 @aio
 async def test_redirects_are_not_followed() -> None:
-    """A redirect could lead to another machine."""
+    """A redirect could connect the agent to another machine."""
     async with Peer() as elsewhere:
 
         async def redirect(reader: Any, writer: Any) -> None:
@@ -53,7 +53,7 @@ def _with_port(config: Any, port: int) -> Any:
 
 @aio
 async def test_an_impossible_length_ends_the_connection_at_once() -> None:
-    """Skipping it would take for ever, and its bytes would count as a sign of life."""
+    """Skipping such a frame would never end, and its bytes would count as signs of life."""
     async with Peer("tcp") as peer, peer.client() as client:
         wire = await peer.wire()
         await wire.raw(Packed.varint(2**40) + b"x" * 1000)
@@ -72,7 +72,7 @@ async def test_an_impossible_length_ends_the_connection_at_once() -> None:
     ids=["envelope", "poses", "lists", "names"],
 )
 def test_the_parts_of_a_json_frame_are_limited(data: str) -> None:
-    """An empty object takes two bytes in a frame and a hundred bytes of memory."""
+    """An empty object is two bytes in a frame, but a hundred bytes in memory."""
     tracemalloc.start()
     try:
         with pytest.raises(FrameError, match="objects, lists and names"):
@@ -90,7 +90,7 @@ def test_a_large_frame_with_few_parts_is_read() -> None:
 
 @pytest.mark.parametrize("codec", ["json", "protobuf"])
 def test_a_long_type_name_is_cut(codec: str) -> None:
-    """It appears in errors, in logs and in answers of the simulator."""
+    """The name appears in errors, in logs and in answers of the simulator."""
     name = "x" * MIB
     if codec == "json":
         envelope = JsonCodec().decode('{"type":"' + name + '","sn":1}')
@@ -106,7 +106,7 @@ def test_a_long_type_name_is_cut(codec: str) -> None:
     ("sn", "kind"),
     [('"' + "9" * 4000 + '"', "envelope"), ("9" * 100_000, "json"), ('"0x10"', "envelope")],
 )
-def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
+def test_numbers_with_very_many_digits_are_refused(sn: str, kind: str) -> None:
     with pytest.raises(FrameError) as caught:
         JsonCodec().decode('{"type":"x","sn":' + sn + "}")
     assert caught.value.kind == kind
@@ -114,7 +114,7 @@ def test_numbers_of_very_many_digits(sn: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize("limit", ["default", "0"])
-def test_numbers_as_text_are_limited_whatever_the_interpreters_limit(limit: str) -> None:
+def test_numbers_as_text_are_limited_independently_of_the_interpreter(limit: str) -> None:
     """Python needs many seconds to read a million digits."""
     program = (
         "from woosh_robot_agent.link.codecs.json_errors import FieldError\n"
@@ -134,7 +134,7 @@ def test_numbers_as_text_are_limited_whatever_the_interpreters_limit(limit: str)
     )
 
 
-def test_deep_nesting_with_protobufs_own_python() -> None:
+def test_deep_nesting_is_an_error_with_pure_python_protobuf() -> None:
     """The pure Python implementation has no limit and runs into Python's recursion limit."""
     program = (
         "from google.protobuf.internal import api_implementation\n"
@@ -203,7 +203,7 @@ async def test_texts_of_the_chassis_are_logged_as_one_short_line() -> None:
         ("x" * 600, "x" * 500 + "... (600 characters)"),
     ],
 )
-def test_one_line(text: str, expected: str) -> None:
+def test_one_line_escapes_and_cuts_a_text(text: str, expected: str) -> None:
     assert one_line(text) == expected
 
 
@@ -224,11 +224,9 @@ HOSTILE = {
     "base64 of nothing but padding": '{"type":"woosh.common.FileData","body":{"data":"'
     + "=" * MIB
     + '"}}',
-    "base64 that is none": '{"type":"woosh.common.FileData","body":{"data":"'
-    + "\\u0000" * 9
-    + '"}}',
+    "invalid base64": '{"type":"woosh.common.FileData","body":{"data":"' + "\\u0000" * 9 + '"}}',
     "keys twice": '{"type":"x","type":"woosh.robot.PoseSpeed","body":{},"body":1}',
-    "a number too big": '{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":1e308}}}',
+    "a number out of range": '{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":1e308}}}',
     "any in any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","body":{"info":'
     + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
     + "{}"

@@ -1,4 +1,4 @@
-"""JSON frames as they are on the wire, as literal text in both directions."""
+"""JSON frames as they are on the wire, compared with literal text in both directions."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_repeated_enums_are_written_as_numbers() -> None:
     assert to_json(state, defaults=False) == {"motor": [1, 17]}
 
 
-def test_names_are_lower_camel_case_and_the_misspelt_ones_stay() -> None:
+def test_names_are_lower_camel_case_and_misspelt_ones_are_kept() -> None:
     info = RobotInfo()
     info.genral.urdf_name = "u"
     info.hardware_state.seanner = 1  # type: ignore[assignment]
@@ -219,7 +219,7 @@ def test_64_bit_integers_keep_every_digit() -> None:
         assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 2**63 - 1
 
 
-def test_null_is_the_default() -> None:
+def test_null_means_the_default() -> None:
     pose = body({"mapId": None, "pose": None, "twist": {"linear": None}}, PoseSpeed())
     assert pose.map_id == 0
     assert not pose.HasField("pose")
@@ -228,7 +228,7 @@ def test_null_is_the_default() -> None:
     assert CODEC.body(CODEC.decode('{"type":"t"}'), PoseSpeed) == PoseSpeed()
 
 
-def test_null_in_a_list_keeps_the_places_of_other_items() -> None:
+def test_null_in_a_list_does_not_move_the_other_items() -> None:
     ranges = list(body({"ranges": [1.5, None, 2.5]}, ScannerData()).ranges)
     assert math.isnan(ranges.pop(1))
     assert ranges == [1.5, 2.5]
@@ -255,21 +255,21 @@ def test_true_is_accepted_in_every_form(value: Any) -> None:
 
 
 @pytest.mark.parametrize("value", [False, "false", 0])
-def test_false_is_taken_in_every_form(value: Any) -> None:
+def test_false_is_accepted_in_every_form(value: Any) -> None:
     assert body({"occupy": value}, SetOccupancy()).occupy is False
 
 
 @pytest.mark.parametrize("text", ["/wA=", "/wA", "_wA=", "_wA"])
-def test_base64_is_taken_in_both_alphabets_and_without_padding(text: str) -> None:
+def test_base64_is_accepted_in_both_alphabets_and_without_padding(text: str) -> None:
     assert body({"listJson": text}, Network.WiFi()).list_json == b"\xff\x00"
 
 
-def test_the_later_of_two_members_of_a_oneof_stays() -> None:
+def test_the_later_of_two_members_of_a_oneof_wins() -> None:
     storage = body({"rack": {}, "charger": {}}, Storage())
     assert storage.WhichOneof("category") == "charger"
 
 
-def test_the_later_of_two_equal_keys_stays() -> None:
+def test_the_later_of_two_equal_keys_wins() -> None:
     text = '{"type":"t","body":{"mapId":1,"mapId":2,"map_id":3},"sn":1,"sn":2}'
     envelope = CODEC.decode(text)
     assert envelope.sn == 2
@@ -354,17 +354,17 @@ def test_an_answer_without_a_type_is_still_an_answer() -> None:
 
 
 @pytest.mark.parametrize("value", ["7", 7.0])
-def test_the_sn_is_taken_in_every_form(value: Any) -> None:
+def test_the_sn_is_accepted_in_every_form(value: Any) -> None:
     assert CODEC.decode(json.dumps({"type": "t", "sn": value})).sn == 7
 
 
 @pytest.mark.parametrize(("value", "ok"), [(True, True), (1, True), ("true", True), (0, False)])
-def test_ok_is_taken_in_every_form(value: Any, ok: bool) -> None:
+def test_ok_is_accepted_in_every_form(value: Any, ok: bool) -> None:
     assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "ok": value})).ok is ok
 
 
 @pytest.mark.parametrize("value", ["soon", [], {"a": 1}, True, 1e999, None])
-def test_a_timestamp_that_makes_no_sense_spoils_nothing(value: Any) -> None:
+def test_an_invalid_timestamp_is_ignored(value: Any) -> None:
     assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "timestamp": value})).timestamp is None
 
 

@@ -104,7 +104,7 @@ async def test_a_chassis_without_a_robot_info_is_refused(changes: Any, reason: s
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
 @aio
-async def test_a_refused_connection(transport: str) -> None:
+async def test_a_refused_connection_is_reported(transport: str) -> None:
     async with RawServer(drops) as server:
         port = server.port
     error = await error_of(ChassisClient(config=config(port, transport=transport)))
@@ -123,7 +123,7 @@ async def test_a_refused_connection(transport: str) -> None:
     ],
 )
 @aio
-async def test_a_server_that_does_not_speak_websocket(said: bytes) -> None:
+async def test_a_server_that_does_not_speak_websocket_is_reported(said: bytes) -> None:
     async def handle(reader: Any, writer: Any) -> None:
         if said:
             await reader.readuntil(b"\r\n\r\n")
@@ -155,14 +155,14 @@ async def test_an_attempt_at_a_silent_server_ends_after_the_connect_timeout() ->
         client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=10))
         started = time.monotonic()
         error = await error_of(client)
-        assert time.monotonic() - started < 5  # whatever the timeouts of the library
+        assert time.monotonic() - started < 5  # shorter than the library's own timeouts
         assert isinstance(error, NotConnectedError)
         assert "within 0.05 s" in str(error)
         await eventually(lambda: all(writer.transport.is_closing() for writer in server.open))
 
 
 @aio
-async def test_a_web_server_on_the_tcp_port() -> None:
+async def test_a_web_server_on_the_tcp_port_is_reported() -> None:
     async def handle(_reader: Any, writer: Any) -> None:
         writer.write(WHOLE_HTTP)
         await writer.drain()
@@ -184,7 +184,7 @@ async def test_a_length_that_is_not_a_varint_ends_the_attempt() -> None:
 
 
 @aio
-async def test_an_unknown_host_name() -> None:
+async def test_an_unknown_host_name_is_reported() -> None:
     error = await error_of(ChassisClient(config=config(1, ip="no-such-host.invalid")))
     assert isinstance(error, NotConnectedError)
 
@@ -323,7 +323,7 @@ async def test_failures_and_the_recovery_are_logged_once(
 
 @aio
 async def test_robot_info_is_requested_again_if_no_answer_comes() -> None:
-    """The first answer counts, whichever of the requests it belongs to."""
+    """The first answer to any of the requests counts."""
     unanswered: list[Frame] = []
 
     async def script(wire: Wire, frame: Frame) -> bool:

@@ -38,7 +38,7 @@ async def test_a_half_open_connection_is_noticed_in_time(kind: str) -> None:
         wire.freeze()
         started = time.monotonic()
         await eventually(lambda: client.last_error)
-        assert 0.2 < time.monotonic() - started < 5  # much less than without liveness
+        assert 0.2 < time.monotonic() - started < 5  # much sooner than without liveness
         assert "nothing was heard for 0.3 s" in str(client.last_error)
         await peer.wire(2)
         await client.wait_ready(TIMEOUT)
@@ -58,7 +58,7 @@ async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) ->
         await asyncio.sleep(2.0)
         asked = [frame["type"] for frame in wire.seen if frame["type"] != INFO]
         assert seen == []
-        if kind == "tcp":  # which has no ping
+        if kind == "tcp":  # TCP has no ping
             assert set(asked) == {"woosh.robot.RobotState"}
         else:
             assert asked == []
@@ -87,7 +87,7 @@ async def test_probes_are_sent_only_when_idle(kind: str) -> None:
 
         transport.ping = counted  # type: ignore[method-assign]
         pause = 1.0
-        while pause > 0.8:  # a busy machine made a pause, after which a ping is right
+        while pause > 0.8:  # repeated if a busy machine paused so long that a ping is due
             pings, pause = 0, 0.0
             for _ in range(30):  # 1.5 s, but never 1 s of silence
                 begun = time.monotonic()
@@ -245,8 +245,8 @@ def test_a_loss_is_noticed_within_the_timeout_though_timers_fire_late() -> None:
 
 
 @aio
-async def test_time_in_which_this_program_was_busy_is_not_silence() -> None:
-    """Decoding a frame of many MiB takes seconds in which nothing is received."""
+async def test_time_in_which_this_program_was_busy_does_not_count_as_silence() -> None:
+    """While the program decodes a frame of many MiB for seconds, it receives nothing."""
     asked = 0
 
     async def probe() -> None:

@@ -1,4 +1,4 @@
-"""Subscriptions and pushes: which are requested, which arrive, and in which order."""
+"""Subscriptions and pushes: which are requested, which are delivered, and in which order."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ def pose(kind: str, map_id: int) -> Any:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_subscriptions_are_sent_first_and_renewed(kind: str) -> None:
+async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
         seen: list[int] = []
         client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
         client.subscribe(TaskProc, print)
-        client.subscribe(Battery, print)()  # and unsubscribe again
+        client.subscribe(Battery, print)()  # subscribe and unsubscribe
         async with client:
             for number in (1, 2):
                 wire = await peer.wire(number)
@@ -71,7 +71,7 @@ async def test_subscriptions_are_sent_first_and_renewed(kind: str) -> None:
 
 
 @aio
-async def test_the_literal_push_of_a_task() -> None:
+async def test_a_task_push_as_on_the_wire() -> None:
     async with Peer() as peer, peer.client() as client:
         seen: list[TaskProc] = []
         client.subscribe(TaskProc, seen.append)
@@ -86,7 +86,7 @@ async def test_the_literal_push_of_a_task() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_subscribing_and_unsubscribing_while_connected(kind: str) -> None:
+async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
         first: list[int] = []
@@ -101,7 +101,8 @@ async def test_subscribing_and_unsubscribing_while_connected(kind: str) -> None:
         await wire.push(POSE, pose(kind, 2))
         await eventually(lambda: len(second) == 2)
         stop_second()
-        frame = await wire.next()  # one frame for the first and one for the last, none between
+        # only the first subscription and the last unsubscription were sent
+        frame = await wire.next()
         assert topics(frame) == ([POSE], False)
         await wire.push(POSE, pose(kind, 3))
         await eventually(lambda: client.stats.rx == 4)
@@ -333,7 +334,7 @@ async def test_the_queue_keeps_the_newest_pushes_of_each_type_up_to_its_limit() 
     assert [n for name, n in seen if name == "counted"] == list(range(LATEST_DEPTH, sent))
     assert seen == sorted(seen, key=lambda one: (one[1], one[0] == "counted"))
     queue.put("state", lambda: seen.clear())
-    await taken(queue, 1)  # now there is room again
+    await taken(queue, 1)  # now there is room
     assert not seen
     assert dropped["state"] == 20
 

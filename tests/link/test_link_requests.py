@@ -49,7 +49,7 @@ def pending(client: ChassisClient) -> int:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_request_and_its_answer(kind: str) -> None:
+async def test_a_request_returns_its_answer(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
         answer = ask(client, SwitchControlMode(mode=1))  # type: ignore[arg-type]
@@ -138,7 +138,7 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
 
 
 @aio
-async def test_an_answer_of_another_or_an_unknown_type() -> None:
+async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
@@ -245,7 +245,7 @@ async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
         for frame in frames:
             await wire.answer(frame)
         await soon(asyncio.gather(*tasks))
-        task = ask(client, Speak())  # there is room again
+        task = ask(client, Speak())  # now there is room
         await wire.answer(await wire.next("woosh.robot.Speak"))
         await soon(task)
         assert not [frame for frame in wire.seen if frame["type"] == "woosh.robot.Battery"]
@@ -361,7 +361,7 @@ async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         wire.freeze()
-        first = ask(client, Speak(text="x" * 16_000_000))  # fills every buffer on the way
+        first = ask(client, Speak(text="x" * 16_000_000))  # fills all buffers up to the chassis
         await turns()
         for _ in range(30):
             with pytest.raises(RequestTimeoutError):

@@ -1,4 +1,4 @@
-"""Requests that wait to be sent can expire or be withdrawn; some requests can be reserved."""
+"""Unsent requests can expire or be withdrawn; types of requests can be reserved for one sender."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from woosh_robot_agent.link import SupersededError, TooManyRequestsError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 
 LOAD = "x" * 16_000_000
-"""More than the buffers of the sockets hold."""
+"""Text larger than the socket buffers."""
 
 
 @aio

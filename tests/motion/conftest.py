@@ -1,4 +1,4 @@
-"""Every warning in these tests is an error: of tasks, coroutines and sockets left behind."""
+"""Make every warning in these tests an error, e.g. about unclosed sockets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A request of each kind that moves the robot."""
+"""One request of each kind that moves the robot."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ MOVING: tuple[Message, ...] = (
 
 
 def name_of(message: Any) -> str:
-    """A name for the test of one request."""
+    """Return a pytest id for a request."""
     fields = ",".join(field.name for field, _ in message.ListFields())
     return f"{message.DESCRIPTOR.name}-{fields}"

@@ -1,4 +1,4 @@
-"""The gate: one way to the wheels, stop, the end, and who drives the robot."""
+"""The motion gate: reserved requests, `stop`, closing, and the owner of the wheels."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 TWIST = "woosh.robot.Twist"
 ORDERS = len(cancel_orders()) + 1
 LOAD = "x" * 16_000_000
-"""More than the sockets hold."""
+"""Text larger than the socket buffers."""
 
 every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
 
 
 @pytest.fixture(autouse=True)
 def long_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stop holds however slow this machine is."""
+    """Let a stop hold for the whole test, even on a slow machine."""
     monkeypatch.setattr(gate_module, "HOLD", 3600.0)
 
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
-    """A script of a chassis that accepts everything that can move it."""
+    """Accept every request; a script for `Peer`."""
     if frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
         await wire.answer(frame)
         return True
@@ -52,7 +52,7 @@ async def ok(work: Awaitable[Any]) -> None:
 
 @every_moving_request
 @aio
-async def test_nothing_that_moves_passes_beside_the_gate(request_: Message) -> None:
+async def test_moving_requests_are_refused_outside_the_gate(request_: Message) -> None:
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -64,7 +64,7 @@ async def test_nothing_that_moves_passes_beside_the_gate(request_: Message) -> N
 
 
 @aio
-async def test_one_client_has_one_gate() -> None:
+async def test_a_client_can_have_only_one_gate() -> None:
     async with Peer() as peer, peer.client() as client:
         MotionGate(client)
         with pytest.raises(RuntimeError, match="reserved already"):
@@ -72,7 +72,7 @@ async def test_one_client_has_one_gate() -> None:
 
 
 @aio
-async def test_what_moves_nothing_passes() -> None:
+async def test_requests_that_move_nothing_are_sent_even_when_closed() -> None:
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         await gate.close(TIMEOUT)
@@ -127,7 +127,7 @@ async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None
 
 
 @aio
-async def test_what_comes_later_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_request_some_time_after_a_stop_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate_module, "HOLD", 0.05)
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
@@ -153,7 +153,7 @@ async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None
         gate = MotionGate(client)
         wire = await peer.wire()
         await gate.close(TIMEOUT)
-        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))  # its hold is shorter
+        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))  # forbids motion for a while only
         with pytest.raises(SupersededError, match="the agent is stopping"):
             await gate.request(request_)
         assert len(types(wire)) == ORDERS
@@ -190,7 +190,7 @@ async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
 
 
 @aio
-async def test_the_last_zero_takes_the_place_of_what_is_held(
+async def test_the_last_zero_replaces_a_held_velocity(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with Peer() as peer, peer.client() as client:
@@ -199,7 +199,7 @@ async def test_the_last_zero_takes_the_place_of_what_is_held(
         first = asyncio.ensure_future(gate.request(Twist(linear=1)))
         frame = await wire.next(TWIST)
         for serial in gate._velocities._unanswered:
-            gate._velocities._unanswered[serial] -= 3600.0  # for too long
+            gate._velocities._unanswered[serial] -= 3600.0  # unanswered for too long
         held = asyncio.ensure_future(gate.request(Twist(linear=2)))
         await turns()
         closing = asyncio.ensure_future(gate.close(TIMEOUT))
@@ -228,7 +228,7 @@ async def test_a_robot_that_drove_when_the_link_was_lost_counts_as_not_stopped()
 
 
 @aio
-async def test_without_a_link_a_velocity_does_not_count_as_driving() -> None:
+async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         await client.close()
@@ -238,8 +238,8 @@ async def test_without_a_link_a_velocity_does_not_count_as_driving() -> None:
 
 
 @aio
-async def test_an_accepted_task_takes_the_wheels_from_a_velocity() -> None:
-    """The last zero would stop the task."""
+async def test_no_zero_follows_an_accepted_task() -> None:
+    """The zero at the end would stop the task."""
     tasks = [each for each in MOVING if "Exec" in each.DESCRIPTOR.name]
     driving = CallAction()
     driving.move_base.action = 1
@@ -254,7 +254,7 @@ async def test_an_accepted_task_takes_the_wheels_from_a_velocity() -> None:
 
 
 @aio
-async def test_a_refused_task_leaves_the_wheels_to_the_velocity() -> None:
+async def test_a_zero_follows_a_velocity_though_a_task_was_refused() -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == TWIST:
             await wire.answer(frame)
@@ -273,7 +273,7 @@ async def test_a_refused_task_leaves_the_wheels_to_the_velocity() -> None:
 
 
 @aio
-async def test_long_after_a_velocity_the_robot_stands_by_itself(
+async def test_long_after_a_velocity_the_robot_counts_as_standing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(gate_module, "DRIVING", 0.05)
@@ -298,7 +298,7 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
         await asyncio.wait([task])
         assert task.exception() is not None
         with pytest.raises(NotConnectedError):
-            await gate.request(request_)  # nor is what comes without a link
+            await gate.request(request_)  # a request without a link is not sent later either
         again = await peer.wire(2)
         await client.wait_ready(TIMEOUT)
         speaking = asyncio.ensure_future(gate.request(Speak()))
@@ -321,7 +321,7 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
     ],
 )
 @aio
-async def test_what_the_chassis_reports_owns_the_wheels(
+async def test_a_reported_task_or_action_owns_the_wheels(
     push: tuple[str, dict[str, Any]], owner: str
 ) -> None:
     async with Peer() as peer, peer.client() as client:

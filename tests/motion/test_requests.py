@@ -1,4 +1,4 @@
-"""Every request of the agent's table is known to move the robot or not to."""
+"""Every request in the agent's table is classified: it moves the robot, or it does not."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ MOVE_NOTHING = {
     "woosh.robot.setting.Server",
     "woosh.robot.setting.Sound",
 }
-"""Commands after which a standing robot stands, as far as the command itself is concerned."""
+"""Commands that do not move a standing robot."""
 
 RESTING: tuple[Message, ...] = (
     Twist(),
@@ -56,7 +56,7 @@ RESTING: tuple[Message, ...] = (
 
 
 def test_each_command_of_the_table_is_classified() -> None:
-    """A new command belongs into one of the two sets, and if it moves, into motion/requests.py."""
+    """Add a new command to one of the two sets, and if it moves, to motion/requests.py."""
     commands = {command.request for command in COMMANDS}
     assert commands == COMMAND_MOTION | MOVE_NOTHING
     assert {name for name in commands if commands_motion(message_type(name)())} == COMMAND_MOTION
@@ -73,12 +73,12 @@ def test_each_action_of_the_table_commands_motion() -> None:
 
 
 @pytest.mark.parametrize("request_", MOVING, ids=name_of)
-def test_moving(request_: Message) -> None:
+def test_moving_requests_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert may_move(request_)
 
 
 @pytest.mark.parametrize("request_", RESTING, ids=name_of)
-def test_resting(request_: Message) -> None:
+def test_orders_to_rest_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert not may_move(request_)

@@ -1,4 +1,4 @@
-"""Each rule of docs/safety.md names a test that exists."""
+"""Each rule in docs/safety.md names a test that exists."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PAGE = (ROOT / "docs" / "safety.md").read_text()
 
 
 def names_in(file: Path) -> set[str]:
-    """Names of the tests in a file, as pytest has them: `name`, or `Class::name`."""
+    """Return the names of the tests in a file as in pytest's ids: `name` or `Class::name`."""
     found = set()
     for node in ast.parse(file.read_text()).body:
         members = node.body if isinstance(node, ast.ClassDef) else [node]

@@ -26,7 +26,7 @@ TWIST = "woosh.robot.Twist"
 
 @pytest.fixture(autouse=True)
 def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However slow this machine is, nothing is stalled or too old unless a test says so."""
+    """Let no command be stalled or stale unless a test says so, even on a slow machine."""
     monkeypatch.setattr(latest_wins, "STALL", 3600.0)
 
 
@@ -44,7 +44,7 @@ def speeds(wire: Wire) -> list[float]:
 
 
 async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Frame]:
-    """One command, unanswered for too long."""
+    """Send one command and let it be unanswered for too long; return its task and frame."""
     first = drive(gate, 1)
     frame = await wire.next(TWIST)
     stall(gate._velocities)
@@ -52,7 +52,7 @@ async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Fram
 
 
 def stall(latest: LatestWins[Any]) -> None:
-    """Make what is unanswered unanswered for too long."""
+    """Backdate the unanswered commands, so that they count as stalled."""
     for serial in latest._unanswered:
         latest._unanswered[serial] -= latest_wins.STALL + 1
     assert latest._stalled()
@@ -78,7 +78,7 @@ async def test_commands_are_pipelined_while_the_chassis_answers() -> None:
 
 
 @aio
-async def test_commands_go_even_when_too_many_requests_wait() -> None:
+async def test_commands_are_sent_even_when_too_many_requests_are_in_flight() -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -90,7 +90,7 @@ async def test_commands_go_even_when_too_many_requests_wait() -> None:
 
 
 @aio
-async def test_commands_without_answers_keep_no_other_request_out() -> None:
+async def test_commands_do_not_count_as_requests_in_flight() -> None:
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -121,7 +121,7 @@ async def test_while_the_chassis_does_not_answer_only_the_newest_is_held() -> No
 
 @pytest.mark.usefixtures("short_stall")
 @aio
-async def test_what_is_held_too_long_is_not_sent() -> None:
+async def test_a_command_held_too_long_is_not_sent() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
@@ -155,14 +155,14 @@ async def test_a_stop_is_never_held(stop: Twist) -> None:
 
 
 @aio
-async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() -> None:
+async def test_no_older_command_overtakes_a_stop_even_when_released_just_before() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
         first, _ = await stalled(gate, wire)
         held = drive(gate, 2)
         await turns()
-        gate._velocities._release()  # as an answer does
+        gate._velocities._release()  # as after an answer
         stopping = asyncio.ensure_future(gate.request(Twist()))
         with pytest.raises(SupersededError):
             await soon(held)
@@ -173,7 +173,7 @@ async def test_no_older_command_overtakes_a_stop_even_when_let_go_just_before() 
 
 
 @aio
-async def test_a_command_that_is_held_right_after_another_was_let_go_is_not_forgotten() -> None:
+async def test_a_command_held_right_after_another_was_released_is_superseded_at_once() -> None:
     latest = LatestWins[str]()
     answers: list[asyncio.Future[str]] = []
 
@@ -190,13 +190,13 @@ async def test_a_command_that_is_held_right_after_another_was_let_go_is_not_forg
     second = go(2)
     await turns(3)
     latest._release()
-    third = go(3)  # runs before the second one that was let go
+    third = go(3)  # starts before the released second command is sent
     await turns(3)
     with pytest.raises(SupersededError):
         await second
     fourth = go(4)
     await turns(3)
-    assert third.done()  # at once, not when it is too old
+    assert third.done()  # superseded at once, not only when it is stale
     with pytest.raises(SupersededError, match="newer"):
         await third
     answers[0].set_result("first")
@@ -245,7 +245,7 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
 
 
 @aio
-async def test_the_callers_timeout_holds_for_commands_too() -> None:
+async def test_the_callers_timeout_applies_to_commands() -> None:
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         with pytest.raises(RequestTimeoutError, match=r"0\.03 s"):
@@ -276,7 +276,7 @@ async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> Non
 
 @pytest.mark.usefixtures("short_stall")
 @aio
-async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
+async def test_a_stop_never_becomes_stale() -> None:
     latest = LatestWins[float]()
 
     async def send(fresh: float) -> float:
@@ -287,7 +287,7 @@ async def test_a_stop_has_no_age_at_which_it_is_withheld() -> None:
 
 
 @aio
-async def test_superseded_velocities_are_counted_and_told(
+async def test_superseded_velocities_are_counted_and_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.motion")

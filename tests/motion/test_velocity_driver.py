@@ -1,4 +1,4 @@
-"""The rules for a stream of velocities, without ROS."""
+"""Rules for a stream of velocities, tested without ROS."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ async def answer_all(wire: Wire, frame: Frame) -> bool:
 
 
 def velocities(wire: Wire) -> list[tuple[float, float, float]]:
-    """What reached the chassis: linear, linear_y, angular."""
+    """Return the velocities that the chassis has received: linear, linear_y, angular."""
     return [
         tuple(frame["body"].get(name, 0.0) for name in ("linear", "linearY", "angular"))  # type: ignore[misc]
         for frame in wire.seen
@@ -40,7 +40,7 @@ def velocities(wire: Wire) -> list[tuple[float, float, float]]:
 
 @dataclass
 class Rig:
-    """A driver, the gate before it, and the chassis's end of the link."""
+    """A velocity driver, its gate, and the chassis's end of the link."""
 
     peer: Peer
     wire: Wire
@@ -55,7 +55,7 @@ class Rig:
         assert velocities(self.wire) == [pytest.approx(each) for each in expected]
 
     async def settle(self) -> None:
-        """Return when all that is due now has reached the chassis."""
+        """Wait until everything that is due now has reached the chassis."""
         await turns()
         assert (await soon(asyncio.ensure_future(self.gate.request(Speak())))).ok
 
@@ -86,7 +86,7 @@ async def test_a_velocity_is_sent() -> None:
 
 
 @aio
-async def test_one_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_velocity_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     async with driving() as rig:
         rig.driver.drive(math.nan, 0.0, 0.0)
         rig.driver.drive(0.1, math.inf, 0.0)
@@ -97,27 +97,27 @@ async def test_one_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixtur
 
 
 @aio
-async def test_one_beyond_the_limits_is_scaled_down() -> None:
+async def test_a_velocity_beyond_the_limits_is_scaled_down() -> None:
     async with driving(max_linear=0.5, max_angular=0.2) as rig:
         rig.driver.drive(3.0, 4.0, -9.0)
         await rig.sent((0.3, 0.4, -0.2))
 
 
 @aio
-async def test_only_the_newest_is_sent_at_the_rate() -> None:
+async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
     async with driving(rate=0.001) as rig:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
         for speed in (0.2, 0.3, 0.4):
             rig.driver.drive(speed, 0.0, 0.0)
             await rig.settle()
-        rig.limits = LIMITS  # whose pause has passed
+        rig.limits = LIMITS  # their period is over already
         rig.driver.drive(0.5, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0), (0.5, 0.0, 0.0))
 
 
 @aio
-async def test_the_first_zero_waits_for_nothing() -> None:
+async def test_the_first_zero_is_not_delayed_by_the_rate() -> None:
     async with driving(rate=0.001) as rig:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
@@ -134,7 +134,9 @@ async def test_silence_stops_the_robot() -> None:
 
 @pytest.mark.parametrize("override", [False, True])
 @aio
-async def test_the_robot_belongs_to_what_drives_it(override: bool) -> None:
+async def test_a_velocity_is_refused_while_a_task_owns_the_robot_unless_it_may_override(
+    override: bool,
+) -> None:
     async with driving(override=override) as rig:
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
         await eventually(lambda: rig.gate.owner)
@@ -164,7 +166,7 @@ async def test_a_stop_silences_the_stream_until_a_zero() -> None:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
         assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
-        rig.gate._forbidden_until = -math.inf  # the gate's own hold is over
+        rig.gate._forbidden_until = -math.inf  # the gate itself permits motion again
         rig.driver.drive(0.2, 0.0, 0.0)
         await rig.settle()
         rig.driver.drive(0.0, 0.0, 0.0)
@@ -184,7 +186,7 @@ async def test_after_a_lost_link_the_robot_gets_a_zero(owned: bool) -> None:
         rig.driver.drive(0.1, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0))
         await lose_link(rig)
-        rig.driver.drive(0.2, 0.0, 0.0)  # nobody gets this, then or later
+        rig.driver.drive(0.2, 0.0, 0.0)  # there is no link, and this must not be sent later
         if owned:
             rig.peer.info = {**(rig.peer.info or {}), "taskProc": RUNNING}
         rig.wire = await rig.peer.wire(2)
@@ -203,11 +205,12 @@ async def test_a_velocity_without_a_link_is_not_kept() -> None:
     async with driving() as rig:
         await lose_link(rig)
         rig.limits = replace(LIMITS, rate=0.001)
-        rig.driver._sent = asyncio.get_running_loop().time()  # so that it would wait for its turn
+        # the next velocity would have to wait for its period
+        rig.driver._sent = asyncio.get_running_loop().time()
         rig.driver.drive(0.2, 0.0, 0.0)
         rig.wire = await rig.peer.wire(2)
         await rig.client.wait_ready(TIMEOUT)
         rig.limits = replace(LIMITS, rate=1e9)
-        rig.driver.drive(0.0, 0.0, 0.0)  # has nothing to stop
+        rig.driver.drive(0.0, 0.0, 0.0)  # not sent, because there is nothing to stop
         await rig.settle()
         assert velocities(rig.wire) == []

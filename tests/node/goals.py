@@ -1,4 +1,4 @@
-"""Goals for the tests of the actions, and the states and types that those tests look for."""
+"""Helpers for the tests of the actions: goals, states, and the speed of the simulator."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def step_goal(value: float, action: int = EXECUTE) -> Any:
 
 
 def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClient:
-    """Start a turn by `value` rad at 0.5 rad/s, which nothing can block, or an order about it."""
+    """Start a turn by `value` rad at 0.5 rad/s, which no obstacle blocks, or send another order."""
     return client.send_goal(StepControl, "ros/StepControl", step_goal(value, action))
 
 
@@ -115,27 +115,27 @@ def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
 
 
 def slow_down(simulator: SimulatorThread) -> None:
-    """Run at the speed of a real chassis, so that a goal outlives the next step of a test."""
+    """Simulate in real time, so that a goal still runs during the next step of a test."""
     simulator.call(lambda sim: setattr(sim, "speed", 1.0))
 
 
 def stop_time(simulator: SimulatorThread) -> None:
-    """Keep what runs from ending by itself: a simulated second takes a quarter of an hour."""
+    """Almost stop simulated time, so that no goal ends: a second takes a quarter of an hour."""
     simulator.call(lambda sim: setattr(sim, "speed", 0.001))
 
 
 def hurry(simulator: SimulatorThread) -> None:
-    """Run fast, so that goals come to their ends."""
+    """Simulate at 50 times real time, so that goals end soon."""
     simulator.call(lambda sim: setattr(sim, "speed", 50.0))
 
 
 def set_timing(monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
-    """Change `GoalTiming` of the goals that start from now on."""
+    """Change the `GoalTiming` of goals that start after this call."""
     monkeypatch.setattr(timing, "DEFAULT_TIMING", replace(timing.DEFAULT_TIMING, **changes))
 
 
 class Held:
-    """Holds back all answers to requests of one type until `release`."""
+    """Answers to requests of one type, held back until `release`."""
 
     def __init__(self, simulator: SimulatorThread, request: str) -> None:
         self._simulator = simulator
@@ -150,7 +150,7 @@ class Held:
         return []
 
     def release(self) -> None:
-        """Send the answers held back, and let later ones pass."""
+        """Send the answers held back, and stop holding back."""
         self._remove()
         for out in self._answers:
             frame = JsonCodec().encode(out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg)

@@ -1,4 +1,4 @@
-"""A client with SROS2, in its own process: prints a word for each operation that it tries."""
+"""A client with SROS2, run as a process. It prints one word for each operation that it tries."""
 
 from __future__ import annotations
 

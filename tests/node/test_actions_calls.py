@@ -1,4 +1,4 @@
-"""The actions of woosh.ros.CallAction: steps, lifts and paths, and orders about them."""
+"""The actions of woosh.ros.CallAction (steps, lifts and paths), and pause, resume and cancel."""
 
 from __future__ import annotations
 
@@ -56,7 +56,9 @@ def running(client: Client, value: float = 500.0) -> GoalClient:
         (lambda client: move_base(client, 0.5, EXECUTE), "MoveBase"),
     ],
 )
-def test_succeeds(client: Client, start: Callable[[Client], GoalClient], name: str) -> None:
+def test_each_action_succeeds_with_feedback(
+    client: Client, start: Callable[[Client], GoalClient], name: str
+) -> None:
     goal = start(client)
     status, ret = goal.result()
     assert (status, ret.state.value) == (SUCCEEDED, 1)
@@ -68,7 +70,7 @@ def test_succeeds(client: Client, start: Callable[[Client], GoalClient], name: s
 
 
 @pytest.mark.parametrize(("state", "status"), [(1, SUCCEEDED), (-1, ABORTED), (5, ABORTED)])
-def test_ends_with_the_chassiss_state_and_text(
+def test_goal_ends_with_the_state_and_text_of_the_chassis(
     client: Client, simulator: SimulatorThread, state: int, status: int
 ) -> None:
     goal = running(client)
@@ -77,7 +79,7 @@ def test_ends_with_the_chassiss_state_and_text(
     assert (ended, ret.state.value, ret.msg, ret.action) == (status, state, "as it is", STEP)
 
 
-def test_states_that_are_no_end_are_feedback(client: Client, simulator: SimulatorThread) -> None:
+def test_states_before_the_end_are_feedback(client: Client, simulator: SimulatorThread) -> None:
     goal = running(client)
     for state in (3, 4, 10, 2):
         simulator.push(feedbacks(state, f"state {state}"))
@@ -85,9 +87,7 @@ def test_states_that_are_no_end_are_feedback(client: Client, simulator: Simulato
     assert not goal.done
 
 
-def test_reports_on_no_action_or_another_are_ignored(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_reports_on_another_action_are_ignored(client: Client, simulator: SimulatorThread) -> None:
     goal = running(client)
     simulator.push(feedbacks(100, "wifi"))
     simulator.push(feedbacks(101, "{}"))
@@ -120,7 +120,7 @@ def test_documented_move_base_without_action_executes(
     assert simulator.last(CALL_ACTION).move_base.action == EXECUTE
 
 
-def test_poses_without_an_action_are_a_command(client: Client, simulator: SimulatorThread) -> None:
+def test_poses_without_an_action_are_driven_to(client: Client, simulator: SimulatorThread) -> None:
     goal = MoveBase.Goal()
     x, y, theta = START
     goal.arg.poses = [Pose2D(x=x + ahead, y=y, theta=theta) for ahead in (0.2, 0.4)]
@@ -142,9 +142,7 @@ def test_cancel_without_a_running_goal_is_refused(client: Client) -> None:
     assert "not running" in ret.msg
 
 
-def test_pause_and_resume_leave_the_goal_in_charge(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_goal_goes_on_after_pause_and_resume(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)  # so that it reports once a second
     goal = running(client, 3.0)
     for order, reported in ((PAUSE, 3), (RESUME, 2)):
@@ -204,7 +202,7 @@ def test_late_end_of_an_older_goal_does_not_end_the_newer_one(
 def test_end_of_another_programs_action_does_not_end_the_goal(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """This is also how it is after a restart of the agent."""
+    """The same happens after a restart of the agent."""
     request = CallAction()
     request.step_control.steps.add(mode=1, value=500.0, speed=0.5)
     request.step_control.action = EXECUTE
@@ -262,7 +260,7 @@ def test_lost_end_is_found_by_polling(
     assert step(client, 0.3).result()[0] == SUCCEEDED
 
 
-def test_chassis_that_refuses_polls(
+def test_refused_polls_do_not_end_the_goal(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     set_timing(monkeypatch, poll_period=0.05)
@@ -273,7 +271,7 @@ def test_chassis_that_refuses_polls(
     assert goal.result()[1].msg == "the end"
 
 
-def test_repeated_end_of_an_earlier_goal_is_ignored_at_first(
+def test_earlier_goals_end_in_a_poll_is_ignored(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The chassis accepted the goal, and when polled still reports the end of the earlier one."""
@@ -284,7 +282,7 @@ def test_repeated_end_of_an_earlier_goal_is_ignored_at_first(
     asked: list[Outgoing] = []
 
     def answer_once(out: Outgoing) -> list[Outgoing]:
-        """A second answer would end the goal: it could have ended with the same report."""
+        """Drop all answers but the first: a repeated one would count as the end of this goal."""
         if out.request != FEEDBACKS:
             return [out]
         asked.append(out)
@@ -318,7 +316,7 @@ def test_last_goal_of_a_burst_wins(
     """The ends of all goals that it replaces come before the answer to its start request."""
     simulator.delay(CALL_ACTION, late)
     slow_down(simulator)
-    goals = [step(client, 6.0) for _ in range(count)]  # longer than the answers are late
+    goals = [step(client, 6.0) for _ in range(count)]  # longer than the delay of the answers
     simulator.wait_received(CALL_ACTION, count)
     hurry(simulator)
     status, ret = goals[-1].result()

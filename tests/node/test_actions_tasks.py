@@ -1,4 +1,4 @@
-"""robot/ExecTask against a chassis that behaves well, and one that does not."""
+"""robot/ExecTask, with a chassis that behaves well and with one that does not."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ from woosh_robot_msgs.srv import SwitchControlMode
 pytestmark = pytest.mark.usefixtures("agent")
 
 
-def test_succeeds_with_each_report_as_feedback(client: Client, simulator: SimulatorThread) -> None:
+def test_task_succeeds_with_each_report_as_feedback(
+    client: Client, simulator: SimulatorThread
+) -> None:
     before = int(time.time())
     goal = task(client)
     status, ret = goal.result()
@@ -52,9 +54,7 @@ def test_succeeds_with_each_report_as_feedback(client: Client, simulator: Simula
     assert {fb.robot_task_id for fb in goal.feedback.messages} == {sent.task_id}
 
 
-def test_keeps_the_id_of_the_client_or_makes_a_new_one(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_task_id_is_the_clients_or_a_new_one(client: Client, simulator: SimulatorThread) -> None:
     assert short_task(client, 0.05, task_id=77).result()[1].robot_task_id == 77
     ids = [short_task(client, x).result()[1].robot_task_id for x in (0.1, 0.2, 0.3)]
     assert len(set(ids)) == 3
@@ -75,14 +75,14 @@ def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) 
     assert not goal.feedback.messages
 
 
-def test_refusal_without_a_reason(client: Client, simulator: SimulatorThread) -> None:
+def test_refusal_without_a_reason_is_explained(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(EXEC_TASK, "")
     status, ret = task(client).result()
     assert status == ABORTED
     assert "refused" in ret.msg
 
 
-def test_failure_aborts(client: Client, simulator: SimulatorThread) -> None:
+def test_failed_task_is_aborted(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = task(client, task_id=6)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -90,7 +90,9 @@ def test_failure_aborts(client: Client, simulator: SimulatorThread) -> None:
     assert (goal.result()[0], goal.result()[1].msg) == (ABORTED, "wheel slips")
 
 
-def test_cancel_by_somebody_else_aborts(client: Client, simulator: SimulatorThread) -> None:
+def test_task_cancelled_by_another_client_is_aborted(
+    client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -121,7 +123,7 @@ def test_nan_is_not_sent(client: Client, simulator: SimulatorThread, field: str,
     assert simulator.counts[EXEC_TASK] == 0
 
 
-def test_chassis_in_manual_mode_refuses(client: Client, simulator: SimulatorThread) -> None:
+def test_task_in_manual_mode_is_refused(client: Client, simulator: SimulatorThread) -> None:
     request = SwitchControlMode.Request()
     request.arg.mode.value = 2
     assert client.call(SwitchControlMode, "robot/SwitchControlMode", arg=request.arg).ok
@@ -143,7 +145,7 @@ def test_newer_task_replaces_an_older_one(client: Client, simulator: SimulatorTh
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_replaced_when_the_answer_comes_before_the_cancel(
+def test_older_task_is_replaced_even_if_its_end_comes_late(
     client: Client, simulator: SimulatorThread
 ) -> None:
     late: list = []
@@ -180,7 +182,7 @@ def test_refused_newer_task_does_not_replace_the_older_one(
     assert old.result()[0] == SUCCEEDED
 
 
-def test_id_used_again_while_the_first_task_runs(
+def test_newer_task_with_the_same_id_replaces_the_older_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     slow_down(simulator)
@@ -195,7 +197,7 @@ def test_id_used_again_while_the_first_task_runs(
 
 
 @pytest.mark.parametrize("state", [COMPLETED, TASK_CANCELED, FAILED])
-def test_id_used_again_ignores_the_old_end(
+def test_late_end_of_an_older_task_with_the_same_id_is_ignored(
     client: Client, simulator: SimulatorThread, state: int
 ) -> None:
     assert short_task(client, 0.1, task_id=9).result()[0] == SUCCEEDED
@@ -206,13 +208,13 @@ def test_id_used_again_ignores_the_old_end(
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
 
-def test_twenty_in_a_row(client: Client) -> None:
+def test_twenty_tasks_in_a_row_succeed(client: Client) -> None:
     ends = [short_task(client, 0.05 * i).result() for i in range(1, 21)]
     assert [status for status, _ in ends] == [SUCCEEDED] * 20
     assert len({ret.robot_task_id for _, ret in ends}) == 20
 
 
-def test_two_at_once(client: Client, simulator: SimulatorThread) -> None:
+def test_last_of_two_simultaneous_tasks_wins(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     with ThreadPoolExecutor() as pool:
         goals = list(pool.map(lambda number: task(client, task_id=number), (1, 2)))

@@ -1,4 +1,4 @@
-"""Cancelling goals, with the cancel request, the chassis's answers and its reports in any order."""
+"""Cancelling goals, with cancel requests, the chassis's answers and its reports in any order."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftCont
 
 @pytest.fixture(autouse=True)
 def unhurried(agent: RunningAgent, simulator: SimulatorThread) -> None:
-    """Let no goal end by itself before it is cancelled."""
+    """Slow simulated time down, so that no goal ends before it is cancelled."""
     slow_down(simulator)
 
 
-def begun(goal: GoalClient, state: int) -> GoalClient:
+def in_state(goal: GoalClient, state: int) -> GoalClient:
     goal.feedback.wait(lambda fb: fb.state.value == state)
     return goal
 
 
-def without(*types: str, state: int | None = None) -> Callable[[Outgoing], list[Outgoing]]:
-    """Lose pushes of some types, if `state` is given only those with that state."""
+def losing(*types: str, state: int | None = None) -> Callable[[Outgoing], list[Outgoing]]:
+    """Return a filter that drops pushes of some types; with `state`, only those with it."""
 
     def pass_on(out: Outgoing) -> list[Outgoing]:
         lost = out.type in types and not out.sn and state in (None, getattr(out.body, "state", 0))
@@ -69,8 +69,8 @@ def cancel_everything(client: Client, name: str) -> CancelGoal.Response:
     return client.call(CancelGoal, f"{name}/_action/cancel_goal")
 
 
-def test_task(client: Client, simulator: SimulatorThread) -> None:
-    goal = begun(task(client), EXECUTING)
+def test_task_can_be_cancelled(client: Client, simulator: SimulatorThread) -> None:
+    goal = in_state(task(client), EXECUTING)
     assert len(goal.cancel().goals_canceling) == 1
     status, ret = goal.result()
     assert (status, ret.state.value) == (CANCELED, TASK_CANCELED)
@@ -87,13 +87,13 @@ def test_task(client: Client, simulator: SimulatorThread) -> None:
         (lambda client: lift3(client, 0.4), "lift_control3"),
     ],
 )
-def test_action(
+def test_action_can_be_cancelled(
     client: Client,
     simulator: SimulatorThread,
     start: Callable[[Client], GoalClient],
     member: str,
 ) -> None:
-    goal = begun(start(client), 2)
+    goal = in_state(start(client), 2)
     goal.cancel()
     status, ret = goal.result()
     assert (status, ret.state.value) == (CANCELED, -2)
@@ -101,20 +101,22 @@ def test_action(
     assert [getattr(call, member).action for call in sent] == [EXECUTE, CANCEL]
 
 
-def test_action_before_its_first_report(client: Client, simulator: SimulatorThread) -> None:
+def test_action_can_be_cancelled_before_its_first_report(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
     goal = step(client, 20.0)
     simulator.wait_received(CALL_ACTION)
     goal.cancel()
     assert goal.result()[0] == CANCELED
-    assert simulator.counts[FEEDBACKS] == 0, "without asking"
+    assert simulator.counts[FEEDBACKS] == 0, "the end is known without a poll"
 
 
 def test_goal_ends_only_when_the_chassis_says_so(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    simulator.intercept(without(TASK_PROC, state=TASK_CANCELED))
-    goal = begun(task(client, task_id=4), EXECUTING)
+    simulator.intercept(losing(TASK_PROC, state=TASK_CANCELED))
+    goal = in_state(task(client, task_id=4), EXECUTING)
     goal.cancel()
     simulator.wait_received(ACTION_ORDER)
     assert not goal.done
@@ -124,7 +126,7 @@ def test_goal_ends_only_when_the_chassis_says_so(
 
 def test_refused_cancel_can_be_repeated(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
-    goal = begun(task(client), EXECUTING)
+    goal = in_state(task(client), EXECUTING)
     goal.cancel()
     simulator.wait_received(ACTION_ORDER)
     simulator.accept(ACTION_ORDER)
@@ -134,10 +136,12 @@ def test_refused_cancel_can_be_repeated(client: Client, simulator: SimulatorThre
     assert simulator.counts[ACTION_ORDER] == 2
 
 
-def test_repeated_before_the_first_answer(client: Client, simulator: SimulatorThread) -> None:
+def test_cancel_can_be_repeated_before_the_first_is_refused(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
     simulator.delay(ACTION_ORDER, 0.2)
-    goal = begun(task(client), EXECUTING)
+    goal = in_state(task(client), EXECUTING)
     goal.cancel()
     simulator.wait_received(ACTION_ORDER)
     simulator.accept(ACTION_ORDER)
@@ -148,14 +152,16 @@ def test_repeated_before_the_first_answer(client: Client, simulator: SimulatorTh
 
 def test_refused_cancel_lets_the_goal_succeed(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
-    goal = begun(task(client), EXECUTING)
+    goal = in_state(task(client), EXECUTING)
     goal.cancel()
     hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_before_the_chassis_answered_the_start(client: Client, simulator: SimulatorThread) -> None:
-    """The chassis may still execute another goal, which a cancel would hit."""
+def test_cancel_waits_until_the_chassis_has_accepted_the_goal(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """The chassis may still execute another goal, which an early cancel would end."""
     answered = threading.Event()
 
     def hold(out: Outgoing) -> list[Outgoing]:
@@ -169,15 +175,13 @@ def test_before_the_chassis_answered_the_start(client: Client, simulator: Simula
     assert client_is_served(client)
     assert simulator.counts[ACTION_ORDER] == 0
     answered.set()
-    simulator.push(proc(4, EXECUTING))  # tells as much as the answer would
+    simulator.push(proc(4, EXECUTING))  # a report on the goal proves that it was accepted
     assert goal.result()[0] == CANCELED
     assert simulator.counts[ACTION_ORDER] == 1
 
 
-def test_of_a_goal_that_is_refused_cancels_nothing(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    other = begun(task(client), EXECUTING)
+def test_cancel_of_a_refused_goal_is_not_sent(client: Client, simulator: SimulatorThread) -> None:
+    other = in_state(task(client), EXECUTING)
     simulator.refuse(EXEC_TASK, "busy")
     held = Held(simulator, EXEC_TASK)
     goal = task(client, mark="U5")
@@ -190,11 +194,11 @@ def test_of_a_goal_that_is_refused_cancels_nothing(
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_of_a_replaced_goal_does_not_hit_the_newer_one(
+def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    old = begun(task(client), EXECUTING)
-    remove = simulator.intercept(without(TASK_PROC))
+    old = in_state(task(client), EXECUTING)
+    remove = simulator.intercept(losing(TASK_PROC))
     held = Held(simulator, EXEC_TASK)
     new = task(client, mark="U5")
     simulator.wait_received(EXEC_TASK, 2)
@@ -208,7 +212,9 @@ def test_of_a_replaced_goal_does_not_hit_the_newer_one(
 
 
 @pytest.mark.parametrize("turn", range(5))
-def test_races_with_the_end(client: Client, simulator: SimulatorThread, turn: int) -> None:
+def test_cancel_near_the_end_of_the_goal_gives_one_result(
+    client: Client, simulator: SimulatorThread, turn: int
+) -> None:
     hurry(simulator)
     goal = short_task(client, 0.05)
     if turn:
@@ -217,10 +223,12 @@ def test_races_with_the_end(client: Client, simulator: SimulatorThread, turn: in
     status, ret = goal.result()
     ends = {SUCCEEDED: COMPLETED, CANCELED: TASK_CANCELED}
     assert ret.state.value == ends[status]
-    assert short_task(client, 0.1).result()[0] == SUCCEEDED, "nothing is left of the first goal"
+    assert short_task(client, 0.1).result()[0] == SUCCEEDED, (
+        "the first goal must not affect the next one"
+    )
 
 
-def test_after_the_end_does_nothing(client: Client, simulator: SimulatorThread) -> None:
+def test_cancel_after_the_end_does_nothing(client: Client, simulator: SimulatorThread) -> None:
     hurry(simulator)
     goal = short_task(client, 0.05)
     assert goal.result()[0] == SUCCEEDED
@@ -228,28 +236,30 @@ def test_after_the_end_does_nothing(client: Client, simulator: SimulatorThread) 
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_unanswered_cancel_ends_with_the_report(client: Client, simulator: SimulatorThread) -> None:
+def test_unanswered_cancel_succeeds_with_the_report(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.mute(ACTION_ORDER)
-    goal = begun(task(client), EXECUTING)
+    goal = in_state(task(client), EXECUTING)
     goal.cancel()
     assert goal.result()[0] == CANCELED
 
 
-def test_lost_report_of_the_cancel_is_found_by_polling(
+def test_lost_report_of_a_cancel_is_found_by_polling(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     set_timing(monkeypatch, poll_period=0.3)
-    goal = begun(task(client), EXECUTING)
-    simulator.intercept(without(TASK_PROC))
+    goal = in_state(task(client), EXECUTING)
+    simulator.intercept(losing(TASK_PROC))
     goal.cancel()
     assert goal.result()[0] == CANCELED
     assert simulator.counts[ACTION_ORDER] == 1
 
 
-def test_while_the_link_is_lost_is_sent_once_when_it_is_back(
+def test_cancel_of_a_task_without_a_link_is_sent_once_when_it_is_back(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    goal = begun(task(client, mark="A23"), EXECUTING)
+    goal = in_state(task(client, mark="A23"), EXECUTING)
     simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))
     simulator.stop_listening()
     wait_until(lambda: simulator.connections == 0)
@@ -259,8 +269,10 @@ def test_while_the_link_is_lost_is_sent_once_when_it_is_back(
     assert simulator.counts[ACTION_ORDER] == 1
 
 
-def test_while_the_link_is_lost_of_an_action(client: Client, simulator: SimulatorThread) -> None:
-    goal = begun(step(client, 100.0), 2)
+def test_cancel_of_an_action_without_a_link_is_sent_once_when_it_is_back(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = in_state(step(client, 100.0), 2)
     simulator.stop_listening()
     goal.cancel()
     simulator.listen()
@@ -271,8 +283,8 @@ def test_while_the_link_is_lost_of_an_action(client: Client, simulator: Simulato
 def test_refused_cancel_is_not_sent_again_after_a_lost_link(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """A refusal is an answer: it is up to the client to ask again."""
-    goal = begun(task(client), EXECUTING)
+    """A refusal is an answer, so only the client may repeat the cancel."""
+    goal = in_state(task(client), EXECUTING)
     simulator.refuse(ACTION_ORDER, "later")
     goal.cancel()
     simulator.wait_received(ACTION_ORDER)
@@ -285,18 +297,22 @@ def test_refused_cancel_is_not_sent_again_after_a_lost_link(
     assert simulator.counts[ACTION_ORDER] == 1
 
 
-def test_everything_of_one_action(client: Client, simulator: SimulatorThread) -> None:
-    goal = begun(task(client), EXECUTING)
+def test_all_goals_of_one_action_can_be_cancelled_at_once(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = in_state(task(client), EXECUTING)
     assert len(cancel_everything(client, "robot/ExecTask").goals_canceling) == 1
     assert goal.result()[0] == CANCELED
     assert not cancel_everything(client, "robot/ExecTask").goals_canceling
 
 
-def test_everything_of_every_action(client: Client, simulator: SimulatorThread) -> None:
+def test_goals_of_every_action_can_be_cancelled_at_once(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goals = [
-        begun(step(client, 20.0), 2),
-        begun(lift(client), 2),
-        begun(lift3(client, 0.4), 2),
+        in_state(step(client, 20.0), 2),
+        in_state(lift(client), 2),
+        in_state(lift3(client, 0.4), 2),
     ]
     for name in ACTIONS:
         cancel_everything(client, name)
@@ -304,13 +320,13 @@ def test_everything_of_every_action(client: Client, simulator: SimulatorThread) 
     assert simulator.counts[ACTION_ORDER] == 0
 
 
-def test_everything_while_a_goal_is_being_replaced(
+def test_all_goals_can_be_cancelled_while_one_replaces_another(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     set_timing(monkeypatch, poll_period=0.5)
-    old = begun(task(client), EXECUTING)
+    old = in_state(task(client), EXECUTING)
     held = Held(simulator, EXEC_TASK)
-    remove = simulator.intercept(without(TASK_PROC))
+    remove = simulator.intercept(losing(TASK_PROC))
     new = task(client, mark="U5")
     simulator.wait_received(EXEC_TASK, 2)
     assert len(cancel_everything(client, "robot/ExecTask").goals_canceling) == 2
@@ -322,5 +338,5 @@ def test_everything_while_a_goal_is_being_replaced(
 
 
 def client_is_served(client: Client) -> bool:
-    """Make a round trip through agent and chassis, so that everything before it is done."""
+    """Call a service; its answer shows that the agent has handled everything sent earlier."""
     return client.call(RobotState, "robot/RobotState") is not None

@@ -1,4 +1,4 @@
-"""cmd_vel: drives while it is repeated, and stops the robot when it is not."""
+"""cmd_vel: the robot drives while velocities are repeated, and is stopped when they end."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TWIST = "woosh.robot.Twist"
 
 
 class Sender:
-    """Publishes on cmd_vel, once or again and again."""
+    """Publishes on cmd_vel, once or at a rate."""
 
     def __init__(self, client: Client, message_class: Any = Twist) -> None:
         self._client = client
@@ -55,7 +55,7 @@ class Sender:
         self._thread.start()
 
     def pause(self) -> float:
-        """End `repeat`; returns the time of the end."""
+        """Stop repeating; return the time of the end."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -72,7 +72,7 @@ def sender(agent: Any, client: Client) -> Iterator[Sender]:
 
 @pytest.fixture
 def twists(simulator: SimulatorThread) -> Callable[[], list[tuple[float, float, float]]]:
-    """What reached the chassis so far: linear, linear_y, angular."""
+    """Function that returns the velocities the chassis has received: linear, linear_y, angular."""
 
     def read() -> list[tuple[float, float, float]]:
         return [
@@ -85,12 +85,12 @@ def twists(simulator: SimulatorThread) -> Callable[[], list[tuple[float, float, 
 
 @pytest.fixture
 def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
-    """When velocities reached the chassis, and whether each was zero."""
+    """Arrival time of each velocity at the chassis, and True if it was zero."""
     times: list[tuple[float, bool]] = []
 
     def note(frame: Any) -> list[Any]:
         if frame.request == TWIST:
-            sent = simulator_last(simulator)
+            sent = last_twist(simulator)
             times.append((time.monotonic(), not (sent.linear or sent.linear_y or sent.angular)))
         return [frame]
 
@@ -98,12 +98,12 @@ def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
     return times
 
 
-def simulator_last(simulator: SimulatorThread) -> Any:
-    return simulator._simulator.last(TWIST)  # in the simulator's own thread
+def last_twist(simulator: SimulatorThread) -> Any:
+    return simulator._simulator.last(TWIST)  # called in the simulator's thread
 
 
 def start_task(sim: Any) -> None:
-    """As another client of the chassis would."""
+    """Start a task as another client of the chassis."""
     task = pack.ExecTask(task_id=7, type=util_task.kPick, mark_no="A23")
     assert dispatch(sim.chassis, task).ok
 
@@ -116,7 +116,8 @@ def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
 
 def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals):
     delays = []
-    for times in range(1, 4):  # a busy machine may be late to tell when the sender ended
+    # repeated, because a busy machine may note the end of the sender too late
+    for times in range(1, 4):
         before = len(arrivals)
         sender.repeat(20, x=0.3)
         wait_until(lambda: len(arrivals) >= before + 5)  # noqa: B023
@@ -130,18 +131,18 @@ def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arriv
     assert max(delays) > 0.3, "only after cmd_vel_timeout"
 
 
-def test_a_zero_needs_no_other(simulator, agent, sender, twists):
+def test_a_zero_is_sent_once(simulator, agent, sender, twists):
     sender.send(x=0.3)
     simulator.wait_received(TWIST)
     sender.send()
     wait_until(lambda: not agent.agent._gate.driving, "the answer to the zero")
-    count = len(twists())  # 3 if the watchdog of a busy machine was quicker
+    count = len(twists())  # 3 if the watchdog sent a zero too, on a busy machine
     threading.Event().wait(0.8)
     assert len(twists()) == count
 
 
 def test_zeros_of_an_idle_sender_are_not_sent(simulator, sender, client, twists):
-    """twist_mux and joysticks send them all the time."""
+    """twist_mux and joysticks send zeros all the time."""
     goal = step(client, 20.0)
     simulator.wait_received("woosh.ros.CallAction")
     sender.repeat(50)
@@ -152,7 +153,7 @@ def test_zeros_of_an_idle_sender_are_not_sent(simulator, sender, client, twists)
 
 
 class TestRate:
-    def test_zeros_between_do_not_raise_it(self, simulator, start_agent, client, arrivals):
+    def test_zeros_in_between_do_not_exceed_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=10.0)
         agent.wait_connected()
         sender = Sender(client)
@@ -163,19 +164,19 @@ class TestRate:
             sender.send()
             threading.Event().wait(0.005)
         lasted = time.monotonic() - begun
-        assert len(arrivals) < 3 * 10 * lasted, "a stop after each velocity, which does not wait"
+        assert len(arrivals) < 3 * 10 * lasted, "zeros are sent at once"
 
-    def test_the_latest_wins(self, simulator, start_agent, client, arrivals):
+    def test_a_faster_stream_is_thinned_out_to_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_rate=5.0)
         agent.wait_connected()
         sender = Sender(client)
         begun = time.monotonic()
         sender.repeat(100, x=0.3)
         wait_until(lambda: len(arrivals) >= 6)
-        assert time.monotonic() - begun > 0.9, "six at 5 Hz take a second"
+        assert time.monotonic() - begun > 0.9, "six velocities at 5 Hz take a second"
         sender.pause()
 
-    def test_a_zero_waits_for_nothing(self, simulator, start_agent, client, arrivals):
+    def test_the_first_zero_is_not_delayed_by_it(self, simulator, start_agent, client, arrivals):
         agent = start_agent(
             ip="127.0.0.1", port=simulator.port, cmd_vel_rate=1.0, cmd_vel_timeout=5.0
         )
@@ -192,12 +193,12 @@ class TestRate:
             return time.monotonic() - begun
 
         # several attempts: a busy machine may be late
-        wait_until(lambda: delay() < 0.5, "a zero before the next beat of the rate")
+        wait_until(lambda: delay() < 0.5, "a zero before the next period of the rate")
         assert arrivals[-1][1]
 
 
 class TestRefused:
-    def test_nan(self, simulator, sender, twists, logs):
+    def test_nan_is_not_sent(self, simulator, sender, twists, logs):
         sender.send(math.nan)
         sender.send(x=0.3, y=math.inf)
         logs.wait(lambda record: "not all finite" in record.getMessage())
@@ -205,7 +206,9 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
-    def test_beyond_the_limits_is_clamped(self, simulator, start_agent, client, twists):
+    def test_velocity_beyond_the_limits_is_scaled_down(
+        self, simulator, start_agent, client, twists
+    ):
         agent = start_agent(
             ip="127.0.0.1", port=simulator.port, cmd_vel_max_linear=0.5, cmd_vel_max_angular=0.2
         )
@@ -214,7 +217,7 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.3, 0.4, -0.2)), "the direction stays"
 
-    def test_a_stale_stamp(self, simulator, start_agent, client, twists, logs):
+    def test_a_stale_stamp_is_refused(self, simulator, start_agent, client, twists, logs):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_stamped=True)
         agent.wait_connected()
         sender = Sender(client, TwistStamped)
@@ -224,15 +227,17 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
-    def test_a_stamp_of_the_future(self, simulator, start_agent, client, logs):
+    def test_a_stamp_in_the_future_is_refused(self, simulator, start_agent, client, logs):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_stamped=True)
         agent.wait_connected()
         Sender(client, TwistStamped).send_stamped(0.4, age=-3600.0)
         logs.wait(lambda record: "check the sender's clock" in record.getMessage())
         assert simulator.counts[TWIST] == 0
 
-    def test_while_somebody_elses_task_runs(self, simulator, agent, sender, client, logs):
-        """Somebody who is not a client of the agent."""
+    def test_velocities_are_refused_while_another_clients_task_runs(
+        self, simulator, agent, sender, client, logs
+    ):
+        """The other client talks to the chassis directly."""
         plans = client.echo(TaskProc, "robot/TaskProc")
         simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kExecuting))
         plans.wait(lambda m: m.robot_task_id == 7)
@@ -243,7 +248,9 @@ class TestRefused:
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
 
-    def test_while_a_goal_runs(self, simulator, agent, sender, client, twists, logs):
+    def test_velocities_are_refused_while_a_goal_runs(
+        self, simulator, agent, sender, client, twists, logs
+    ):
         goal = step(client, 20.0)
         simulator.wait_received("woosh.ros.CallAction")
         sender.send(x=0.3)
@@ -254,18 +261,20 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
-    def test_a_goal_that_comes_while_it_drives_is_not_stopped(
+    def test_a_goal_accepted_while_driving_is_not_stopped(
         self, simulator, agent, sender, client, twists
     ):
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
         goal = short_task(client, 0.5)
         goal.feedback.wait_count(1)
-        sender.send()  # the stick is let go
+        sender.send()  # as when the joystick is released
         assert goal.result()[0] == SUCCEEDED
         assert (0.0, 0.0, 0.0) not in twists()
 
-    def test_unless_it_may_override(self, simulator, start_agent, client):
+    def test_cmd_vel_override_permits_velocities_while_a_goal_runs(
+        self, simulator, start_agent, client
+    ):
         agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_override=True)
         agent.wait_connected()
         step(client, 20.0)
@@ -273,28 +282,30 @@ class TestRefused:
         Sender(client).send(x=0.3)
         simulator.wait_received(TWIST)
 
-    def test_it_can_be_off(self, simulator, start_agent, client):
+    def test_cmd_vel_can_be_switched_off(self, simulator, start_agent, client):
         start_agent(ip="127.0.0.1", port=simulator.port, enable_cmd_vel=False).wait_connected()
         wait_until(lambda: client.publishers("connected"), "the agent")
         assert not client.node.count_subscribers(client.path("cmd_vel"))
 
 
 class TestLinkLoss:
-    def test_a_driving_robot_gets_its_zero_when_the_link_is_back(
+    def test_a_driving_robot_gets_a_zero_when_the_link_is_back(
         self, simulator, agent, sender, twists
     ):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
         simulator.stop_listening()
         wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
-        sender.send(x=0.4)  # nobody gets this, then or later
+        sender.send(x=0.4)  # there is no link, and this must not be sent later
         simulator.listen()
         agent.wait_connected(2)
         simulator.wait_received(TWIST, 2)
         threading.Event().wait(0.8)
         assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
 
-    def test_not_if_somebody_else_drives_it_by_then(self, simulator, agent, sender, twists):
+    def test_no_zero_is_sent_if_another_client_drives_by_then(
+        self, simulator, agent, sender, twists
+    ):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
         simulator.stop_listening()
@@ -306,7 +317,7 @@ class TestLinkLoss:
         assert twists() == [pytest.approx((0.3, 0.0, 0.0))]
         assert simulator.state.info.task_proc.state == util_task.kExecuting
 
-    def test_a_standing_one_gets_nothing(self, simulator, agent, sender, twists):
+    def test_a_standing_robot_gets_nothing(self, simulator, agent, sender, twists):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
         sender.send()
@@ -319,7 +330,9 @@ class TestLinkLoss:
 
 
 class TestStop:
-    def test_it_silences_until_a_pause(self, simulator, agent, sender, client, twists, logs):
+    def test_stop_silences_cmd_vel_until_a_pause(
+        self, simulator, agent, sender, client, twists, logs
+    ):
         sender.repeat(20, x=0.3)
         simulator.wait_received(TWIST, 3)
         assert client.call(Trigger, "stop").success
@@ -330,7 +343,7 @@ class TestStop:
         assert len(twists()) == count, "nothing after the stop"
         sender.pause()
         sender.send(x=0.2)
-        threading.Event().wait(0.2)  # the agent keeps the newest only
+        threading.Event().wait(0.2)  # time for the agent to take the newest
         sender.send()
         threading.Event().wait(0.2)
         sender.send(x=0.1)

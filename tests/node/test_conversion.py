@@ -25,7 +25,7 @@ from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_msgs.msg import ChangeNavPath, ExecTask, PoseSpeed, ScannerData, Speak
 from woosh_ros_msgs.msg import CallAction, MoveBase
 
-# the only oneof with message members; the agent sends it without converting all of it
+# the only oneof with message members; the table lacks it, because the agent converts its members
 PAIRS = PAIRS | {"woosh.ros.CallAction": (CallAction, message_type("woosh.ros.CallAction"))}
 CODECS = {
     "json": JsonCodec(),
@@ -34,7 +34,7 @@ CODECS = {
 }
 EXAMPLES = int(os.environ.get("CONVERSION_EXAMPLES", "30"))
 
-# messages are made from a seed: drawn value by value they would be too large for hypothesis
+# hypothesis draws only a seed: messages drawn value by value would be too large for it
 some = settings(
     max_examples=EXAMPLES,
     deadline=None,
@@ -78,8 +78,8 @@ class TestRoundTrip:
 
 
 @pytest.mark.timeout(600)
-def test_with_field_checks_of_ros():
-    """ROS checks each assignment to a field if an environment variable is set at start-up."""
+def test_messages_pass_the_field_checks_of_ros():
+    """ROS checks each assignment to a field if ROS_PYTHON_CHECK_FIELDS is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "2"}
     command = [
         sys.executable,
@@ -99,7 +99,7 @@ def test_with_field_checks_of_ros():
 
 
 def test_nan_is_converted_to_ros():
-    """A scanner reports NaN if nothing reflects; only numbers sent to the robot must be finite."""
+    """A scanner reports NaN without a reflection; only numbers sent to the robot must be finite."""
     frame = {"type": "woosh.robot.ScannerData", "body": {"ranges": ["NaN", "Infinity", 1.5]}}
     codec = JsonCodec()
     body = codec.body(codec.decode(json.dumps(frame)), message_type("woosh.robot.ScannerData"))
@@ -118,20 +118,20 @@ class TestBadValues:
     """Values that must not be sent to the robot are refused with the path of their field."""
 
     @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-    def test_number(self, value: float):
+    def test_non_finite_number_is_refused(self, value: float):
         ros = MoveBase(poses=[Pose2D(), Pose2D(theta=value)])
         self._refused(ros, "poses[1].theta")
 
-    def test_number_in_an_array(self):
+    def test_number_in_an_array_is_refused(self):
         self._refused(ScannerData(ranges=[0.0, float("nan")]), "ranges[1]")
 
-    def test_number_deep_in_lists(self):
+    def test_number_in_nested_lists_is_refused(self):
         ros = ChangeNavPath()
         ros.paths.plan_path.append(PlanPath(path=Path(poses=[Pose2D(x=float("inf"))])))
         self._refused(ros, "paths.plan_path[0].path.poses[0].x")
 
     @pytest.mark.parametrize("text", [b"a\xff".decode(errors="replace"), chr(0xD800)])
-    def test_text(self, text: str):
+    def test_invalid_text_is_refused(self, text: str):
         self._refused(Speak(text=text), "text")
 
     def test_absent_fields_are_not_checked(self):
@@ -139,7 +139,7 @@ class TestBadValues:
         ros.pose.x = float("nan")
         assert not convert_of(ros).to_proto(ros).HasField("pose")
 
-    def test_unknown_member_of_a_oneof(self):
+    def test_unknown_member_of_a_oneof_is_refused(self):
         ros = PoseSpeed()
         ros.commu.which = 2
         self._refused(ros, "commu.which")
@@ -155,6 +155,6 @@ def convert_of(ros: Any) -> Any:
     return next(converter(*pair) for pair in PAIRS.values() if pair[0] is type(ros))
 
 
-def test_custom_bytes():
+def test_bytes_of_any_value_are_sent():
     ros = ExecTask(custom=bytes(range(256)))
     assert convert_of(ros).to_proto(ros).custom == bytes(range(256))

@@ -1,4 +1,4 @@
-"""The table of endpoints matches the facts, is served completely, and each endpoint has a test."""
+"""The table of endpoints matches the facts; the agent offers each one, and each has a test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TWICE = "setting/SetIdentity"
 """Second name of setting/Identity; the facts have it only in a comment."""
 
 
-def test_table_is_that_of_the_facts():
+def test_table_matches_the_facts():
     queries = {e.name: {"srv": e.srv, "request": e.request} for e in QUERIES}
     assert queries == FACTS["info_services"]
     commands = {}
@@ -41,7 +41,7 @@ def test_table_is_that_of_the_facts():
 
 
 @pytest.mark.parametrize("namespace", ["/woosh_robot", "", "/site/robot_7"])
-def test_all_is_there_at_once_without_a_chassis(namespace, start_agent, domain):
+def test_all_endpoints_exist_without_a_chassis(namespace, start_agent, domain):
     start_agent(ip="127.0.0.1", port=1, namespace=namespace)
     watcher = Client(domain, namespace)
     try:
@@ -55,7 +55,7 @@ def check_graph(watcher: Client, namespace: str) -> None:
     wait_until(lambda: ("agent", namespace or "/") in node.get_node_names_and_namespaces())
 
     def offered(names_and_types: Any) -> dict[str, str]:
-        """Types of the agent's endpoints by relative name, without those of every node."""
+        """Return types of the agent's endpoints by relative name, without those of any node."""
         prefix = f"{namespace}/"
         return {
             name.removeprefix(prefix): types[0]
@@ -72,11 +72,11 @@ def check_graph(watcher: Client, namespace: str) -> None:
         wait_until(lambda feedback=feedback: node.count_publishers(feedback) == 1, feedback)
 
 
-def test_it_connects_when_the_chassis_appears(simulator, start_agent, client):
+def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client):
     simulator.stop_listening()
     where = {"ip": "127.0.0.1", "port": simulator.port}
     agent = start_agent(**where, backoff_min=0.05, backoff_max=0.1)
-    wait_until(lambda: agent.agent._chassis.last_error, "an attempt in vain")
+    wait_until(lambda: agent.agent._chassis.last_error, "a failed attempt")
     assert not client.call(SetIdentity, "setting/Identity").ok
     simulator.listen()
     agent.wait_connected()
@@ -113,12 +113,12 @@ MORE = {"robot/PlanPath": plan_path, "robot/RobotWiFi": robot_wifi, TWICE: set_i
 
 
 @pytest.mark.parametrize("name", MORE)
-def test_an_endpoint_that_the_manual_does_not_show(name, simulator, agent, client):
+def test_endpoint_outside_the_manual_works(name, simulator, agent, client):
     slow_down(simulator)  # there is a path only while the task drives
     MORE[name](client)
 
 
-def test_no_endpoint_is_left_out():
+def test_every_endpoint_has_a_test():
     """test_documented_commands calls those in the vendor's manual, the tests above the others."""
     shown = {(command.verb, command.name) for command in documented()}
     shown |= {("service call", name) for name in MORE}

@@ -1,4 +1,4 @@
-"""Every command of the maker's document does what the document says, in its order."""
+"""Every command of the vendor's manual does what the manual says, in the manual's order."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ WRONG = {
     """ros2 service call /woosh_robot/setting/Server woosh_robot_msgs/srv/SetServer "{arg:{name: "woow"}}" """: AttributeError,  # noqa: E501
     """ros2 action send_goal /woosh_robot/ros/StepControl woosh_ros_msgs/action/StepControl "{arg:{action:{value: 1}, steps:[{mode:{value: 1}}, speed: 0.5, value: 2}]}}" --feedback""": yaml.YAMLError,  # noqa: E501
 }
-"""Examples that are wrong as printed, and the error that the tool raises."""
+"""Wrong examples of the manual, and the error that the `ros2` tool raises for each."""
 
 
 class Robot:
-    """State of the robot, as seen through ROS and inside the simulator."""
+    """State of the robot, read through ROS and from the simulator."""
 
     def __init__(self, client: Client, simulator: SimulatorThread) -> None:
         self.client = client
@@ -55,7 +55,7 @@ def init_robot(robot: Robot, arg: Any) -> bool:
 
 
 def change_nav_path(robot: Robot, arg: Any) -> bool:
-    # the robot is paused, so it will plan and publish the new path only when it resumes
+    # the robot is paused, so it plans and publishes the new path only after a resume
     stops = robot.simulator.call(lambda inner: list(inner.chassis.ownership.navigation._stops))
     wanted = [xy for pose in arg.paths.plan_path[0].path.poses for xy in (pose.x, pose.y)]
     found = [xy for stop in stops for xy in (stop.x, stop.y)]
@@ -98,7 +98,7 @@ EFFECTS: dict[str, Callable[[Robot, Any], Any]] = {
     "setting/Power": lambda robot, arg: robot.info.setting.power == arg,
     "setting/Sound": lambda robot, arg: robot.info.setting.sound == arg,
 }
-"""Conditions that become true soon after a command, by its name."""
+"""Condition that becomes true soon after a command, by the command's name."""
 
 
 ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
@@ -119,18 +119,18 @@ ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
     "task/RepeatTasks": lambda arg, answer: answer.info.repeat_tasks,
     "task/CallTasks": lambda arg, answer: answer.info.call_tasks,
 }
-"""Conditions on the response of a command or query, by its name."""
+"""Condition that the response of a command or query must meet, by its name."""
 
 
 @pytest.fixture
 def simulator() -> Any:
-    """A simulated chassis in real time, so that a task outlasts the commands that follow it."""
+    """A simulated chassis in real time, so that a task still runs during the commands after it."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as running:
         yield running
 
 
 def hurry(simulator: SimulatorThread) -> None:
-    """Run simulated time fast from here on."""
+    """Simulate at 50 times real time from now on."""
     simulator.call(lambda inner: setattr(inner, "speed", 50.0))
 
 
@@ -176,7 +176,7 @@ def run(robot: Robot, command: Command) -> None:
         assert robot.stands_at(arg.target_pose)
 
 
-def test_in_the_order_of_the_document(simulator, agent, client):
+def test_documented_commands_work_in_the_documented_order(simulator, agent, client):
     robot = Robot(client, simulator)
     commands = documented()
     echoes = {}
@@ -201,6 +201,6 @@ def test_in_the_order_of_the_document(simulator, agent, client):
 
 
 @pytest.mark.parametrize(("line", "error"), WRONG.items())
-def test_examples_that_are_wrong_as_printed(line, error):
+def test_wrong_examples_are_rejected_by_the_tool(line, error):
     with pytest.raises(error):
         parse(line.strip()).filled()

@@ -1,4 +1,4 @@
-"""Both executors behave the same: services, topics, goals, cancellation and shutdown."""
+"""Both executors behave alike: services, topics, goals, cancellation and shutdown."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def agent(
 pytestmark = pytest.mark.usefixtures("agent")
 
 
-def test_concurrent_service_calls(client: Client) -> None:
+def test_concurrent_service_calls_are_answered(client: Client) -> None:
     calls = [client.call_async(Mode, "robot/Mode") for _ in range(200)]
     calls += [client.call_async(PoseSpeed, "robot/PoseSpeed") for _ in range(40)]
     for call in calls:
@@ -72,7 +72,7 @@ def test_deferred_replies_overtake_each_other(client: Client, simulator: Simulat
     assert wait_future(slow).info.ctrl.value == 1
 
 
-def test_topics(client: Client, simulator: SimulatorThread) -> None:
+def test_pushes_are_published(client: Client, simulator: SimulatorThread) -> None:
     poses = client.echo(PoseSpeedMsg, "robot/PoseSpeed")
     tasks = client.echo(TaskProcMsg, "robot/TaskProc")
     poses.wait_count(1)
@@ -82,7 +82,7 @@ def test_topics(client: Client, simulator: SimulatorThread) -> None:
     poses.wait(lambda pose: pose.pose.x > START[0] + 0.28)
 
 
-def test_goals(client: Client) -> None:
+def test_goals_succeed(client: Client) -> None:
     assert short_task(client, 0.3).result()[0] == SUCCEEDED
     goals = [step(client, 0.3), lift(client)]
     assert [goal.result()[0] for goal in goals] == [SUCCEEDED, SUCCEEDED]
@@ -90,7 +90,9 @@ def test_goals(client: Client) -> None:
     assert all(goal.feedback.wait_count(1) for goal in goals)
 
 
-def test_cancel(client: Client, simulator: SimulatorThread) -> None:
+def test_goals_can_be_cancelled_or_a_cancel_refused(
+    client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     goals = [step(client, 30.0), lift(client)]
     for goal in goals:
@@ -104,7 +106,7 @@ def test_cancel(client: Client, simulator: SimulatorThread) -> None:
     assert refused.result()[0] == SUCCEEDED
 
 
-def test_refusal_and_replacement(client: Client, simulator: SimulatorThread) -> None:
+def test_goals_are_refused_and_replaced(client: Client, simulator: SimulatorThread) -> None:
     assert task(client, mark="nowhere").result()[0] == ABORTED
     slow_down(simulator)
     old, new = task(client), task(client, mark="U5")
@@ -113,7 +115,7 @@ def test_refusal_and_replacement(client: Client, simulator: SimulatorThread) -> 
     assert new.result()[0] == SUCCEEDED
 
 
-def test_lost_link(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_is_aborted_by_a_lost_link(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = task(client, mark="A23")
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -137,7 +139,9 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> No
     assert step(client, 0.2).result()[0] == SUCCEEDED
 
 
-def test_clients_that_vanish(client: Client, simulator: SimulatorThread, domain: int) -> None:
+def test_other_clients_are_served_after_one_vanishes(
+    client: Client, simulator: SimulatorThread, domain: int
+) -> None:
     """Clients leave while goals are running and responses are pending."""
     simulator.delay("woosh.robot.Mode", 0.2)
     gone = Client(domain)
@@ -149,7 +153,7 @@ def test_clients_that_vanish(client: Client, simulator: SimulatorThread, domain:
     assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
 
 
-def test_goal_during_shutdown(
+def test_goal_during_shutdown_is_aborted(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     agent.agent._thread.run(agent.agent._actions.stop(), TIMEOUT)
@@ -166,7 +170,7 @@ def test_shutdown_leaves_nothing_in_the_graph(agent: RunningAgent, client: Clien
     wait_until(lambda: not client.publishers("robot/PoseSpeed"), "the end of a publisher")
 
 
-def test_restart_with_open_goals(
+def test_agent_can_be_restarted_with_open_goals(
     agent: RunningAgent,
     client: Client,
     simulator: SimulatorThread,

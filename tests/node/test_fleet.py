@@ -1,4 +1,4 @@
-"""Several robots in one process: each agent behaves as if it were alone."""
+"""Several robots in one process: the agents do not affect each other."""
 
 from __future__ import annotations
 
@@ -86,12 +86,12 @@ def fleet(start_fleet: Callable[..., Program]) -> Program:
 
 
 def logger_of(namespace: str) -> str:
-    """Name of the agent's logger."""
+    """Return the name of an agent's logger."""
     return f"[{namespace.strip('/').replace('/', '.')}.agent"
 
 
 @pytest.mark.parametrize("executor", ["single", "events"])
-def test_each_reaches_its_own_chassis(
+def test_each_agent_reaches_its_own_chassis(
     start_fleet: Callable[..., Program],
     chassis: dict[str, SimulatorThread],
     clients: dict[str, Client],
@@ -112,7 +112,9 @@ def test_each_reaches_its_own_chassis(
         assert simulator.counts[TWIST] == 2, name
 
 
-def test_frames_and_parameters_are_its_own(fleet: Program, clients: dict[str, Client]) -> None:
+def test_each_agent_has_its_own_frames_and_parameters(
+    fleet: Program, clients: dict[str, Client]
+) -> None:
     found = {}
     for name, client in clients.items():
         values = client.call(
@@ -140,7 +142,7 @@ def test_a_lost_link_affects_only_one_robot(
     wait_until(lambda: not clients[lost].call(Speak, "robot/Speak").ok)
     assert clients[other].call(Speak, "robot/Speak").ok
     assert goal.result()[0] == SUCCEEDED
-    # logged once, by the robot that is affected
+    # logged once, with the name of the affected robot
     told = [line for line in fleet.lines if "cannot connect" in line or "lost" in line]
     assert told
     assert all(logger_of(lost) in line for line in told), told
@@ -176,7 +178,7 @@ def test_an_error_is_logged_by_the_robot_that_has_it(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """In the executor thread and in the link thread."""
+    """Errors in the executor thread and in the link thread are both attributed."""
     with running_fleet(tmp_path, chassis) as fleet:
         failing, other = ROBOTS
         agent, second = fleet.agents
@@ -319,7 +321,7 @@ def test_an_invalid_list_ends_the_program_with_one_line(
 
 
 @pytest.mark.parametrize("robots", [[], [""]])
-def test_an_empty_list_is_one_robot(
+def test_an_empty_list_means_one_robot(
     start_program: Callable[..., Program],
     tmp_path: Path,
     chassis: dict[str, SimulatorThread],
@@ -341,7 +343,7 @@ def test_robots_behind_one_gateway_differ_by_robot_id(
         program.wait_says(f"{logger_of(name)}]: connected to")
 
 
-def test_relative_and_absolute_names() -> None:
+def test_robot_names_may_be_relative_or_absolute() -> None:
     assert namespaces(["a", "b/c", "/d"], "/") == {"a": "/a", "b/c": "/b/c", "/d": "/d"}
     assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
 

@@ -1,4 +1,4 @@
-"""Goals that are given up because the chassis tells nothing of them, though the link is up."""
+"""Goals given up because the chassis does not report on them, although the link is up."""
 
 from __future__ import annotations
 
@@ -56,37 +56,37 @@ def agent(
     return started
 
 
-def begun(client: Client, kind: str) -> GoalClient:
+def start_goal(client: Client, kind: str) -> GoalClient:
     """Start a goal and wait for a report on it."""
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     goal.feedback.wait(lambda fb: fb.state.value == (EXECUTING if kind == "task" else 2))
     return goal
 
 
-def questions(kind: str) -> str:
+def poll_type(kind: str) -> str:
     return TASK_PROC if kind == "task" else FEEDBACKS
 
 
-def no_pushes(out: Outgoing) -> list[Outgoing]:
+def drop_reports(out: Outgoing) -> list[Outgoing]:
     return [] if out.type in (TASK_PROC, FEEDBACKS) and not out.sn else [out]
 
 
-def knows_nothing(out: Outgoing) -> list[Outgoing]:
-    """Neither pushes nor answers report on an action."""
+def hide_actions(out: Outgoing) -> list[Outgoing]:
+    """Drop pushed reports, and empty the answers to polls of actions."""
     answered = out.request == FEEDBACKS
-    return no_pushes(dataclasses.replace(out, body=Feedbacks()) if answered else out)
+    return drop_reports(dataclasses.replace(out, body=Feedbacks()) if answered else out)
 
 
-def wait_asked(simulator: SimulatorThread, kind: str, more: int) -> None:
-    asks = questions(kind)
+def wait_polled(simulator: SimulatorThread, kind: str, more: int) -> None:
+    asks = poll_type(kind)
     simulator.wait_received(asks, simulator.counts[asks] + more)
 
 
-# The chassis never reports
+# The chassis sends no report
 
 
-def test_accepted_but_never_reported_on(client: Client, simulator: SimulatorThread) -> None:
-    simulator.intercept(knows_nothing)
+def test_goal_never_reported_on_is_given_up(client: Client, simulator: SimulatorThread) -> None:
+    simulator.intercept(hide_actions)
     status, ret = step(client, 100.0).result()
     assert (status, ret.state.value) == (ABORTED, -1)
     assert "accepted the goal" in ret.msg
@@ -97,45 +97,45 @@ def test_accepted_but_never_reported_on(client: Client, simulator: SimulatorThre
 
 
 @KINDS
-def test_accepted_by_a_chassis_that_refuses_polls(
+def test_goal_never_reported_on_is_given_up_if_polls_are_refused(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
-    simulator.intercept(no_pushes)
-    simulator.refuse(questions(kind), "unknown type")
+    simulator.intercept(drop_reports)
+    simulator.refuse(poll_type(kind), "unknown type")
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     status, ret = goal.result()
     assert (status, "no report on it" in ret.msg) == (ABORTED, True)
 
 
 @pytest.mark.parametrize("refused", [False, True])
-def test_reported_on_once_goes_on(
+def test_goal_reported_on_once_goes_on(
     client: Client, simulator: SimulatorThread, refused: bool
 ) -> None:
-    """A long step is reported on seldom, and a chassis may leave it out when polled."""
-    goal = begun(client, "action")
-    remove = simulator.intercept(knows_nothing)
+    """A chassis rarely reports on a long step, and may omit it from its answers to polls."""
+    goal = start_goal(client, "action")
+    remove = simulator.intercept(hide_actions)
     if refused:
         simulator.refuse(FEEDBACKS, "unknown type")
-    wait_asked(simulator, "action", 30)  # 3 s
+    wait_polled(simulator, "action", 30)  # 3 s
     assert not goal.done
     remove()
     simulator.push(feedbacks(1, "the end"))
     assert goal.result()[0] == SUCCEEDED
 
 
-# The chassis answers no poll
+# The chassis does not answer polls
 
 
 @KINDS
-def test_unanswered_polls_beside_other_pushes(
+def test_goal_is_given_up_if_polls_are_not_answered(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
-    goal = begun(client, kind)
-    simulator.intercept(no_pushes)
-    simulator.mute(questions(kind))
+    goal = start_goal(client, kind)
+    simulator.intercept(drop_reports)
+    simulator.mute(poll_type(kind))
 
     def ended() -> bool:
-        simulator.push(PoseSpeed())  # so that it is not silent
+        simulator.push(PoseSpeed())  # the chassis is not silent
         return bool(goal.done)
 
     wait_until(ended)
@@ -146,15 +146,15 @@ def test_unanswered_polls_beside_other_pushes(
     assert "`stop` service" in ret.msg
 
 
-def test_unanswered_polls_with_a_report_now_and_then(
+def test_goal_goes_on_if_reports_come_between_unanswered_polls(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    goal = begun(client, "action")
+    goal = start_goal(client, "action")
     asked: list[Outgoing] = []
 
     def seldom(out: Outgoing) -> list[Outgoing]:
         if out.request != FEEDBACKS:
-            return no_pushes(out)
+            return drop_reports(out)
         asked.append(out)
         told = dataclasses.replace(out, sn=0, request="", body=feedbacks(2, f"step {len(asked)}"))
         return [told] if len(asked) % 2 == 0 else []
@@ -176,12 +176,12 @@ def test_unanswered_polls_with_a_report_now_and_then(
 
 
 @KINDS
-def test_accepted_cancel_without_an_end(
+def test_goal_is_given_up_if_an_accepted_cancel_has_no_effect(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
-    goal = begun(client, kind)
-    simulator.intercept(no_pushes)
-    simulator.refuse(questions(kind), "unknown type")
+    goal = start_goal(client, kind)
+    simulator.intercept(drop_reports)
+    simulator.refuse(poll_type(kind), "unknown type")
     goal.cancel()
     status, ret = goal.result()
     assert status == ABORTED
@@ -190,24 +190,26 @@ def test_accepted_cancel_without_an_end(
     assert "`stop` service" in ret.msg
 
 
-def test_accepted_cancel_while_reports_go_on(client: Client, simulator: SimulatorThread) -> None:
-    goal = begun(client, "action")
+def test_goal_goes_on_while_reports_follow_an_accepted_cancel(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = start_goal(client, "action")
 
     def still_at_it(out: Outgoing) -> list[Outgoing]:
         if out.request == FEEDBACKS:
             return [dataclasses.replace(out, body=feedbacks(2, "still at it"))]
-        return no_pushes(out)
+        return drop_reports(out)
 
     remove = simulator.intercept(still_at_it)
     goal.cancel()
-    wait_asked(simulator, "action", 50)  # 5 s
+    wait_polled(simulator, "action", 50)  # 5 s
     assert not goal.done
     remove()
     assert goal.result()[0] == CANCELED
     assert simulator.counts[CALL_ACTION] == 2
 
 
-# A cancel gets no answer
+# The chassis does not answer a cancel
 
 
 @pytest.mark.parametrize("link_timeout", [10.0])
@@ -216,19 +218,19 @@ def test_accepted_cancel_while_reports_go_on(client: Client, simulator: Simulato
 def test_cancel_is_repeated_only_after_a_report(
     client: Client, simulator: SimulatorThread, kind: str, lost: str
 ) -> None:
-    goal = begun(client, kind)
+    goal = start_goal(client, kind)
     cancels = ACTION_ORDER if kind == "task" else CALL_ACTION
     sent = simulator.counts[cancels] + 1
-    remove = simulator.intercept(no_pushes if kind == "task" else knows_nothing)
+    remove = simulator.intercept(drop_reports if kind == "task" else hide_actions)
     if kind == "task":
         simulator.refuse(TASK_PROC, "unknown type")
-    simulator.refuse(cancels, "")  # so that it is not done
+    simulator.refuse(cancels, "")  # so that the chassis does not execute it
     simulator.mute(cancels)
     goal.cancel()
     simulator.wait_received(cancels, sent)
     if lost == "link":
         simulator.drop()
-    wait_asked(simulator, kind, 6)
+    wait_polled(simulator, kind, 6)
     assert simulator.counts[cancels] == sent
     simulator.accept(cancels)
     remove()

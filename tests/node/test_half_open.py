@@ -1,4 +1,4 @@
-"""A half-open link, with default timeouts: nobody waits forever."""
+"""A half-open link, with default timeouts: every call and goal ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from woosh_robot_msgs.srv import Speak
 
 SPEAK = "woosh.robot.Speak"
 NOTICED = 10.0
-"""Longest silence before the link counts as lost, as documented, in seconds."""
+"""Documented time after which a silent link counts as lost, in seconds."""
 
 
 @pytest.fixture(params=["websocket", "tcp"])
@@ -35,7 +35,9 @@ def speak(client: Client, text: str) -> Any:
 
 
 @pytest.mark.timeout(600)
-def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: SimulatorThread) -> None:
+def test_a_half_open_link_is_noticed_and_reported(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     goals = [lift3(client, 0.4, speed=0.001), task(client, mark="A23")]
     goals[1].feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -44,7 +46,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
     injection = simulator.inject("half_open")
     call = speak(client, "during")
     chassis = agent.agent._chassis
-    wait_until(lambda: chassis.state.value != "ready", "the notice")
+    wait_until(lambda: chassis.state.value != "ready", "the loss to be noticed")
     silence = re.search(r"nothing was heard for ([0-9.]+) s", str(chassis.last_error))
     assert silence
     assert float(silence[1]) <= NOTICED
@@ -69,7 +71,7 @@ def test_noticed_and_told(agent: RunningAgent, client: Client, simulator: Simula
 
 
 @pytest.mark.parametrize("agent", ["websocket"], indirect=True)
-def test_a_short_one_is_not_noticed(
+def test_a_short_interruption_is_not_noticed(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     goal = step(client, 8.0)

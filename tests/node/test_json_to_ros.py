@@ -1,4 +1,4 @@
-"""JSON converted directly to ROS gives the same messages as by way of protobuf."""
+"""Converting JSON directly to ROS gives the same messages as converting it through protobuf."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def pair(name: str) -> Converter:
 
 
 def outcome(read: Any) -> tuple[str, object]:
-    """Result of a conversion: the message as ROS sends it, or the bad field and the reason."""
+    """Return the result of a conversion: the message as ROS sends it, or the bad field and why."""
     try:
         message = read()
         # numbers as ROS sends them; repr() distinguishes -0.0 from 0.0, and NaN equals NaN
@@ -50,7 +50,7 @@ def outcome(read: Any) -> tuple[str, object]:
 
 
 def both_ways(convert: Converter, data: object) -> tuple[Any, Any]:
-    """Results of the direct conversion and of the one by way of protobuf."""
+    """Return the results of the direct conversion and of the one through protobuf."""
 
     def by_protobuf() -> Any:
         message = convert.proto_class()
@@ -88,7 +88,7 @@ def test_any_message_with_an_unusual_value(name: str):
 
 
 def places(data: Any) -> list[tuple[Any, Any]]:
-    """Every place in nested JSON: its container, and its key or index."""
+    """Return every place in nested JSON, as its container and its key or index."""
     if isinstance(data, dict):
         keys: list[Any] = list(data)
     elif isinstance(data, list):
@@ -110,13 +110,13 @@ def places(data: Any) -> list[tuple[Any, Any]]:
         {},
     ],
 )
-def test_values_of_older_and_newer_chassis(data: Any):
+def test_values_of_older_and_newer_chassis_are_accepted(data: Any):
     at_once, by_protobuf = both_ways(pair("woosh.robot.PoseSpeed"), data)
     assert at_once == by_protobuf
     assert at_once[0] == "message"
 
 
-def test_a_scan_without_reflections():
+def test_ranges_without_a_reflection_become_nan():
     data = {"ranges": [1, None, 2.5, "NaN", "Infinity"]}
     ranges = pair("woosh.robot.ScannerData").from_json(data).ranges
     assert str(list(ranges)) == "[1.0, nan, 2.5, nan, inf]"
@@ -130,7 +130,7 @@ def test_bad_values_are_refused_as_by_the_link(data: Any):
 
 
 def test_messages_share_nothing():
-    """A node may change a message that it received."""
+    """A node may modify a message that it has received."""
     convert = pair("woosh.robot.RobotInfo")
     first = convert.from_json({})
     first.pose_speed.pose.x = 1.0
@@ -140,7 +140,7 @@ def test_messages_share_nothing():
 
 
 def test_a_class_with_other_slots_is_created_by_its_constructor():
-    """ROS does not guarantee the slots: other releases must work too, if slower."""
+    """ROS does not guarantee the slots. The agent must work with other releases too, if slower."""
     original = PAIRS["woosh.robot.PoseSpeed"][0]
 
     class Later(original):  # type: ignore[misc, valid-type]
@@ -153,8 +153,8 @@ def test_a_class_with_other_slots_is_created_by_its_constructor():
 
 
 @pytest.mark.timeout(600)
-def test_with_field_checks_of_ros():
-    """ROS checks each assignment to a field if an environment variable is set at start-up."""
+def test_messages_pass_the_field_checks_of_ros():
+    """ROS checks each assignment to a field if ROS_PYTHON_CHECK_FIELDS is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "3"}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "any_message"]
     done = subprocess.run(

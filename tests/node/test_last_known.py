@@ -15,7 +15,7 @@ BATTERY = "woosh.robot.Battery"
 
 
 class Pushed:
-    """Pushes bodies as frames do, and collects the reports of bad ones."""
+    """Last known values fed with pushed bodies; collects the reports of bad bodies."""
 
     def __init__(self) -> None:
         self.known = LastKnown(None)
@@ -80,7 +80,7 @@ def test_messages_are_remembered_too():
     said.known.remember(info)
     said.known.remember(RobotState(state=2))
     assert (said.info.robot_id, said.info.state) == (7, 2)
-    assert info.state == 0  # the caller's message does not change
+    assert info.state == 0  # the caller's message is not modified
 
 
 def test_only_the_last_unread_value_of_each_type_is_kept():

@@ -1,4 +1,4 @@
-"""Goals that lose their link, or the answer to their request."""
+"""Goals whose link is lost, or whose start request gets no answer."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 pytestmark = pytest.mark.usefixtures("agent")
 
 
-LITTLE = {"goal_link_timeout": 0.8, "poll_timeout": 300}
-"""Timeouts for goals that are to be given up."""
-HANGING = {"goal_link_timeout": 3.0, "poll_timeout": 1000}
-"""Timeouts for goals that are to be given up, but not before the chassis hangs."""
+SHORT = {"goal_link_timeout": 0.8, "poll_timeout": 300}
+"""Timeouts with which a goal is given up soon."""
+MEDIUM = {"goal_link_timeout": 3.0, "poll_timeout": 1000}
+"""Timeouts with which a goal is given up, but not before the test makes the chassis hang."""
 
 
 @pytest.fixture
-def patience() -> dict[str, Any]:
+def timeouts() -> dict[str, Any]:
     """Timeouts long enough for a slow machine to find the link and the goal again."""
     return {"goal_link_timeout": 10.0, "poll_timeout": 1000}
 
@@ -53,7 +53,7 @@ def patience() -> dict[str, Any]:
 def agent(
     simulator: SimulatorThread,
     start_agent: Callable[..., RunningAgent],
-    patience: dict[str, Any],
+    timeouts: dict[str, Any],
 ) -> RunningAgent:
     """The agent, connected, with short back-offs."""
     started = start_agent(
@@ -61,14 +61,14 @@ def agent(
         port=simulator.port,
         backoff_min=0.1,
         backoff_max=0.1,
-        **patience,
+        **timeouts,
     )
     started.wait_connected()
     return started
 
 
 @pytest.fixture(autouse=True)
-def haste(monkeypatch: pytest.MonkeyPatch) -> None:
+def frequent_polls(monkeypatch: pytest.MonkeyPatch) -> None:
     set_timing(monkeypatch, poll_period=0.6)
 
 
@@ -81,11 +81,13 @@ def switch_off(simulator: SimulatorThread) -> None:
     wait_until(lambda: simulator.connections == 0)
 
 
-# The link goes and comes back
+# The link is lost and comes back
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_goes_on_after_a_reconnect(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     slow_down(simulator)
     goal = task(client) if kind == "task" else step(client, 8.0)
     goal.feedback.wait_count(3)
@@ -99,7 +101,7 @@ def test_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> 
     assert simulator.counts[EXEC_TASK] + simulator.counts[CALL_ACTION] == 1, "nothing is replayed"
 
 
-def test_lost_again_and_again(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_goes_on_after_repeated_losses(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -113,7 +115,9 @@ def test_lost_again_and_again(client: Client, simulator: SimulatorThread) -> Non
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_task_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -> None:
+def test_task_that_ended_without_a_link_succeeds(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goal = short_task(client, 1.0)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     switch_off(simulator)
@@ -122,7 +126,9 @@ def test_task_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_task_that_ended_with_another_after_it(client: Client, simulator: SimulatorThread) -> None:
+def test_end_of_a_task_before_the_current_one_is_found_in_the_history(
+    client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     goal = task(client, task_id=5)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -135,7 +141,9 @@ def test_task_that_ended_with_another_after_it(client: Client, simulator: Simula
     assert simulator.counts["woosh.robot.TaskHistory"] == 1
 
 
-def test_action_that_ended_meanwhile(client: Client, simulator: SimulatorThread) -> None:
+def test_action_that_ended_without_a_link_succeeds(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goal = step(client, 2.0)
     goal.feedback.wait(lambda fb: fb.state.value == 2)
     switch_off(simulator)
@@ -145,7 +153,7 @@ def test_action_that_ended_meanwhile(client: Client, simulator: SimulatorThread)
     assert (status, ret.state.value) == (SUCCEEDED, 1)
 
 
-def test_another_chassis_in_its_place(client: Client, simulator: SimulatorThread) -> None:
+def test_task_unknown_to_the_chassis_is_aborted(client: Client, simulator: SimulatorThread) -> None:
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     port = simulator.port
@@ -156,8 +164,8 @@ def test_another_chassis_in_its_place(client: Client, simulator: SimulatorThread
     assert "does not know the task" in ret.msg
 
 
-@pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
-def test_action_that_the_chassis_does_not_know_any_more(
+@pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
+def test_action_unknown_to_the_chassis_is_aborted(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = move_base(client, 4.0)
@@ -170,7 +178,7 @@ def test_action_that_the_chassis_does_not_know_any_more(
     assert "link was lost" in ret.msg
 
 
-def test_chassis_that_refuses_to_be_asked_and_reports_again(
+def test_goal_goes_on_with_reports_though_polls_are_refused(
     client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.refuse(FEEDBACKS, "unknown type")
@@ -187,9 +195,11 @@ def test_chassis_that_refuses_to_be_asked_and_reports_again(
 # The link does not come back
 
 
-@pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
+@pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_is_aborted_if_the_link_stays_lost(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     slow_down(simulator)
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     goal.feedback.wait_count(1)
@@ -201,7 +211,9 @@ def test_goal_is_aborted(client: Client, simulator: SimulatorThread, kind: str) 
     assert ret.state.value == (9 if kind == "task" else -1)
 
 
-def test_new_goal_without_a_link(client: Client, simulator: SimulatorThread) -> None:
+def test_new_goal_without_a_link_is_aborted_and_not_sent_later(
+    client: Client, simulator: SimulatorThread
+) -> None:
     switch_off(simulator)
     status, ret = task(client).result()
     assert status == ABORTED
@@ -215,7 +227,9 @@ def test_new_goal_without_a_link(client: Client, simulator: SimulatorThread) -> 
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_unanswered_goal_goes_on(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_goes_on_without_an_answer_to_its_start(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     simulator.mute(EXEC_TASK)
     simulator.mute(CALL_ACTION)
     goal = task(client) if kind == "task" else step(client, 10.0)
@@ -223,24 +237,26 @@ def test_unanswered_goal_goes_on(client: Client, simulator: SimulatorThread, kin
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_unanswered_goal_of_which_no_push_tells(
+def test_unanswered_goal_without_pushes_is_found_by_polling(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     simulator.mute(EXEC_TASK)
     simulator.mute(CALL_ACTION)
     simulator.intercept(lambda out: [out] if out.sn else [])
-    slow_down(simulator)  # an end that is found by the first question might be an earlier goal's
+    slow_down(simulator)  # an end found by the first poll might be that of an earlier goal
     goal = task(client) if kind == "task" else step(client, 8.0)
     simulator.wait_received(TASK_PROC if kind == "task" else FEEDBACKS)
     hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
 
 
-@pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
+@pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_that_never_arrived(client: Client, simulator: SimulatorThread, kind: str) -> None:
+def test_goal_that_never_arrived_is_aborted(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
     for name in (EXEC_TASK, CALL_ACTION):
-        simulator.refuse(name, "")  # so that nothing is done
+        simulator.refuse(name, "")  # so that the chassis does not execute it
         simulator.mute(name)
     status, ret = (task(client) if kind == "task" else step(client, 1.0)).result()
     assert status == ABORTED
@@ -248,12 +264,12 @@ def test_goal_that_never_arrived(client: Client, simulator: SimulatorThread, kin
     assert "did not answer" in ret.msg
 
 
-@pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
+@pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_goal_that_never_arrived_is_not_taken_for_the_one_before(
+def test_goal_that_never_arrived_does_not_get_the_end_of_an_earlier_one(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
-    """It has the same name, and what the chassis tells of that name is how the other one ended."""
+    """Both have the same name, and the chassis reports the end of the earlier one under it."""
 
     def start() -> GoalClient:
         return short_task(client, 0.2, task_id=3) if kind == "task" else step(client, 0.3)
@@ -266,8 +282,8 @@ def test_goal_that_never_arrived_is_not_taken_for_the_one_before(
     assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
 
 
-@pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
-def test_newer_action_that_never_arrived_leaves_the_older_in_charge(
+@pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
+def test_newer_action_that_never_arrived_does_not_replace_the_older_one(
     client: Client, simulator: SimulatorThread
 ) -> None:
     old = step(client, 100.0)
@@ -281,10 +297,10 @@ def test_newer_action_that_never_arrived_leaves_the_older_in_charge(
     assert old.result()[0] == SUCCEEDED
 
 
-def test_nothing_is_asked_before_the_answer(
+def test_goal_is_not_polled_before_its_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What the chassis tells then may be of the goal before; nor does the wait keep it busy."""
+    """A report before the answer may be on an earlier goal. Waiting must not be a busy loop."""
     set_timing(monkeypatch, poll_period=0.02)
     ticks: list[tuple[Phase, int]] = []
 
@@ -312,7 +328,9 @@ def test_nothing_is_asked_before_the_answer(
     assert simulator.counts[FEEDBACKS] > 0
 
 
-def test_link_lost_before_the_answer(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_goes_on_if_the_link_is_lost_before_its_answer(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.mute(EXEC_TASK)
     simulator.intercept(lambda out: [] if out.type == TASK_PROC and not out.sn else [out])
     goal = task(client)
@@ -322,9 +340,9 @@ def test_link_lost_before_the_answer(client: Client, simulator: SimulatorThread)
     assert simulator.counts[EXEC_TASK] == 1
 
 
-@pytest.mark.parametrize("patience", [LITTLE], ids=["little"])
-def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
-    """Neither an answer nor an end of the connection."""
+@pytest.mark.parametrize("timeouts", [SHORT], ids=["short"])
+def test_goals_end_despite_a_half_open_link(client: Client, simulator: SimulatorThread) -> None:
+    """The chassis neither answers nor closes the connection."""
     goal = short_task(client, 1.0)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.inject("half_open")
@@ -335,10 +353,12 @@ def test_half_open_link(client: Client, simulator: SimulatorThread) -> None:
     assert goal.done or goal.result()
 
 
-@pytest.mark.parametrize("patience", [HANGING], ids=["hanging"])
+@pytest.mark.parametrize("timeouts", [MEDIUM], ids=["medium"])
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: str) -> None:
-    """It answers pings, so the link stays; it answers nothing else, perhaps forever."""
+def test_goal_is_aborted_if_the_chassis_hangs(
+    client: Client, simulator: SimulatorThread, kind: str
+) -> None:
+    """It answers pings, which keeps the link, and nothing else."""
     slow_down(simulator)
     goal = task(client, mark="A23") if kind == "task" else step(client, 100.0)
     goal.feedback.wait_count(1)
@@ -350,7 +370,7 @@ def test_chassis_that_hangs(client: Client, simulator: SimulatorThread, kind: st
 
 
 @pytest.mark.parametrize("kind", ["task", "action"])
-def test_chassis_that_hung_for_a_while(
+def test_goal_goes_on_if_the_chassis_hung_for_a_while(
     client: Client, simulator: SimulatorThread, kind: str
 ) -> None:
     goal = task(client) if kind == "task" else step(client, 8.0)
@@ -358,27 +378,27 @@ def test_chassis_that_hung_for_a_while(
     asks = TASK_PROC if kind == "task" else FEEDBACKS
     mute = simulator.inject("lose_answer", type=asks, count=1)
     silence = simulator.intercept(lambda out: [out] if out.sn else [])
-    wait_until(lambda: not mute.active, "a question without an answer")
+    wait_until(lambda: not mute.active, "a poll without an answer")
     simulator.wait_received(asks, 2)
     silence()
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_cancel_is_repeated_only_where_the_goal_still_runs(
+def test_cancel_is_repeated_only_if_the_goal_still_runs(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    """Whoever has come with a new task meanwhile keeps it: a cancel of tasks names none."""
+    """A cancel of a task names no task, so it could end another client's newer task."""
     goal = task(client, task_id=5)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     pause(simulator)
     simulator.inject("lose_answer", type="woosh.robot.ActionOrder")
-    simulator.refuse("woosh.robot.ActionOrder", "")  # nor does it get done
+    simulator.refuse("woosh.robot.ActionOrder", "")  # so that the chassis does not execute it
     asked = simulator.counts[TASK_PROC]
     simulator.mute(TASK_PROC)
     goal.cancel()
 
     def asked_twice() -> bool:
-        simulator.push(PoseSpeed())  # it is not silent altogether
+        simulator.push(PoseSpeed())  # the chassis is not silent
         return simulator.counts[TASK_PROC] >= asked + 2
 
     wait_until(asked_twice)

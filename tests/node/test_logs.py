@@ -1,4 +1,4 @@
-"""Log records that reach the ROS log, and their form."""
+"""Log records in the ROS log, and their format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from woosh_robot_agent.logs import RosLogHandler, context_of, log_as, log_to_ros
 
 @pytest.fixture
 def lines(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Logged lines: severity, name of the logger, text, and place in the source."""
+    """Logged lines: severity, name of the logger, text, and source location."""
     logged: list[Any] = []
 
     def note(severity: Any, name: str, text: str, *place: Any) -> None:

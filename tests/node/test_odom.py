@@ -1,4 +1,4 @@
-"""odom and /tf compared with the pose of the simulated robot."""
+"""odom and /tf, compared with the pose of the simulated robot."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ EXECUTE = 1
 
 @pytest.fixture
 def slow_simulator() -> Any:
-    """A simulator at three times real time: odom depends on distances per time, so not faster."""
+    """A simulator at three times real time. Faster motion would look like a jump of the pose."""
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 
 @pytest.fixture
 def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
-    """All poses that the robot reported, the oldest first."""
+    """All poses that the robot has reported, oldest first."""
     poses: list[Pose2D] = []
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -66,13 +66,13 @@ def odoms(client: Client) -> Any:
     return client.echo_with(Odometry, "odom", QoSProfile(depth=1000))
 
 
-def plane(pose: Any) -> Pose2D:
+def planar_pose(pose: Any) -> Pose2D:
     return Pose2D(
         pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
     )
 
 
-def of_transform(transform: Any) -> Pose2D:
+def transform_pose(transform: Any) -> Pose2D:
     shift, rotation = transform.translation, transform.rotation
     return Pose2D(shift.x, shift.y, 2 * math.atan2(rotation.z, rotation.w))
 
@@ -83,7 +83,7 @@ def near(one: Pose2D, other: Pose2D, metres: float = 0.01, radians: float = 0.01
 
 
 def drive(client: Client, *steps: tuple[int, float]) -> None:
-    """Run steps of (mode, value) at full speed to their end."""
+    """Execute steps, each a mode and a value, and wait for their end."""
     goal = StepControl.Goal()
     goal.arg.action.value = EXECUTE
     for mode, value in steps:
@@ -99,7 +99,7 @@ def start_pose(simulator: SimulatorThread) -> Pose2D:
     return Pose2D(pose.x, pose.y, pose.theta)
 
 
-def test_a_square(slow_simulator, truth, start, client):
+def test_odom_follows_a_square(slow_simulator, truth, start, client):
     begin = start_pose(slow_simulator)
     start()
     odom = odoms(client)
@@ -108,10 +108,10 @@ def test_a_square(slow_simulator, truth, start, client):
     assert first.child_frame_id == "base_link"
     drive(client, *[(STRAIGHT, 1.0), (ROTATE, math.pi / 2)] * 4)
     end = start_pose(slow_simulator)
-    odom.wait(lambda m: near(begin * plane(m.pose.pose), end) and not m.twist.twist.angular.z)
+    odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end) and not m.twist.twist.angular.z)
     at = 0
     for message in odom.messages:
-        pose = begin * plane(message.pose.pose)
+        pose = begin * planar_pose(message.pose.pose)
         found = [i for i in range(at, len(truth)) if near(pose, truth[i])]
         if near(pose, begin) and not at:
             continue
@@ -122,20 +122,20 @@ def test_a_square(slow_simulator, truth, start, client):
     assert 0.7 < max(m.twist.twist.linear.x for m in odom.messages) <= 1.0
 
 
-def test_sideways(slow_simulator, start, client):
+def test_odom_follows_a_sideways_drive(slow_simulator, start, client):
     begin = start_pose(slow_simulator)
     start()
     odom = odoms(client)
     drive(client, (LATERAL, 0.8))
     end = start_pose(slow_simulator)
-    odom.wait(lambda m: near(begin * plane(m.pose.pose), end))
+    odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end))
     speeds = [m.twist.twist.linear.y for m in odom.messages]
     assert max(speeds) > 0.3
     wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
 
 
-def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
-    """As many messages as pushes: if one were late, all of them would be."""
+def test_the_stamp_is_the_time_of_receipt(slow_simulator, start, client):
+    """A busy machine may stamp some messages late, so only the lower quartile counts."""
     sent: dict[float, float] = {}
 
     def note(frame: Outgoing) -> list[Outgoing]:
@@ -152,7 +152,7 @@ def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
     drive(client, (STRAIGHT, 1.0))
     lags = []
     for message in odom.messages:
-        at = sent.get(round((begin * plane(message.pose.pose)).x, 4))
+        at = sent.get(round((begin * planar_pose(message.pose.pose)).x, 4))
         if at is not None and message.twist.twist.linear.x:
             lags.append(message.header.stamp.sec + message.header.stamp.nanosec / 1e9 - at)
     assert len(lags) > 10
@@ -160,9 +160,9 @@ def test_the_stamp_is_that_of_the_receipt(slow_simulator, start, client):
 
 
 class TestAtRest:
-    """A standing robot sends no reports."""
+    """odom of a standing robot, which does not report its pose."""
 
-    def test_a_small_correction(self, slow_simulator, start, client):
+    def test_a_small_correction_does_not_move_odom(self, slow_simulator, start, client):
         begin = start_pose(slow_simulator)
         start()
         odom = odoms(client)
@@ -177,10 +177,10 @@ class TestAtRest:
         assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
         before = len(odom.messages)
         odom.wait_count(before + 20)
-        assert all(near(plane(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
+        assert all(near(planar_pose(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
         assert not any(m.twist.twist.linear.y for m in odom.messages)
 
-    def test_an_emergency_stop_while_it_drives_sideways(self, slow_simulator, start, client):
+    def test_an_emergency_stop_ends_the_sideways_velocity(self, slow_simulator, start, client):
         start()
         odom = odoms(client)
         goal = StepControl.Goal()
@@ -196,7 +196,7 @@ class TestAtRest:
         odom.wait_count(len(odom.messages) + 10)
 
 
-def test_another_client_sets_the_pose_while_it_drives(slow_simulator, start, client):
+def test_a_pose_set_by_another_client_ends_the_velocity(slow_simulator, start, client):
     start(publish_tf=True)
     odom = odoms(client)
     twist = Twist.Request()
@@ -220,7 +220,7 @@ def test_the_pose_of_a_standing_robot_is_repeated(start, client):
     stamps = [m.header.stamp.sec + m.header.stamp.nanosec / 1e9 for m in odom.messages]
     assert stamps[-1] - stamps[0] > 0.8 * 24 / 50.0, "no faster than the rate"
     gaps = sorted(b - a for a, b in pairwise(stamps))
-    assert gaps[len(gaps) // 4] < 0.04, "a busy machine skips some beats, but not most"
+    assert gaps[len(gaps) // 4] < 0.04, "a busy machine skips some messages, but not most"
 
 
 @pytest.mark.parametrize("field", ["x", "theta", "linear"])
@@ -238,20 +238,22 @@ def test_a_report_with_non_finite_numbers_is_ignored(
     setattr(bad.twist if field == "linear" else bad.pose, field, value)
     slow_simulator.push(bad)
     slow_simulator.push(bad)
-    wait_until(lambda: any("non-finite numbers" in text for text in told(logs)), "the warning")
+    wait_until(
+        lambda: any("non-finite numbers" in text for text in warnings_in(logs)), "the warning"
+    )
     slow_simulator.push(good)
     odom.wait_count(len(odom.messages) + 5)
     for message in list(odom.messages):
-        assert plane(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
+        assert planar_pose(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
         assert message.twist.twist.linear.x == 0.0
-    assert sum("non-finite numbers" in text for text in told(logs)) == 1
+    assert sum("non-finite numbers" in text for text in warnings_in(logs)) == 1
 
 
-def told(logs: Any) -> list[str]:
+def warnings_in(logs: Any) -> list[str]:
     return [r.getMessage() for r in list(logs.messages) if r.levelname == "WARNING"]
 
 
-def test_covariance(start, client):
+def test_covariances_are_configurable(start, client):
     diagonal = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
     start(pose_covariance=diagonal, twist_covariance=diagonal[::-1])
     (message,) = odoms(client).wait_count(1)[:1]
@@ -263,7 +265,7 @@ def test_covariance(start, client):
         assert sum(covariance) == pytest.approx(sum(wanted))
 
 
-def test_another_covariance_while_it_runs(start, client):
+def test_covariance_can_be_changed_at_runtime(start, client):
     start()
     odom = odoms(client)
     odom.wait_count(1)
@@ -274,21 +276,21 @@ def test_another_covariance_while_it_runs(start, client):
     odom.wait(lambda m: [m.pose.covariance[7 * i] for i in range(6)] == diagonal)
 
 
-def test_it_stops_with_the_link(slow_simulator, start, client):
+def test_odom_stops_while_the_link_is_lost(slow_simulator, start, client):
     agent = start()
     odom = odoms(client)
     odom.wait_count(3)
     slow_simulator.stop_listening()
     wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
     before = len(odom.messages)
-    threading.Event().wait(0.5)  # ten messages would arrive in this time
+    threading.Event().wait(0.5)  # time for ten messages
     assert len(odom.messages) - before <= 2, "messages in flight when the link was lost"
     slow_simulator.listen()
     agent.wait_connected(2)
     odom.wait_count(before + 5)
 
 
-def test_it_can_be_off(start, client):
+def test_odom_can_be_switched_off(start, client):
     start(enable_odom=False)
     wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
     assert not client.publishers("odom")
@@ -317,7 +319,7 @@ class TestTransforms:
                 ("odom", "base_link"),
             ]
         # the jumps did not change the pose in odom
-        assert near(plane(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
+        assert near(planar_pose(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
 
     def test_odom_does_not_jump_with_a_new_pose_or_map(self, slow_simulator, start, client):
         start(publish_tf=True)
@@ -335,9 +337,9 @@ class TestTransforms:
         end = start_pose(slow_simulator)
         transforms.wait(lambda m: near(chain(m), end))
         self._is_continuous(odom.messages)
-        odom.wait(lambda m: near(plane(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
+        odom.wait(lambda m: near(planar_pose(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
 
-    def test_a_jump_while_driving(self, slow_simulator, start, client):
+    def test_odom_does_not_jump_with_a_new_pose_while_driving(self, slow_simulator, start, client):
         start(publish_tf=True)
         odom = odoms(client)
         transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
@@ -353,7 +355,7 @@ class TestTransforms:
         wait_until(lambda: near(chain(transforms.messages[-1]), start_pose(slow_simulator)))
         self._is_continuous(odom.messages)
 
-    def test_prefix_and_names(self, start, client):
+    def test_frames_have_the_configured_names_and_prefix(self, start, client):
         start(
             publish_tf=True, frame_prefix="r1/", map_frame="world", odom_frame="o", base_frame="b"
         )
@@ -366,11 +368,11 @@ class TestTransforms:
 
     @staticmethod
     def _is_continuous(messages: list[Any]) -> None:
-        poses = [plane(m.pose.pose) for m in messages]
+        poses = [planar_pose(m.pose.pose) for m in messages]
         for one, other in pairwise(poses):
             assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
 
 
 def chain(message: Any) -> Pose2D:
-    to_odom, to_base = (of_transform(t.transform) for t in message.transforms)
+    to_odom, to_base = (transform_pose(t.transform) for t in message.transforms)
     return to_odom * to_base

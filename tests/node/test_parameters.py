@@ -60,7 +60,7 @@ def unconnected(start_agent: Callable[..., RunningAgent]) -> RunningAgent:
 
 
 @pytest.mark.usefixtures("unconnected")
-def test_each_is_described_with_its_range(client: Client) -> None:
+def test_each_parameter_is_described_with_its_range(client: Client) -> None:
     names = [parameter.name for parameter in PARAMETERS]
     listed = client.call(ListParameters, "agent/list_parameters").result.names
     assert set(names) <= set(listed)
@@ -71,7 +71,9 @@ def test_each_is_described_with_its_range(client: Client) -> None:
         assert len(ranges) == (type(parameter.default) in (int, float))
 
 
-def test_defaults(start_agent: Callable[..., RunningAgent], client: Client) -> None:
+def test_parameters_have_their_defaults(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
     start_agent()
     for name, default in DEFAULTS.items():
         assert value(client, name) == default
@@ -117,14 +119,14 @@ def test_bad_value_is_refused_with_the_reason(client: Client) -> None:
     ("parameter", "reason"),
     [({"ip": "a b"}, "ip"), ({"executor": "fast"}, "executor"), ({"encoding": "xml"}, "encoding")],
 )
-def test_bad_value_at_the_start(
+def test_bad_value_at_the_start_is_refused(
     start_agent: Callable[..., RunningAgent], parameter: dict[str, Any], reason: str
 ) -> None:
     with pytest.raises(ValueError, match=reason):
         start_agent(**parameter)
 
 
-def test_integer_for_a_floating_point_parameter(
+def test_integer_is_accepted_for_a_floating_point_parameter(
     start_agent: Callable[..., RunningAgent], client: Client
 ) -> None:
     start_agent(goal_link_timeout=3)
@@ -197,10 +199,10 @@ def test_change_of_the_robot_id_reconnects(
     assert simulator.last(MODE).robot_id == 5
 
 
-def test_several_changes_at_once(
+def test_several_changes_at_once_are_checked_one_by_one(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
-    """The tools of ROS set parameters one by one: each change must be valid by itself."""
+    """ROS tools set parameters one by one, so each change must be valid on its own."""
     response = client.call(
         SetParameters,
         "agent/set_parameters",

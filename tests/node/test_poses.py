@@ -88,7 +88,7 @@ class TestGoalPose:
         wait_until(lambda: at(simulator, 5.0, -6.8, 0.5))
         logs.wait(lambda r: r.getMessage() == "goal_pose was reached")
 
-    def test_the_next_replaces_it(self, simulator, sender, statuses):
+    def test_the_next_goal_replaces_it(self, simulator, sender, statuses):
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)
         sender.goal_pose(5.0, -6.8, 0.5)
@@ -96,7 +96,7 @@ class TestGoalPose:
         ended = {GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_SUCCEEDED}
         statuses.wait(lambda m: {s.status for s in m.status_list} == ended)
 
-    def test_cancel(self, simulator, sender, client, statuses):
+    def test_cancel_ends_it(self, simulator, sender, client, statuses):
         assert not client.call(Trigger, "cancel").success
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)

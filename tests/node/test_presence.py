@@ -1,4 +1,4 @@
-"""`has_field`: each bit decides whether a field is sent, and tells whether it was received."""
+"""`has_field`: a bit per field, set if the field is to be sent or was received."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def present(message: Any, names: Any) -> set[str]:
     return {name for name in names if message.HasField(name)}
 
 
-def test_all_sizes_of_the_mask_are_here():
+def test_masks_of_all_sizes_are_covered():
     kinds = {ros.get_fields_and_field_types()["has_field"] for ros, _ in PRESENT.values()}
     assert kinds == {"uint8", "uint16", "uint32"}
     assert len(PRESENT) > 20
@@ -54,11 +54,11 @@ def test_all_sizes_of_the_mask_are_here():
 
 @pytest.mark.parametrize(("ros", "proto"), PRESENT.values(), ids=PRESENT)
 class TestBits:
-    def test_are_those_of_the_declaration(self, ros: Any, proto: Any):
+    def test_bits_match_the_declaration(self, ros: Any, proto: Any):
         fields = proto.DESCRIPTOR.fields_by_name
         assert bits_of(ros) == {name: 1 << fields[name].index for name in bits_of(ros)}
 
-    def test_from_ros(self, ros: Any, proto: Any):
+    def test_bits_decide_what_is_sent(self, ros: Any, proto: Any):
         bits = bits_of(ros)
         convert = converter(ros, proto)
         for name, bit in bits.items():
@@ -66,9 +66,9 @@ class TestBits:
             others = ros().has_field & ~bit
             assert present(convert.to_proto(ros(has_field=others)), bits) == bits.keys() - {name}
         assert present(convert.to_proto(ros(has_field=0)), bits) == set()
-        assert present(convert.to_proto(ros()), bits) == bits.keys()  # all ones
+        assert present(convert.to_proto(ros()), bits) == bits.keys()  # all bits are set
 
-    def test_from_protobuf(self, ros: Any, proto: Any):
+    def test_bits_tell_what_was_received(self, ros: Any, proto: Any):
         bits = bits_of(ros)
         convert = converter(ros, proto)
         assert convert.to_ros(proto()) == blank(ros())

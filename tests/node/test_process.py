@@ -29,11 +29,11 @@ LONG = {
     "liveness_timeout": 600.0,
     "goal_link_timeout": 600.0,
 }
-"""Timeouts so long that a program that waits for one of them at its end fails the test."""
+"""Long timeouts: a program that waits for one of them when it ends fails the test."""
 
 
 def parameters(**values: Any) -> list[str]:
-    """Return ROS arguments that set these parameters and long timeouts."""
+    """Return ROS arguments that set these parameters and the timeouts in `LONG`."""
     return [word for name, value in (LONG | values).items() for word in ("-p", f"{name}:={value}")]
 
 
@@ -72,22 +72,24 @@ agent.main()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ends_by_a_signal(program: Program, simulator: SimulatorThread, number: int) -> None:
+def test_program_ends_by_a_signal(
+    program: Program, simulator: SimulatorThread, number: int
+) -> None:
     program.end(number)
     wait_until(lambda: simulator.connections == 0)
     assert simulator.counts[TWIST] == 0
 
 
-def test_ends_with_a_frozen_chassis(program: Program, simulator: SimulatorThread) -> None:
+def test_program_ends_with_a_frozen_chassis(program: Program, simulator: SimulatorThread) -> None:
     simulator.inject("half_open")
     program.end()
     assert "ERROR" not in program.output, program.output
 
 
-def test_ends_while_driving_a_frozen_chassis_with_an_open_goal(
+def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(
     program: Program, simulator: SimulatorThread, client: Client
 ) -> None:
-    """The slowest case: every step of the shutdown runs into its timeout."""
+    """In this slowest case every step of the shutdown runs into its timeout."""
     goal = lift3(client, 0.4, speed=0.001)
     goal.feedback.wait_count(1)
     drive(client)
@@ -96,14 +98,14 @@ def test_ends_while_driving_a_frozen_chassis_with_an_open_goal(
     assert goal.result()[0] == ABORTED
 
 
-def test_ends_without_a_chassis(start_program: Callable[..., Program]) -> None:
+def test_program_ends_without_a_chassis(start_program: Callable[..., Program]) -> None:
     program = start_program(*parameters(ip="127.0.0.1", port=1))
     program.wait_says("cannot connect")
     program.end()
 
 
-def test_ends_while_connecting(start_program: Callable[..., Program]) -> None:
-    """A server accepts the connection, and never answers."""
+def test_program_ends_while_connecting(start_program: Callable[..., Program]) -> None:
+    """The server accepts the connection and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         program = start_program(*parameters(ip="127.0.0.1", port=silent.getsockname()[1]))
         silent.settimeout(TIMEOUT)
@@ -113,7 +115,7 @@ def test_ends_while_connecting(start_program: Callable[..., Program]) -> None:
 
 
 @pytest.mark.parametrize("loaded", ["", "_rclpy_pybind11", "librmw_fastrtps_cpp"])
-def test_ends_while_starting(start_program: Callable[..., Program], loaded: str) -> None:
+def test_program_ends_while_starting(start_program: Callable[..., Program], loaded: str) -> None:
     program = start_program(*parameters(ip="127.0.0.1", port=1))
     process = Path(f"/proc/{program.process.pid}")
 
@@ -127,7 +129,9 @@ def test_ends_while_starting(start_program: Callable[..., Program], loaded: str)
     program.end(signal.SIGTERM)
 
 
-def test_signals_while_ending(program: Program, simulator: SimulatorThread, client: Client) -> None:
+def test_program_ends_cleanly_after_further_signals(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     drive(client)
     simulator.inject("half_open")
     program.process.send_signal(signal.SIGINT)
@@ -140,7 +144,7 @@ def test_signals_while_ending(program: Program, simulator: SimulatorThread, clie
 def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:
     slow_down(simulator)
     goals = [task(client, mark="A23"), step(client, 100.0)]
-    goals[1].result()  # refused because a task runs, so it is no open goal
+    goals[1].result()  # refused because a task is running, so not an open goal
     goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     stop_time(simulator)
     program.end()
@@ -159,7 +163,7 @@ def test_robot_that_the_agent_drove_is_stopped(
     assert [twist.linear for twist in twists] == pytest.approx([0.2, 0.0])
 
 
-def test_stopped_while_somebody_goes_on_driving(
+def test_robot_is_stopped_though_a_client_goes_on_driving(
     program: Program, simulator: SimulatorThread, client: Client
 ) -> None:
     stop = threading.Event()
@@ -190,7 +194,7 @@ def test_robot_that_stands_is_left_alone(
     assert simulator.counts[TWIST] == 2
 
 
-def test_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
+def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
     start_program: Callable[..., Program],
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
@@ -226,7 +230,7 @@ def test_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
         ("goal_link_timeout:=.nan", "goal_link_timeout"),
     ],
 )
-def test_bad_parameter_ends_it_with_one_line(
+def test_bad_parameter_ends_the_program_with_one_line(
     start_program: Callable[..., Program], argument: str, complaint: str
 ) -> None:
     said = start_program("-p", argument).wait_refused()
@@ -234,7 +238,9 @@ def test_bad_parameter_ends_it_with_one_line(
     assert re.search(rf"\b{complaint}\b", said), said
 
 
-def test_malformed_arguments_end_it_with_one_line(start_program: Callable[..., Program]) -> None:
+def test_malformed_arguments_end_the_program_with_one_line(
+    start_program: Callable[..., Program],
+) -> None:
     said = start_program("-p", "port").wait_refused().splitlines()
     assert [line for line in said if line.startswith("agent: ")] == said[-1:]
     assert len(said) <= 2, "rcl logs an error, too"

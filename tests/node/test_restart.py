@@ -1,4 +1,4 @@
-"""An agent that is killed and started again: nothing reaches the chassis twice."""
+"""An agent that is killed and started again: no command reaches the chassis twice."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COMMANDS = (SPEAK, EXEC_TASK, TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallA
 def start(
     simulator: SimulatorThread, start_program: Callable[..., Program]
 ) -> Callable[[], Program]:
-    """Start the agent's program, and wait until it is connected."""
+    """Function that starts the agent's program and waits until it is connected."""
 
     def start_connected() -> Program:
         program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
@@ -38,7 +38,7 @@ def start(
 
 @pytest.fixture
 def start_client(domain: int) -> Iterator[Callable[[], Client]]:
-    """Start further clients in the domain."""
+    """Function that starts another client in the domain."""
     clients: list[Client] = []
 
     def start_one() -> Client:
@@ -50,8 +50,8 @@ def start_client(domain: int) -> Iterator[Callable[[], Client]]:
         each.close()
 
 
-def served(client: Client, texts: Iterator[str]) -> str:
-    """Call Speak with one text after the other until the agent answers; return the last text."""
+def speak_until_answered(client: Client, texts: Iterator[str]) -> str:
+    """Call Speak with one text after the other until a call succeeds; return its text."""
     while True:
         text = next(texts)
         call = client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
@@ -61,14 +61,14 @@ def served(client: Client, texts: Iterator[str]) -> str:
             return text
 
 
-def got(simulator: SimulatorThread) -> dict[str, int]:
+def command_counts(simulator: SimulatorThread) -> dict[str, int]:
     """Return how often the chassis has received each command."""
     counts = simulator.counts
     return {name: counts[name] for name in COMMANDS}
 
 
 @pytest.mark.timeout(600)
-def test_killed_in_the_middle_of_a_goal(
+def test_agent_killed_during_a_goal_repeats_no_command(
     start: Callable[[], Program],
     simulator: SimulatorThread,
     client: Client,
@@ -76,18 +76,18 @@ def test_killed_in_the_middle_of_a_goal(
 ) -> None:
     texts = (f"text {number}" for number in itertools.count())
     program = start()
-    served(client, texts)
+    speak_until_answered(client, texts)
     goal = task(client, mark="A23", task_id=77)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     simulator.call(lambda sim: sim.chassis.tasks.pause("so that it lasts"))
-    before = got(simulator)
+    before = command_counts(simulator)
     program.process.kill()
     program.process.wait(TIMEOUT)
     wait_until(lambda: simulator.connections == 0)
 
     start()
-    assert got(simulator) == before, "a new agent sends no command by itself"
-    last = served(client, texts)
+    assert command_counts(simulator) == before, "a new agent sends no command by itself"
+    last = speak_until_answered(client, texts)
     procs = client.echo(TaskProcMsg, "robot/TaskProc")
     procs.wait(lambda proc: proc.robot_task_id == 77)
     assert simulator.counts[EXEC_TASK] == 1
@@ -98,13 +98,13 @@ def test_killed_in_the_middle_of_a_goal(
     assert not goal.done, "no agent is left that could report its end"
 
     simulator.call(lambda sim: sim.chassis.tasks.cancel("enough"))
-    late = start_client()  # the old one still sees the action servers of the killed agent
+    late = start_client()  # the first client still sees the action servers of the killed agent
     assert short_task(late, 0.3).result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 2
 
 
 @pytest.mark.timeout(600)
-def test_killed_while_driving(
+def test_agent_killed_while_driving_repeats_no_command(
     start: Callable[[], Program], simulator: SimulatorThread, client: Client
 ) -> None:
     program = start()
@@ -121,5 +121,5 @@ def test_killed_while_driving(
     wait_until(lambda: simulator.state.velocity.forward == 0, "the robot to stop by itself")
 
     start()
-    served(client, (f"text {number}" for number in itertools.count()))
+    speak_until_answered(client, (f"text {number}" for number in itertools.count()))
     assert simulator.counts[TWIST] == count

@@ -26,7 +26,7 @@ def scans(client: Any) -> Any:
     return client.echo_with(LaserScan, "scan", qos_profile_sensor_data)
 
 
-def test_it_is_requested_only_while_there_are_subscribers(simulator, agent, client):
+def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, client):
     wait_until(lambda: client.publishers("scan"), "the agent")
     threading.Event().wait(0.5)
     assert simulator.counts[SCANNER] == 0
@@ -47,7 +47,7 @@ def test_it_is_requested_only_while_there_are_subscribers(simulator, agent, clie
     wait_until(quiet, "an end of the questions")
 
 
-def test_it_shows_the_walls(simulator: SimulatorThread, agent, client):
+def test_scan_shows_the_walls(simulator: SimulatorThread, agent, client):
     scan = scans(client).wait_count(1)[0]
     assert scan.header.frame_id == "laser"
 
@@ -63,7 +63,7 @@ def test_it_shows_the_walls(simulator: SimulatorThread, agent, client):
     assert scan.angle_min + 880 * scan.angle_increment == pytest.approx(scan.angle_max, abs=1e-3)
 
 
-def test_ranges_out_of_range(simulator, agent, client):
+def test_ranges_out_of_range_are_infinite(simulator, agent, client):
     data = ScannerData(
         angle_min=-1.0,
         angle_max=1.0,
@@ -84,11 +84,11 @@ def test_ranges_out_of_range(simulator, agent, client):
     assert list(scan.ranges[1:]) == pytest.approx([math.inf, math.inf, -math.inf, 5.0, math.inf])
 
 
-def test_rep_117():
+def test_conversion_of_ranges_follows_rep_117():
     assert list(rep_117([1.0, 0.0, 0.01, 30.0], 0.05, 25.0)) == [1.0, math.inf, -math.inf, math.inf]
 
 
-def test_the_pose_of_the_laser(simulator, start_agent, client):
+def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")
     static = client.echo(TFMessage, "/tf_static")
     (transform,) = static.wait_count(1)[0].transforms
@@ -99,13 +99,15 @@ def test_the_pose_of_the_laser(simulator, start_agent, client):
     assert simulator.counts[SCANNER] == 1, "one request is enough"
 
 
-def test_older_firmware_does_not_report_the_pose(simulator, start_agent, client, logs):
-    def without(frame: Outgoing) -> list[Outgoing]:
+def test_tf_has_no_laser_if_the_chassis_does_not_report_its_pose(
+    simulator, start_agent, client, logs
+):
+    def clear_offset(frame: Outgoing) -> list[Outgoing]:
         if frame.request == SCANNER:
             frame.body.ClearField("offset")  # type: ignore[union-attr]
         return [frame]
 
-    simulator.intercept(without)
+    simulator.intercept(clear_offset)
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
     static = client.echo(TFMessage, "/tf_static")
     assert scans(client).wait_count(2)
@@ -122,7 +124,7 @@ def test_a_refusal_is_logged_once(simulator, agent, client, logs):
     received.wait_count(1)
 
 
-def test_tf_at_a_height(simulator, start_agent, client):
+def test_tf_has_the_height_of_the_laser(simulator, start_agent, client):
     def high(frame: Outgoing) -> list[Outgoing]:
         if frame.request == SCANNER:
             frame.body.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3))  # type: ignore[union-attr]

@@ -1,4 +1,4 @@
-"""Command services: requests to the chassis, and the answers that clients get."""
+"""Command services: requests to the chassis, and responses to clients."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def arg_class(command: Any) -> Any:
 
 
 def answer_with(simulator: Any, **changes: Any) -> Any:
-    """Change every answer like this; the chassis does nothing."""
+    """Replace every answer of the chassis by one with these changes."""
     for command in COMMANDS:
         simulator.refuse(command.request, "not done")
     return simulator.intercept(lambda f: [replace(f, **changes) if f.request else f])
@@ -64,7 +64,7 @@ def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
 
 
 @pytest.mark.parametrize("kind", ["woosh.robot.Battery", "woosh.robot.Unheard", "error"])
-def test_ok_and_msg_count_even_with_a_body_of_another_type(kind, simulator, agent, client):
+def test_ok_and_msg_are_used_even_with_a_body_of_another_type(kind, simulator, agent, client):
     answer_with(simulator, ok=True, msg="done", type=kind, body=None)
     response = client.call(SwitchControlMode, "robot/SwitchControlMode")
     assert (response.ok, response.msg) == (True, "done")
@@ -72,7 +72,7 @@ def test_ok_and_msg_count_even_with_a_body_of_another_type(kind, simulator, agen
     assert client.call(Speak, "robot/Speak").ok
 
 
-def test_without_a_link(start_agent, client):
+def test_call_without_a_link_fails_with_the_reason(start_agent, client):
     agent = start_agent(ip="127.0.0.1", port=1, poll_timeout=60_000)
     wait_until(lambda: agent.agent._chassis.last_error, "the first attempt")
     for command in COMMANDS:
@@ -82,7 +82,7 @@ def test_without_a_link(start_agent, client):
         assert "Connect call failed" in response.msg or "refused" in response.msg
 
 
-def test_without_an_answer_in_time(simulator, start_agent, client):
+def test_call_without_an_answer_fails_after_the_timeout(simulator, start_agent, client):
     start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=500).wait_connected()
     for command in COMMANDS:
         simulator.mute(command.request)
@@ -93,7 +93,7 @@ def test_without_an_answer_in_time(simulator, start_agent, client):
         assert f"did not answer {command.request} within 0.5 s" in response.msg
 
 
-def test_link_that_breaks_before_the_answer(simulator, agent, client):
+def test_call_fails_if_the_link_is_lost_before_the_answer(simulator, agent, client):
     simulator.mute(SPEAK)
     call = client.call_async(Speak, "robot/Speak")
     simulator.wait_received(SPEAK)
@@ -106,7 +106,7 @@ def test_link_that_breaks_before_the_answer(simulator, agent, client):
 
 
 def test_nothing_is_repeated_after_the_link_is_back(simulator, agent, client):
-    test_link_that_breaks_before_the_answer(simulator, agent, client)
+    test_call_fails_if_the_link_is_lost_before_the_answer(simulator, agent, client)
     agent.wait_connected(2)
     simulator.accept(SPEAK)
     assert client.call(Speak, "robot/Speak", arg=SpeakMsg(text="new")).ok
@@ -117,7 +117,7 @@ def test_nothing_is_repeated_after_the_link_is_back(simulator, agent, client):
 
 
 def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
-    """Yield the paths of the nested fields of these types; a list counts by its first item."""
+    """Yield the paths of all nested fields of these types; a list stands for its first item."""
     for name, kind in cls.get_fields_and_field_types().items():
         of = item_type(kind)
         where = f"{path}{name}" + ("[0]" if of else "")
@@ -154,7 +154,7 @@ def test_bad_values_are_named_and_not_sent(kinds, value, simulator, agent, clien
 
 
 class CString(ctypes.Structure):
-    """rosidl_runtime_c__String; a Speak request consists of a single one."""
+    """The C type rosidl_runtime_c__String. A Speak request consists of one."""
 
     _fields_ = [
         ("data", ctypes.c_char_p),
@@ -164,18 +164,18 @@ class CString(ctypes.Structure):
 
 
 def speak_bytes(client: Any, text: bytes) -> Any:
-    """Send bytes as a C client can; rclpy would check the text."""
+    """Send bytes that need not be UTF-8, as a C client can. rclpy would check the text."""
     service = client.service(Speak, "robot/Speak")
     request, number = CString(text, len(text), len(text) + 1), ctypes.c_int64()
     send = ctypes.CDLL("librcl.so").rcl_send_request
-    with service.handle, service._lock:  # the answer is not read before it is expected
+    with service.handle, service._lock:  # the executor must not read the answer yet
         where = ctypes.c_void_p(service.handle.pointer)
         assert send(where, ctypes.byref(request), ctypes.byref(number)) == 0
         future = service._pending_requests[number.value] = Future()
     return wait_future(future)
 
 
-def test_bytes_that_are_no_utf_8(simulator, agent, client):
+def test_bytes_that_are_not_utf_8_are_refused(simulator, agent, client):
     assert speak_bytes(client, "谢谢".encode()).ok
     response = speak_bytes(client, b"ab\xff\xc3ef")
     assert not response.ok
@@ -186,7 +186,7 @@ def test_bytes_that_are_no_utf_8(simulator, agent, client):
 # The robot id, and old clients
 
 
-def test_robot_id(simulator, start_agent, client):
+def test_configured_robot_id_is_sent_unless_the_client_sets_one(simulator, start_agent, client):
     agent = start_agent(ip="127.0.0.1", port=simulator.port, robot_id=4_000_000_000)
     agent.wait_connected()
     own = SetSound.Request().arg
@@ -199,12 +199,12 @@ def test_robot_id(simulator, start_agent, client):
     assert simulator.last("woosh.robot.Mode").robot_id == 4_000_000_000
 
 
-def test_no_robot_id_unless_it_is_given(simulator, agent, client):
+def test_no_robot_id_is_sent_by_default(simulator, agent, client):
     client.call(SetSound, "setting/Sound")
     assert simulator.last("woosh.robot.setting.Sound").WhichOneof("request") is None
 
 
-def test_old_client_that_sets_only_the_choice(simulator, agent, client):
+def test_old_client_may_set_only_the_choice(simulator, agent, client):
     arg = SetSound.Request().arg
     arg.request.request_choice = arg.request.REQUEST_ROBOT_ID_SET
     arg.request.robot_id = 5
@@ -212,7 +212,7 @@ def test_old_client_that_sets_only_the_choice(simulator, agent, client):
     assert simulator.last("woosh.robot.setting.Sound").robot_id == 5
 
 
-def test_choice_that_does_not_exist(simulator, agent, client):
+def test_unknown_choice_is_refused(simulator, agent, client):
     arg = SetSound.Request().arg
     arg.request.which = 9
     response = client.call(SetSound, "setting/Sound", arg=arg)

@@ -1,4 +1,4 @@
-"""Concurrent calls: none waits for another, and each gets exactly one answer."""
+"""Concurrent calls: no call waits for another, and each gets exactly one answer."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def test_a_slow_call_holds_up_no_other(simulator, busy_agent, client):
     assert client.call(SwitchControlMode, "robot/SwitchControlMode") is not None
     assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
     simulator.accept(SPEAK)
-    assert wait_future(speak(client, "quick")).ok  # a call of the same service, too
+    assert wait_future(speak(client, "quick")).ok  # even a call of the same service
     assert not slow.done()
     simulator.drop()
     assert not wait_future(slow).ok
 
 
-def test_calls_wait_for_their_answers_together(simulator, busy_agent, client):
+def test_calls_wait_for_their_answers_concurrently(simulator, busy_agent, client):
     simulator.mute(SPEAK)
     calls = [speak(client, str(number)) for number in range(40)]
     simulator.wait_received(SPEAK, 40)
@@ -93,7 +93,7 @@ def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):
         speak(client, str(number))
     simulator.wait_received(SPEAK, 64)
     for _ in range(3):
-        assert client.call(Mode, "robot/Mode").info.ctrl.value == 1  # as last known
+        assert client.call(Mode, "robot/Mode").info.ctrl.value == 1  # the last known value
         assert client.call(General, "robot/General").info.serial_number == 30001
     simulator.drop()
     busy_agent.wait_connected(2)
@@ -102,7 +102,7 @@ def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):
     assert len(told) > len(warnings) == 1
 
 
-def test_a_client_that_has_gone_does_no_harm(simulator, busy_agent, client, domain, logs):
+def test_a_vanished_client_causes_no_error(simulator, busy_agent, client, domain, logs):
     simulator.mute(SPEAK)
     gone = Client(domain)
     speak(gone, "left")
@@ -116,7 +116,7 @@ def test_a_client_that_has_gone_does_no_harm(simulator, busy_agent, client, doma
 
 
 def test_each_call_gets_one_answer(simulator, busy_agent, client):
-    """Counted in the client, because rclpy drops a second answer silently."""
+    """Answers are counted in the client, because rclpy drops a second answer silently."""
     numbers: Counter[int] = Counter()
     service = client.service(Speak, "robot/Speak")
     expect = service.get_pending_request
@@ -132,8 +132,8 @@ def test_each_call_gets_one_answer(simulator, busy_agent, client):
     assert set(numbers.values()) == {1}
 
 
-def test_text_that_ros_cannot_carry(simulator, busy_agent, client):
-    """A JSON string may hold a lone surrogate, which has no UTF-8 encoding."""
+def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, busy_agent, client):
+    """A JSON string may contain a lone surrogate, which has no UTF-8 encoding."""
 
     def garble(frame: Any) -> list[Any]:
         if frame.request != SPEAK:

@@ -1,4 +1,4 @@
-"""Info services: they ask the chassis each time, and fall back on the last known value."""
+"""Info services: each call asks the chassis, and falls back on the last known value."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
 
 BATTERY = "woosh.robot.Battery"
 PATIENCE = 2
-"""How long the agent `hasty` waits for an answer, in seconds; enough for a slow machine."""
+"""Timeout for answers of the agent `hasty`, in seconds; long enough for a slow machine."""
 FALLBACK = "robot/Battery answers with the last known value"
 
 
 @pytest.fixture
 def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
-    """An agent with a short timeout for answers and long pauses before it reconnects."""
+    """An agent with a short timeout for answers and a long back-off."""
     where = {"ip": "127.0.0.1", "port": simulator.port}
     agent = start_agent(**where, poll_timeout=PATIENCE * 1000, backoff_min=30.0, backoff_max=60.0)
     agent.wait_connected()
@@ -74,12 +74,12 @@ def test_each_call_asks_the_chassis(simulator, agent, client):
             assert simulator.counts[query.request] == asked + count, query.name
 
 
-def test_names_of_the_fields_that_are_not_info(agent, client):
+def test_path_queries_have_their_own_response_fields(agent, client):
     assert client.call(NavPath, "robot/NavPath").nav_path is not None
     assert client.call(PlanPath, "robot/PlanPath").plan_path is not None
 
 
-def test_task_progress_is_asked_for_with_its_argument(simulator, agent, client):
+def test_task_progress_query_sends_its_argument(simulator, agent, client):
     client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
     sent = simulator.last("woosh.robot.TaskProc")
     assert (sent.robot_task_id, sent.dest) == (17, "A2")
@@ -91,7 +91,7 @@ def test_invalid_utf_8_is_not_sent(simulator, agent, client, logs):
     assert not simulator.counts["woosh.robot.TaskProc"]
 
 
-def test_zero_and_no_presence_bit_while_nothing_is_known(start_agent, client, logs):
+def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):
     start_agent(ip="127.0.0.1", port=1, poll_timeout=60_000)
     for query in QUERIES:
         info = ask(client, query)
@@ -101,7 +101,7 @@ def test_zero_and_no_presence_bit_while_nothing_is_known(start_agent, client, lo
         assert "not connected to ws://127.0.0.1:1 since 2" in warning[1]
 
 
-def test_without_a_link_the_last_answer_or_push(simulator, hasty, client):
+def test_without_a_link_the_last_answer_or_push_is_returned(simulator, hasty, client):
     answers = {query.name: ask(client, query) for query in QUERIES}
     simulator.push(RobotState(state=6))
     simulator.push(Battery(power=7, temp_max=9))
@@ -118,7 +118,7 @@ def test_without_a_link_the_last_answer_or_push(simulator, hasty, client):
     assert info.genral == answers["robot/General"]
 
 
-def test_without_a_link_the_parts_of_the_first_robot_info(simulator, hasty, client):
+def test_without_a_link_parts_of_the_first_robot_info_are_returned(simulator, hasty, client):
     wait_until(lambda: known(hasty, BATTERY), "the first values")
     lose_link(simulator, hasty)
     info = client.call(RobotInfo, "robot/RobotInfo").info

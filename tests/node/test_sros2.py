@@ -19,7 +19,7 @@ from woosh_robot_agent.testing import AgentProcess, running_chassis
 
 ROOT = Path(__file__).parents[2]
 EVERY_ROS_NODE = {"ros_discovery_info"}
-"""Topics of the middleware; SROS2 adds them to all permissions."""
+"""Topics of the middleware, which SROS2 adds to all permissions."""
 
 
 def permissions(policy: str) -> dict[str, set[str]]:
@@ -89,7 +89,7 @@ def test_every_node_has_the_endpoints_that_the_policy_assumes(client: Client) ->
     wait_until(lambda: used(client, "client", "/") == nothing, "the endpoints of a node")
 
 
-def test_policies_of_agent_and_client_fit_each_other() -> None:
+def test_policies_of_agent_and_client_match() -> None:
     agent = permissions(security.agent_policy())
     client = permissions(security.client_policy())
     common = {"rt/rosout", "rt/parameter_events"}
@@ -100,7 +100,7 @@ def test_policies_of_agent_and_client_fit_each_other() -> None:
     published, subscribed = of_the_robot(agent["publish"]), of_the_robot(agent["subscribe"])
     assert of_the_robot(client["publish"]) <= subscribed
     assert of_the_robot(client["subscribe"]) <= published
-    # The rest is between the agent and itself: a message on goal_pose becomes a goal.
+    # The agent is also its own client: a message on goal_pose becomes a goal.
     assert subscribed - of_the_robot(client["publish"]) <= published
     assert published - of_the_robot(client["subscribe"]) <= subscribed
 
@@ -112,7 +112,7 @@ needs_sros2 = pytest.mark.skipif(
 
 
 @needs_sros2
-def test_agent_and_client_under_sros2(
+def test_agent_and_client_work_under_sros2(
     domain: int, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`client` is started without security, so it must not see the agent."""

@@ -1,4 +1,4 @@
-"""The standard layer as a whole: its endpoints, its switches, and two robots at a time."""
+"""The standard layer as a whole: its endpoints, its switches, and two robots in one domain."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SWITCHES = [p.name for p in PARAMETERS if p.name.startswith("enable_") or p.name
 
 
 def endpoints(client: Client) -> dict[str, Any]:
-    """The endpoints that the agent has, by name: the type of a service, the info of a topic."""
+    """Return the agent's endpoints by name, with the type of a service or the info of a topic."""
     found: dict[str, Any] = {}
     node = client.node
     if ("agent", client.namespace) not in node.get_node_names_and_namespaces():
@@ -62,21 +62,21 @@ def test_the_agent_has_all_endpoints_of_the_table(start_agent, client):
         assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
 
 
-def test_all_parts_can_be_off(start_agent, client):
+def test_all_parts_can_be_switched_off(start_agent, client):
     start_agent(ip="127.0.0.1", port=1, **dict.fromkeys(SWITCHES, False))
     wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
     assert not endpoints(client)
 
 
 @pytest.mark.parametrize("switch", SWITCHES)
-def test_each_part_alone(switch, start_agent, client):
+def test_each_part_can_be_used_alone(switch, start_agent, client):
     start_agent(ip="127.0.0.1", port=1, **{name: name == switch for name in SWITCHES})
     wanted = {entry.name for entry in STANDARD if entry.switch == switch}
     wait_until(lambda: set(endpoints(client)) == wanted, f"{wanted}")
 
 
 @pytest.mark.parametrize("name", ["map_frame", "odom_frame", "base_frame", "scan_frame"])
-def test_frames_are_checked(name):
+def test_invalid_frames_are_refused(name):
     for bad in ("/map", ""):
         with pytest.raises(ValueError, match=name):
             StandardSettings(**{name: bad})
@@ -85,7 +85,7 @@ def test_frames_are_checked(name):
 class TestTwoRobots:
     @pytest.fixture
     def robots(self, domain: int) -> Iterator[list[tuple[SimulatorThread, RunningAgent, Client]]]:
-        """Two robots with an agent each, in one domain, with their own namespaces and prefixes."""
+        """Two robots in one domain, each with its own agent, namespace and frame prefix."""
         running = []
         for name in ("r1", "r2"):
             config = SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)
@@ -105,7 +105,7 @@ class TestTwoRobots:
             agent.close()
             simulator.__exit__(None, None, None)
 
-    def test_each_has_its_own(self, robots):
+    def test_each_robot_has_its_own_velocities_and_frames(self, robots):
         for _, agent, _ in robots:
             agent.wait_connected()
         (one, _, first), (two, _, second) = robots

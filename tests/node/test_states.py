@@ -1,4 +1,4 @@
-"""battery_state, plan, footprint, connected, map and /diagnostics against the simulated robot."""
+"""battery_state, plan, footprint, connected, map and /diagnostics, with the simulated robot."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OK, WARN, ERROR, STALE = (
 )
 
 
-def test_battery(simulator, agent, client):
+def test_battery_state_shows_the_battery(simulator, agent, client):
     states = client.echo(BatteryState, "battery_state")
     first = states.wait_count(1)[0]
     assert first.percentage == pytest.approx(0.93)
@@ -46,7 +46,7 @@ def test_battery(simulator, agent, client):
     assert last.percentage == pytest.approx(0.4)
 
 
-def test_plan(simulator, agent, client):
+def test_plan_ends_where_the_task_ends(simulator, agent, client):
     plans = client.echo(Path, "plan")
     goal = short_task(client, 1.0)
     plan = plans.wait(lambda m: len(m.poses) > 1)
@@ -60,7 +60,7 @@ def test_plan(simulator, agent, client):
     wait_until(lambda: not plans.messages[-1].poses, "the end of the path")
 
 
-def test_footprint(simulator, agent, client):
+def test_footprint_follows_a_change_of_its_type(simulator, agent, client):
     footprints = client.echo(PolygonStamped, "footprint")
     first = footprints.wait_count(1)[0]
     assert first.header.frame_id == "base_link"
@@ -72,7 +72,7 @@ def test_footprint(simulator, agent, client):
 
 
 def test_footprint_is_repeated_with_new_stamps(agent, client):
-    """Viewers draw it at the robot's pose at the time of its stamp."""
+    """Viewers draw a footprint at the robot's pose at the time of its stamp."""
     stamps = [m.header.stamp for m in client.echo(PolygonStamped, "footprint").wait_count(4)]
     assert stamps[-1].sec + stamps[-1].nanosec / 1e9 > stamps[0].sec + stamps[0].nanosec / 1e9
 
@@ -123,13 +123,13 @@ class TestMap:
         assert (grid.info.width, grid.info.height) == (3, 2)
         assert grid.info.resolution == pytest.approx(0.5)
         assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, -2.0)
-        # the lowest row of the image is the first of the grid
+        # the last row of the image is the first of the grid
         assert list(grid.data) == [100, 0, 0, 0, -1, 100]
 
     def test_it_is_requested_only_on_demand(self, simulator, scene, agent, client):
         states = client.echo(BatteryState, "battery_state")
         states.wait_count(1)
-        diagnostics(client).wait_count(2)  # two seconds
+        diagnostics(client).wait_count(2)  # two seconds, enough for a request
         assert simulator.counts[SCENE_DATA] == 0
 
     def test_it_is_requested_again_when_the_map_changes(self, simulator, scene, agent, client):
@@ -147,7 +147,7 @@ class TestMap:
         client.echo(OccupancyGrid, "map")
         logs.wait(lambda r: "its image cannot be decoded" in r.getMessage())
 
-    def test_images(self):
+    def test_bad_images_are_refused(self):
         with pytest.raises(MapError):
             cells_of(b"")
         with pytest.raises(MapError):
@@ -177,7 +177,7 @@ def values(status: Any) -> dict[str, str]:
 
 
 class TestDiagnostics:
-    def test_all_ok(self, simulator, agent, client):
+    def test_a_ready_robot_is_ok(self, simulator, agent, client):
         array = diagnostics(client).wait_count(1)[0]
         names = ["link", "chassis", "battery", "hardware", "abnormal codes"]
         assert [s.name.rpartition(": ")[2] for s in array.status] == names
@@ -190,7 +190,7 @@ class TestDiagnostics:
         assert values(of(array, "chassis"))["taskable"] == "yes"
         assert values(of(array, "battery"))["percent"] == "93"
 
-    def test_each_objection_is_listed(self, simulator, agent, client):
+    def test_each_reason_to_reject_a_task_is_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.set_emergency_stop(True)
         request = SwitchControlMode.Request()
@@ -203,7 +203,7 @@ class TestDiagnostics:
         codes = of(arrays.wait(lambda a: of(a, "abnormal codes").level == ERROR), "abnormal codes")
         assert codes.message
 
-    def test_devices_that_are_not_normal(self, simulator, agent, client):
+    def test_faulty_devices_are_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.push(
             HardwareState(
@@ -213,7 +213,7 @@ class TestDiagnostics:
         status = of(arrays.wait(lambda a: of(a, "hardware").level == ERROR), "hardware")
         assert values(status) == {"motor 2": "Fatal", "imu": "Warn"}
 
-    def test_the_link_is_lost(self, simulator, agent, client):
+    def test_a_lost_link_is_an_error_until_it_is_back(self, simulator, agent, client):
         arrays = diagnostics(client)
         arrays.wait_count(1)
         simulator.stop_listening()
@@ -223,7 +223,7 @@ class TestDiagnostics:
         back = arrays.wait(lambda a: values(of(a, "link"))["reconnects"] == "1")
         assert of(back, "link").level == OK
 
-    def test_a_low_battery(self, simulator, agent, client):
+    def test_a_low_battery_is_a_warning_or_an_error(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.push(Battery(power=15, charge_state=Battery.kNot))
         arrays.wait(lambda a: of(a, "battery").level == WARN)

@@ -1,4 +1,4 @@
-"""stop: at once, from any state, and before all that waits."""
+"""The service `stop` acts at once, in any state, and before everything that waits to be sent."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ TWIST = "woosh.robot.Twist"
 SPEAK = "woosh.robot.Speak"
 
 
-def still(simulator: SimulatorThread) -> bool:
+def is_standing(simulator: SimulatorThread) -> bool:
     return not (simulator.state.velocity.speed or simulator.state.velocity.turn)
 
 
-def test_it_ends_a_task(simulator, agent, client):
+def test_stop_ends_a_task(simulator, agent, client):
     goal = task(client)
-    wait_until(lambda: not still(simulator))
+    wait_until(lambda: not is_standing(simulator))
     answer = client.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped; task cancelled")
     assert goal.result()[0] == ABORTED, "its own client did not cancel it"
-    wait_until(lambda: still(simulator))
+    wait_until(lambda: is_standing(simulator))
 
 
-def test_it_ends_every_action(simulator, agent, client):
+def test_stop_ends_every_action(simulator, agent, client):
     goal = step(client, 20.0)
-    wait_until(lambda: not still(simulator))
+    wait_until(lambda: not is_standing(simulator))
     answer = client.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped; StepControl cancelled")
     assert goal.result()[0] == ABORTED
-    wait_until(lambda: still(simulator))
+    wait_until(lambda: is_standing(simulator))
 
 
-def test_it_stops_a_velocity(simulator, agent, client):
+def test_stop_ends_a_velocity(simulator, agent, client):
     request = Twist.Request()
     request.arg.angular = 0.5
     assert client.call(Twist, "robot/Twist", arg=request.arg).ok
@@ -61,12 +61,12 @@ def test_it_stops_a_velocity(simulator, agent, client):
     assert (last.linear, last.angular) == (0.0, 0.0)
 
 
-def test_from_rest(agent, client):
+def test_stop_of_a_standing_robot_succeeds(agent, client):
     answer = client.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped")
 
 
-def test_without_a_link_it_says_what_to_do(simulator, start_agent, client):
+def test_stop_without_a_link_says_what_to_do(simulator, start_agent, client):
     agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
     agent.wait_connected()
     simulator.stop_listening()
@@ -77,7 +77,7 @@ def test_without_a_link_it_says_what_to_do(simulator, start_agent, client):
     assert "emergency stop" in answer.message
 
 
-def test_it_needs_no_room_among_the_requests(simulator, start_agent, client):
+def test_stop_is_sent_even_when_too_many_requests_are_in_flight(simulator, start_agent, client):
     start_agent(ip="127.0.0.1", port=simulator.port, max_in_flight=1).wait_connected()
     simulator.mute(SPEAK)
     client.call_async(Speak, "robot/Speak")
@@ -87,7 +87,7 @@ def test_it_needs_no_room_among_the_requests(simulator, start_agent, client):
 
 def test_the_zero_is_sent_before_the_cancels(simulator, agent, client):
     step(client, 20.0)
-    wait_until(lambda: not still(simulator))
+    wait_until(lambda: not is_standing(simulator))
     commands = (TWIST, "woosh.ros.CallAction", "woosh.robot.ActionOrder")
     before = sum(simulator.counts[each] for each in commands)
     assert client.call(Trigger, "stop").success
@@ -96,10 +96,10 @@ def test_the_zero_is_sent_before_the_cancels(simulator, agent, client):
     assert set(sent) == set(commands)
 
 
-def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, client):
-    """The chassis reads nothing for a while: later it must not get what the stop is to end."""
+def test_stop_withdraws_what_waits_to_be_sent(simulator, agent: RunningAgent, client):
+    """The chassis does not read for a while. Later it must not get requests older than the stop."""
     simulator.inject("half_open")
-    big = "x" * 1_000_000  # more than the sockets hold
+    big = "x" * 1_000_000  # exceeds the socket buffers
     loads = [client.call_async(Speak, "robot/Speak", arg=speak(big)) for _ in range(12)]
     connection = agent.agent._chassis._connection
     assert connection is not None
@@ -121,8 +121,8 @@ def test_what_waits_to_be_sent_is_not_sent(simulator, agent: RunningAgent, clien
     assert order.index(TWIST) < len(order) - 1 - order[::-1].index(SPEAK), "it overtook some"
 
 
-def test_a_goal_that_was_asked_for_before_does_not_move_it(simulator, agent, client):
-    """However the two overtake each other on their way."""
+def test_a_goal_requested_before_the_stop_does_not_move_the_robot(simulator, agent, client):
+    """The goal may arrive before or after the stop."""
     for _ in range(10):
         action = client.action(StepControl, "ros/StepControl")
         client.service(Trigger, "stop")
@@ -130,16 +130,16 @@ def test_a_goal_that_was_asked_for_before_does_not_move_it(simulator, agent, cli
         assert client.call(Trigger, "stop").success
         handle = wait_future(sent)
         assert wait_future(client.in_executor(handle.get_result_async)).status == ABORTED
-        wait_until(lambda: still(simulator))
-    assert still(simulator)
+        wait_until(lambda: is_standing(simulator))
+    assert is_standing(simulator)
 
 
-def test_what_comes_a_moment_later_is_obeyed(simulator, agent, client):
+def test_a_goal_some_time_after_the_stop_is_executed(simulator, agent, client):
     assert client.call(Trigger, "stop").success
     wait_until(lambda: short_task(client, 0.3).result()[0] != ABORTED, "the end of the hold")
 
 
-def test_after_a_stop_nothing_moves_it_whichever_way_it_comes(
+def test_after_a_stop_no_request_moves_the_robot(
     simulator: SimulatorThread, agent: RunningAgent, client: Client, logs: Collector, monkeypatch
 ):
     monkeypatch.setattr(gate, "HOLD", 3600.0)
@@ -175,11 +175,11 @@ def test_after_a_stop_nothing_moves_it_whichever_way_it_comes(
     logs.wait(lambda record: "goal_pose was not reached: not sent" in record.getMessage())
 
     assert not [each.type for each in simulator.received if may_move(each.message)]
-    assert still(simulator)
+    assert is_standing(simulator)
 
 
 def to_ros(parent: Any, message: Message) -> Any:
-    """The ROS message of the field `arg` of a request or a goal."""
+    """Return the ROS message for the field `arg` of a request or a goal."""
     arg = class_of(parent.get_fields_and_field_types()["arg"], "msg")
     return converter(arg, type(message)).to_ros(message)
 

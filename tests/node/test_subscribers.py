@@ -1,4 +1,4 @@
-"""Topics without subscribers are not published, and new subscribers get messages soon."""
+"""Topics without subscribers are not published; new subscribers get a message soon."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def listen(client: Client, msg: Any, name: str) -> tuple[Collector, Callable[[],
     return collector, lambda: client.node.destroy_subscription(subscription)
 
 
-def test_only_while_there_are_subscribers(
+def test_topics_are_published_only_while_there_are_subscribers(
     start: Callable[..., RunningAgent], client: Client, published: Counter[str]
 ) -> None:
     start()
@@ -107,8 +107,10 @@ def wait_quiet(published: Counter[str], name: str) -> None:
     wait_until(quiet, f"an end of {name}")
 
 
-def test_odom_comes_with_its_subscriber(start: Callable[..., RunningAgent], client: Client) -> None:
-    """It does not wait for the next period, which is 10 s here."""
+def test_odom_is_published_as_soon_as_it_has_a_subscriber(
+    start: Callable[..., RunningAgent], client: Client
+) -> None:
+    """The first message does not wait for the next period, which is 10 s here."""
     start(odom_rate=0.1)
     threading.Event().wait(0.5)  # the first period has begun
     listen(client, Odometry, "odom")[0].wait_count(1, 5.0)

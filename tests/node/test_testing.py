@@ -1,4 +1,4 @@
-"""`woosh_robot_agent.testing`: the example of the docs, the fixtures and the context managers."""
+"""`woosh_robot_agent.testing`: the documented example, the fixtures and the context managers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
 
 
 def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
-    """Run pytest outside of this repository, as users do; return its exit status and output."""
+    """Run pytest outside this repository, as users do; return its exit status and output."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "--strict-markers", "--strict-config", *arguments],
         cwd=folder,
@@ -41,7 +41,7 @@ def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-def test_the_example_of_the_docs(tmp_path: Path) -> None:
+def test_the_documented_example_passes(tmp_path: Path) -> None:
     for file in EXAMPLES:
         shutil.copy(file, tmp_path)
     status, said = run_pytest(tmp_path)
@@ -62,7 +62,7 @@ def test_the_docs_show_the_example_unchanged(file: Path) -> None:
         "from woosh_robot_agent.testing import simulated_chassis, woosh_agent",
     ],
 )
-def test_fixtures_by_plugin_and_by_import(tmp_path: Path, conftest: str) -> None:
+def test_fixtures_work_as_plugin_and_as_import(tmp_path: Path, conftest: str) -> None:
     (tmp_path / "conftest.py").write_text(conftest)
     (tmp_path / "test_it.py").write_text(
         "def test_it(woosh_agent, simulated_chassis):\n"
@@ -103,7 +103,7 @@ def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
         yield agent
 
 
-def test_an_agent_and_a_node_of_the_test(agent: RunningAgent) -> None:
+def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("visitor")
@@ -124,13 +124,13 @@ def test_an_agent_connects_again(process: bool) -> None:
         agent.wait_connected(2)
 
 
-def test_an_agent_over_tcp() -> None:
+def test_an_agent_connects_over_tcp() -> None:
     with running_chassis() as chassis, running_agent(chassis, transport="tcp"):
         assert chassis.connections == 1
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_the_error_of_an_agent_that_cannot_start(process: bool) -> None:
+def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool) -> None:
     with (
         running_chassis() as chassis,
         pytest.raises((ValueError, AssertionError), match="encoding"),
@@ -139,7 +139,7 @@ def test_the_error_of_an_agent_that_cannot_start(process: bool) -> None:
         pass
 
 
-def test_two_robots() -> None:
+def test_two_robots_can_share_a_domain() -> None:
     with (
         own_domain() as domain,
         running_chassis(robot_id=1) as one,
@@ -180,7 +180,7 @@ def test_the_exception_of_a_callback_reaches_the_test() -> None:
 
 
 def test_the_driver_does_not_need_pytest() -> None:
-    """The driver does not import this package, either."""
+    """The driver must not import this package either."""
     program = (
         "import sys, woosh_robot_agent.agent, woosh_robot_agent.node, woosh_robot_agent.simulator\n"
         "found = {'pytest', 'woosh_robot_agent.testing'} & set(sys.modules)\n"

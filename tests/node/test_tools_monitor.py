@@ -37,7 +37,7 @@ PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 
 
 class Watching:
-    """A `RosSource` in an event loop of its own, for use from the test's thread."""
+    """A `RosSource` in its own event loop, used from the test's thread."""
 
     def __init__(self, domain: int, namespace: str = NAMESPACE) -> None:
         self.source = RosSource(namespace, domain=domain)
@@ -59,7 +59,7 @@ class Watching:
         return wait_until(lambda: self.ask(condition), what, TIMEOUT)
 
     def wait_complete(self) -> None:
-        """Wait until `monitor --once` would print."""
+        """Wait until the view is complete, when `monitor --once` would print it."""
         source = self.source
         wait_until(lambda: source.link().good and source.is_complete(), "first values", TIMEOUT)
 
@@ -81,7 +81,7 @@ def watching(domain: int) -> Iterator[Watching]:
     running.close()
 
 
-def test_first_values_and_changes(watching, agent, simulator):
+def test_first_values_and_changes_are_shown(watching, agent, simulator):
     watching.wait_complete()
     truth = simulator.state.info
     shown = watching.ask(lambda view: (view.info.mode, view.info.pose_speed.pose, view.info.genral))
@@ -94,12 +94,12 @@ def test_first_values_and_changes(watching, agent, simulator):
     assert asked - of_the_agent == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
-def test_progress_of_an_action(watching, agent, client):
+def test_progress_of_an_action_is_shown(watching, agent, client):
     watching.wait_complete()
     agent_topic = client.path("ros/StepControl/_action/feedback")
     wait_until(lambda: agent.agent.node.count_subscribers(agent_topic) > 0, "the monitor")
     ends = []
-    for _ in range(10):  # DDS can match the two only after the first feedbacks
+    for _ in range(10):  # DDS may discover the subscription only after the first feedback messages
         goal = step(client, 0.2)
         ends.append(goal.result()[0])
         if watching.ask(lambda view: "StepControl" in view.actions):
@@ -108,7 +108,7 @@ def test_progress_of_an_action(watching, agent, client):
     watching.wait(lambda view: view.actions["StepControl"].state == 1, "its success")
 
 
-def test_the_agent_comes_and_goes(watching, start_agent, simulator):
+def test_start_and_end_of_the_agent_are_noticed(watching, start_agent, simulator):
     assert "no agent found in namespace /woosh_robot" in watching.source.link().text
     agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
     watching.wait_complete()
@@ -120,18 +120,18 @@ def test_the_agent_comes_and_goes(watching, start_agent, simulator):
     start_agent(ip="127.0.0.1", port=simulator.port)
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
     watching.wait_complete()
-    # One request of the agent itself, and one of the monitor.
+    # One request comes from the agent itself, and one from the monitor.
     wait_until(lambda: simulator.counts["woosh.robot.RobotInfo"] >= known + 2, "another RobotInfo")
 
 
-def test_an_agent_that_hangs(watching, agent):
+def test_an_agent_that_hangs_is_noticed(watching, agent):
     watching.wait_link(lambda link: link.good)
     agent._spinner.stop()
     link = watching.wait_link(lambda link: not link.good)
     assert re.search(r"the agent has not answered for \d+ s", link.text)
 
 
-def test_the_link_of_the_agent(watching, agent, simulator):
+def test_the_link_of_the_agent_is_shown(watching, agent, simulator):
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
     simulator.stop_listening()
     link = watching.wait_link(lambda link: not link.good)
@@ -140,8 +140,8 @@ def test_the_link_of_the_agent(watching, agent, simulator):
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
 
 
-def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
-    """The message of `connected` arrives before the monitor has found the agent."""
+def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent, monkeypatch):
+    """The message on `connected` arrives before the monitor has discovered the agent."""
     monkeypatch.setattr(ros_source, "_DISCOVERY_PERIOD", 2.0)
     watching = Watching(domain)
     try:
@@ -150,7 +150,7 @@ def test_the_link_of_an_agent_that_was_there_before(domain, agent, monkeypatch):
         watching.close()
 
 
-def test_invalid_values(watching, agent, simulator):
+def test_messages_with_invalid_values_are_skipped(watching, agent, simulator):
     watching.wait_complete()
     simulator.push(PoseSpeed(pose=Pose2D(x=math.nan)))
     link = watching.wait_link(lambda link: "unreadable" in link.detail)
@@ -160,7 +160,7 @@ def test_invalid_values(watching, agent, simulator):
 
 
 class Output:
-    """Console to which `monitor --once` prints, and the end of that."""
+    """Console output of `monitor --once` and its exit status."""
 
     def __init__(self, watching: Watching) -> None:
         self._file = io.StringIO()
@@ -210,7 +210,7 @@ def test_once_names_a_latched_topic_without_a_message(
     assert status == 0
 
 
-def test_once_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
+def test_once_works_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
     start_agent(ip="127.0.0.1", port=simulator.port, enable_connected=False).wait_connected()
     status, text = Output(watching).wait()
     assert "it is unknown whether it is connected" in text
@@ -218,7 +218,7 @@ def test_once_with_an_agent_that_does_not_publish_connected(watching, start_agen
     assert status == 0
 
 
-def test_it_can_be_drawn(watching, agent):
+def test_the_view_can_be_drawn(watching, agent):
     watching.wait_complete()
     assert draw(watching.source.name, watching.source.link(), watching.source.view)
 
@@ -230,7 +230,9 @@ def test_it_can_be_drawn(watching, agent):
         ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
     ],
 )
-def test_once(domain: int, agent: Any, simulator: Any, arguments: list[str]) -> None:
+def test_once_prints_the_state(
+    domain: int, agent: Any, simulator: Any, arguments: list[str]
+) -> None:
     done = subprocess.run(
         [*PROGRAM, "--once", "--timeout", str(TIMEOUT), *arguments],
         capture_output=True,
@@ -244,7 +246,7 @@ def test_once(domain: int, agent: Any, simulator: Any, arguments: list[str]) -> 
     assert f"x {simulator.state.pose.x:.3f} m" in done.stdout
 
 
-def test_once_without_an_agent(domain: int) -> None:
+def test_once_without_an_agent_fails(domain: int) -> None:
     done = subprocess.run(
         [*PROGRAM, "--once", "--timeout", "1"],
         capture_output=True,
@@ -256,7 +258,7 @@ def test_once_without_an_agent(domain: int) -> None:
     assert "no agent found in namespace /woosh_robot" in done.stdout
 
 
-def test_wrong_namespace(domain: int) -> None:
+def test_invalid_namespace_is_refused(domain: int) -> None:
     done = subprocess.run(
         [*PROGRAM, "--once", "--namespace", "a b"],
         capture_output=True,
@@ -268,7 +270,7 @@ def test_wrong_namespace(domain: int) -> None:
     assert "monitor: error:" in done.stderr
 
 
-def test_signals(domain: int) -> None:
+def test_ctrl_c_ends_it(domain: int) -> None:
     process = subprocess.Popen(
         [*PROGRAM, "--interval", "0.1"],
         stdout=subprocess.PIPE,

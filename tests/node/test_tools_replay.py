@@ -1,4 +1,4 @@
-"""An agent runs a task through `record`, then again with `replay`."""
+"""A task runs through `record`, and again with `replay`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TASK = 77
 
 @contextmanager
 def running(tool: str, *arguments: str) -> Iterator[int]:
-    """Run a program; yield the port that it prints, and end it as Ctrl-C does."""
+    """Run a program and yield the port that it prints; end it with Ctrl-C."""
     process = subprocess.Popen(
         [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *arguments],
         stdout=subprocess.PIPE,
@@ -63,7 +63,7 @@ def _of_task(message: Any) -> bool:
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
-def test_a_task_through_the_recorder_and_from_the_recording(
+def test_a_recorded_task_is_replayed_identically(
     tmp_path: Path, simulator: Any, start_agent: Any, client: Any, transport: str
 ) -> None:
     path = tmp_path / "field.jsonl.gz"

@@ -32,12 +32,12 @@ POSE_SPEED = "woosh.robot.PoseSpeed"
 TASK_PROC = "woosh.robot.TaskProc"
 HASHES = json.loads((Path(__file__).parents[1] / "facts/ros/type_hashes.json").read_text())
 QUIET = ("StatusCode", "NavPath")
-"""Topics whose values are not part of RobotInfo, and only come by pushes."""
+"""Topics whose values are not part of RobotInfo and only come as pushes."""
 
 
 @pytest.fixture
 def push(simulator: Any) -> Callable[[Message], None]:
-    """Push a message; the chassis pushes nothing by itself."""
+    """Function that pushes a message. The chassis sends no other pushes."""
     ours: list[Message] = []
 
     def only_ours(frame: Any) -> list[Any]:
@@ -53,7 +53,7 @@ def push(simulator: Any) -> Callable[[Message], None]:
 
 @pytest.fixture
 def connect(simulator: Any, start_agent: Any) -> Callable[..., Any]:
-    """Start an agent; `answer` changes the answer of the chassis to RobotInfo."""
+    """Function that starts an agent; its argument changes the chassis's answer to RobotInfo."""
 
     def connect(answer: Callable[[Any], Any] | None = None) -> Any:
         if answer:
@@ -79,14 +79,14 @@ def echo_all(client: Any) -> dict[str, Any]:
 
 
 def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
-    """Wait until the client has discovered the publishers of its subscriptions."""
+    """Wait until the client has discovered a publisher for each of its subscriptions."""
     names = [subscription.topic_name for subscription in client.node.subscriptions]
     wait_until(
         lambda: sum(map(client.node.count_publishers, names)) >= topics, "the agent's publishers"
     )
 
 
-def test_qos_type_and_hash_in_the_graph(start_agent, client):
+def test_graph_shows_qos_type_and_hash(start_agent, client):
     start_agent(ip="127.0.0.1", port=1)
     for topic in TOPICS:
         path = client.path(topic.name)
@@ -97,7 +97,7 @@ def test_qos_type_and_hash_in_the_graph(start_agent, client):
         assert (info.topic_type, str(info.topic_type_hash)) == (name, HASHES[name])
 
 
-def test_late_subscribers_get_the_newest(connect, client, push, simulator):
+def test_late_subscribers_get_the_newest_messages(connect, client, push, simulator):
     connect()
     for number in range(1, 61):
         push(StatusCode(code=number))
@@ -128,7 +128,7 @@ def test_first_values_come_from_robot_info(connect, client, push, simulator):
         assert first == converter(type(first), type(said)).to_ros(said), topic.name
 
 
-def test_each_push_once_and_in_order(connect, client, push):
+def test_each_push_is_published_once_and_in_order(connect, client, push):
     connect(holding(RobotInfo()))
     echoes = echo_all(client)
     wait_matched(client)
@@ -180,7 +180,7 @@ def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
     wait_until(lambda: agent.agent._services.last_known.get(TASK_PROC).robot_task_id == 3)
 
 
-def test_nothing_is_published_again_until_the_chassis_is_back(connect, client, push, simulator):
+def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, simulator):
     powers = iter((50, 49))
 
     def count_down(frame: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Velocity commands through robot/Twist: the newest counts, and a stale one never arrives."""
+"""Velocity commands through robot/Twist: the newest wins, and a stale one is never sent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("agent")
 
 
 def drive(client: Client, linear: float) -> Any:
-    """Ask for a velocity; the answer's future."""
+    """Command a velocity; return the future of the answer."""
     return client.call_async(Twist, "robot/Twist", arg=TwistMsg(linear=linear))
 
 
@@ -31,22 +31,22 @@ def answers(futures: list[Any]) -> list[Any]:
 
 
 def speeds(simulator: SimulatorThread) -> list[float]:
-    """What the chassis was told."""
+    """Return the linear velocities that the chassis has received."""
     twists = [each.message for each in simulator.received if each.type == TWIST]
     return [round(twist.linear, 4) for twist in twists]
 
 
-def test_each_arrives_in_order(
+def test_velocities_arrive_in_order(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(latest_wins, "STALL", 3600.0)  # however slow this machine is
+    monkeypatch.setattr(latest_wins, "STALL", 3600.0)  # no command is stale, even on a slow machine
     wanted = [round(0.01 * i, 4) for i in range(1, 31)]
     given = answers([drive(client, linear) for linear in wanted])
     assert all(answer.ok for answer in given)
     assert speeds(simulator) == wanted
 
 
-def test_nobody_repeats_the_last_one(client: Client, simulator: SimulatorThread) -> None:
+def test_the_last_velocity_is_not_repeated(client: Client, simulator: SimulatorThread) -> None:
     before = simulator.state.odometer
     answers([drive(client, 0.4)])
     wait_until(lambda: simulator.state.odometer > before)
@@ -67,19 +67,17 @@ def test_nan_is_not_sent(client: Client, simulator: SimulatorThread) -> None:
     assert speeds(simulator) == []
 
 
-def test_refusal_is_told(client: Client, simulator: SimulatorThread) -> None:
+def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) -> None:
     simulator.refuse(TWIST, "the key switch is off")
     (answer,) = answers([drive(client, 0.4)])
     assert (answer.ok, answer.msg) == (False, "the key switch is off")
 
 
-def test_newest_wins_while_the_chassis_does_not_answer(
+def test_newest_velocity_wins_while_the_chassis_does_not_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Commands pile up neither here nor there, and nothing comes after the client has stopped."""
-    monkeypatch.setattr(
-        latest_wins, "STALL", 2.0
-    )  # the first is not too old even on a slow machine
+    """Commands queue up neither in the agent nor in the chassis, and none follows the last one."""
+    monkeypatch.setattr(latest_wins, "STALL", 2.0)  # the first is not stale even on a slow machine
     simulator.mute(TWIST)
     drive(client, 0.001)
     simulator.wait_received(TWIST)
@@ -94,7 +92,7 @@ def test_newest_wins_while_the_chassis_does_not_answer(
     assert speeds(simulator) == [0.001], "there is no answer, and none is sent"
 
 
-def test_without_a_link_it_is_refused_and_not_kept(
+def test_velocity_without_a_link_is_refused_and_not_kept(
     client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.stop_listening()
@@ -108,7 +106,7 @@ def test_without_a_link_it_is_refused_and_not_kept(
     assert set(speeds(simulator)) == {0.0}
 
 
-def test_nothing_is_replayed_after_a_lost_link(
+def test_no_velocity_is_repeated_after_a_lost_link(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.mute(TWIST)
@@ -124,7 +122,7 @@ def test_nothing_is_replayed_after_a_lost_link(
     assert speeds(simulator) == [0.1, 0.2]
 
 
-def test_nothing_stale_comes_out_of_a_half_open_link(
+def test_no_stale_velocity_is_sent_after_a_half_open_link(
     client: Client, simulator: SimulatorThread
 ) -> None:
     answers([drive(client, 0.1)])
@@ -162,7 +160,7 @@ def test_the_end_of_the_agent_long_after_a_velocity_sends_nothing(
     agent: RunningAgent,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The chassis has stopped by itself; by now somebody else may drive it."""
+    """The chassis has stopped by itself, and another client may drive it now."""
     monkeypatch.setattr(gate, "DRIVING", 0.1)
     assert wait_future(drive(client, 0.1)).ok
     wait_until(lambda: not agent.agent._gate.driving, "the end of the drive")

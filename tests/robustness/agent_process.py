@@ -16,11 +16,11 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentProcess, wait_until
 
 _ANSWER_TIMEOUT = 120.0
-"""Time that an agent under load gets to report its debug state, in seconds."""
+"""Timeout for the debug state of an agent under load, in seconds."""
 
 
 class DebugAgentProcess(AgentProcess):
-    """The agent as `tests.robustness.debug_agent` starts it. The arguments are its base class's."""
+    """The program `tests.robustness.debug_agent`. It takes the arguments of its base class."""
 
     module = "tests.robustness.debug_agent"
     popen_options = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "cwd": ROOT}
@@ -63,7 +63,7 @@ class DebugAgentProcess(AgentProcess):
         return state
 
     def held(self) -> dict[str, int]:
-        """Return the number of everything in the agent that must not grow with time."""
+        """Return the counts of everything in the agent that must not grow with time."""
         state, process = self.debug(), self.resources()
         return {
             "tasks": len(state["tasks"]),
@@ -76,11 +76,11 @@ class DebugAgentProcess(AgentProcess):
         }
 
     def settled_rss(self, limit: float, timeout: float) -> int:
-        """Return the resident memory when it is within `limit`, or when the time is over.
+        """Wait until the resident memory is within `limit`, or the timeout is over; return it.
 
         Args:
             limit: Memory in bytes.
-            timeout: Time in seconds.
+            timeout: Timeout in seconds.
         """
         deadline = time.monotonic() + timeout
         while (now := self.rss) > limit and time.monotonic() < deadline:
@@ -101,7 +101,7 @@ class DebugAgentProcess(AgentProcess):
 def connected_agent(
     domain: int, simulator: SimulatorThread, **parameters: Any
 ) -> Iterator[DebugAgentProcess]:
-    """Run the agent, connected to the simulator, for the length of the block."""
+    """Run the agent, connected to the simulator, while the block runs."""
     with contextlib.closing(
         DebugAgentProcess(domain, ip="127.0.0.1", port=simulator.port, **parameters)
     ) as agent:

@@ -18,7 +18,7 @@ from typing import Any
 from woosh_robot_agent import agent, fleet, node
 
 _MAX_TYPES = 40
-"""Number of types whose objects are reported, the most frequent ones."""
+"""Number of types that are reported: those with the most objects."""
 
 
 class DebugAgent(node.Agent):

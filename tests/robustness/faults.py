@@ -17,7 +17,7 @@ from tests.robustness.scenarios import BACK_WITHIN, BLOCK, Outcome, plan, run
 from woosh_robot_agent.simulator.faults import FAULTS
 
 NOTICED_WITHIN = 10.0
-"""Time within which a half-open link must be noticed with default parameters, in seconds."""
+"""Maximum time until an agent with default parameters notices a half-open link, in seconds."""
 _COLUMNS = (
     "Fault",
     "Scenarios",
@@ -102,7 +102,7 @@ def _row(title: str, outcomes: list[Outcome]) -> tuple[str, ...]:
 
 
 def _run_all(seeds: Sequence[int], jobs: int) -> Iterator[Outcome]:
-    """Yield outcomes as they come. The seeds of one block share a process and a rig."""
+    """Yield outcomes as scenarios end. The seeds of a block share a process and a rig."""
     blocks = [list(block) for _, block in groupby(seeds, lambda seed: seed // BLOCK)]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, context) as pool:

@@ -32,11 +32,11 @@ from woosh_robot_msgs.srv import General, Twist
 MAX_GROWTH = 1.2
 """Highest memory after a flood, as a multiple of the idle memory."""
 SETTLE_TIME = 10.0
-"""Time that the memory gets to come down after a flood, in seconds."""
+"""Maximum time until the memory is back within its limit after a flood, in seconds."""
 TIMEOUT = 300.0
 """Time after which an answer or a push counts as lost, in seconds."""
 CALLERS = 2
-"""Number of processes that call, because one in Python does not reach the rate."""
+"""Number of calling processes, because one Python process does not reach the rate."""
 SLOW_RATE = 200.0
 """Rate of the calls to a slow chassis, in Hz."""
 _BYSTANDER_CALLS: tuple[tuple[Any, str], ...] = (
@@ -47,7 +47,7 @@ _BYSTANDER_CALLS: tuple[tuple[Any, str], ...] = (
 _MAX_WARNINGS = 20
 """Highest number of warnings and errors in the log."""
 _FIRST_MAP = 1_000_000
-"""Map id of push number 0. It tells the pushes of a flood from the simulator's own."""
+"""Map id of push number 0. It distinguishes the pushes of a flood from the simulator's own."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ WARM_UP = Size(seconds=0.5, frame=1, slow=0.2)
 
 
 class Bench:
-    """An agent that is flooded, its chassis, and a bystander: another client that wants answers.
+    """An agent that is flooded, its chassis, and a bystander: another client that calls the agent.
 
     Attributes:
         figures: Results so far.
@@ -148,14 +148,14 @@ class Bench:
             part,
             "refused, as counted",
             str(refused),
-            "at least as many as were told so",
+            "at least as many as the callers saw",
             refused >= kinds["too many"],
         )
         if slow:
             median = max(report["median"] for report in reports)
             self._add(
                 part,
-                "median wait of the callers, most of them refused",
+                "median response time, refused calls included",
                 f"{median:.3f} s",
                 "below that of the chassis",
                 median < slow,
@@ -164,7 +164,7 @@ class Bench:
         self._finish(part, samples)
 
     def pushes(self, size: Size) -> None:
-        """Push faster than ROS can publish: states, and status codes, each of which counts."""
+        """Push states and status codes faster than ROS can publish. No status code may be lost."""
         part = "Pushes"
         before = self._counters()
         self._poses.messages.clear()
@@ -221,7 +221,7 @@ class Bench:
         def send() -> None:
             try:
                 for number, frame in enumerate(frames, 1):
-                    # one at a time, because the simulator's outbox does not hold two
+                    # one at a time, because two would exceed the simulator's outbox
                     self._simulator.send_raw(frame)
                     self._simulator.send_raw(_pose(number))
                     self._wait_pose(number)
@@ -244,11 +244,11 @@ class Bench:
         )
         self._finish(part, samples)
 
-    # What goes on beside a flood
+    # Activity beside a flood
 
     @contextlib.contextmanager
     def _callers(self, rate: float, seconds: float) -> Iterator[list[Any]]:
-        """Run programs that call; the list holds their reports after the end of the block."""
+        """Run the calling programs; the yielded list contains their reports after the block."""
         arguments = (str(rate / CALLERS), str(seconds))
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         with contextlib.ExitStack() as stack:
@@ -409,7 +409,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _still_held(agent: DebugAgentProcess) -> list[Figure]:
-    """Wait until the agent holds nothing of the floods any more."""
+    """Wait until nothing of the floods is left in the agent; return the counts as figures."""
     names = ("requests", "pushes", "goals")
     deadline = time.monotonic() + TIMEOUT
     while any((held := agent.held())[name] for name in names) and time.monotonic() < deadline:
@@ -420,7 +420,7 @@ def _still_held(agent: DebugAgentProcess) -> list[Figure]:
 
 
 def _logged(agent: DebugAgentProcess) -> list[Figure]:
-    """Check that the log tells when drops begin and how many there were, without flooding."""
+    """Check that the log shows the beginning and the number of drops, and is not flooded itself."""
     agent.wait_logged("requests were refused because too many", TIMEOUT)
     lines = list(agent.lines)
     warnings = [line for line in lines if "[WARN]" in line or "[ERROR]" in line]
@@ -456,7 +456,7 @@ def _code(number: int) -> str:
 
 
 def _big_frames(size: int) -> list[str]:
-    """Return two pushes that nobody subscribed to or expects, and two with unknown fields."""
+    """Return large frames: two pushes without a subscription, and two with unknown fields."""
     text = "x" * size
     row = '{"id":1,"x":0.25,"y":-1.5,"name":"A1"}'
     rows = ",".join([row] * (size // (len(row) + 1)))

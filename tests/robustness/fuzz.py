@@ -1,4 +1,4 @@
-"""Feed malformed frames, bytes and requests to codecs, client and simulator: nothing may break.
+"""Feed malformed frames, bytes and requests to codecs, client and simulator. None may fail.
 
 scripts/bench --fuzz                            a million inputs
 scripts/bench --fuzz --inputs 20000 --seed 7    fewer inputs, of another seed
@@ -24,9 +24,9 @@ from benchmarks.report.table import markdown
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
 
 HANG_TIMEOUT = 120
-"""Time after which a batch of inputs counts as hanging, in seconds."""
+"""Timeout for a batch of inputs, in seconds. After it the target counts as hanging."""
 _MAX_MEMORY_GROWTH = 1000
-"""Highest growth of the process over all inputs of one target, in MB."""
+"""Maximum growth of the process over all inputs of one target, in MB."""
 _MAX_CRASHES_SHOWN = 5
 _MAX_INPUT_SHOWN = 4000
 """Length of an input in a report, in characters."""
@@ -35,7 +35,7 @@ _MAX_LINES_SHOWN = 40
 
 
 class HangError(Exception):
-    """A batch of inputs took too long."""
+    """A batch of inputs exceeded its timeout."""
 
 
 @dataclass
@@ -47,7 +47,7 @@ class Result:
         inputs: Number of inputs.
         kinds: Number of accepted inputs, and of refused ones by kind.
         crashes: Report of each crash, with the command that repeats it.
-        seconds: Duration, including the making of the inputs, in seconds.
+        seconds: Duration, including the generation of the inputs, in seconds.
         slowest: Longest time that a batch took per input, in seconds.
         memory: Growth of the process, in MB.
     """
@@ -185,9 +185,8 @@ def main(arguments: Sequence[str]) -> int:
     print(f"seed {seed}", file=sys.stderr)
     logging.getLogger("woosh_robot_agent").setLevel(logging.ERROR)
     logging.getLogger("woosh_robot_agent").propagate = False
-    logging.getLogger("websockets").setLevel(
-        logging.CRITICAL
-    )  # it logs aborted handshakes as errors
+    # the library logs aborted handshakes as errors
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     results = []
     for key in keys:
         count = max(1, round(options.inputs * TARGETS[key].share / shares))

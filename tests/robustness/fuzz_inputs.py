@@ -67,7 +67,7 @@ _TOKENS = ("{", "}", "[", "]", '"', ":", ",", "\\", "\\u", "\0", "\ufeff", "\ud8
 
 
 def filled(rng: random.Random, cls: type[Message], depth: int = 0, odd: float = 0.02) -> Message:
-    """Return a message with some fields set, to limits of their ranges as often as to usual values.
+    """Return a message with some fields set, half of them to limits of their ranges.
 
     Args:
         rng: Source of randomness.
@@ -137,7 +137,7 @@ def frame(rng: random.Random, codec: JsonCodec | ProtobufCodec) -> Any:
 
 @cache
 def _corpus(encoding: str) -> tuple[Any, ...]:
-    """Return the valid frames to start from. They are always the same, and expensive to make."""
+    """Return the valid frames that are mutated. They are constant, and costly to generate."""
     rng = random.Random("corpus")
     codec = JsonCodec(defaults=True) if encoding == "json" else ProtobufCodec()
     found = [frame(rng, codec) for _ in range(1500)]
@@ -207,7 +207,7 @@ def _insert_token(rng: random.Random, data: str) -> str:
 
 
 def _change_a_value(rng: random.Random, data: str) -> str:
-    """Replace one value or one name in the frame by an odd one."""
+    """Replace one value or one name in the frame by an unusual one."""
     try:
         tree = json.loads(data)
     except (ValueError, RecursionError):

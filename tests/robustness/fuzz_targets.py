@@ -1,4 +1,4 @@
-"""Targets of fuzzing: codecs and framing by themselves, client and simulator over sockets.
+"""Targets of fuzzing: codecs and framing alone, client and simulator over sockets.
 
 A target makes its inputs from a seed and takes them in batches. It raises an exception if anything
 but a documented error comes out of them, or if its state is wrong afterwards.
@@ -43,10 +43,10 @@ except ImportError:  # without ROS
     PAIRS = {}
 
 _OLD = int(websockets.__version__.split(".")[0]) < 14
-"""True if the library ends a connection at a text frame that is not UTF-8."""
+"""True if the websockets library closes a connection after a text frame that is not UTF-8."""
 _ANSWER_TIMEOUT = 60.0
 _UNIQUE = 1_500_000_000
-"""Serial number or other number that no input contains."""
+"""A number that no input contains, e.g. as its serial number."""
 ACCEPTED = "accepted"
 
 
@@ -69,13 +69,13 @@ class Target(ABC):
 
     @abstractmethod
     def feed(self, batch: Sequence[Any]) -> Counter[str]:
-        """Take a batch of inputs.
+        """Process a batch of inputs.
 
         Returns:
             Number of accepted inputs, and of refused ones by kind.
 
         Raises:
-            Exception: The target did something it must not do.
+            Exception: The target behaved incorrectly.
         """
 
     def close(self) -> None:  # noqa: B027
@@ -83,7 +83,7 @@ class Target(ABC):
 
 
 class _Codec(Target):
-    """A codec: decodes envelope and body, the body also as another type, and converts it to ROS."""
+    """A codec. Decodes envelope and body, also into a wrong type, and converts the body to ROS."""
 
     codec: Any
 
@@ -105,7 +105,7 @@ class _Codec(Target):
 
 
 def _other_class(data: str | bytes) -> type[Message] | None:
-    """Return for one in eight frames a class other than theirs, always the same one."""
+    """Return a wrong class for one in eight frames, always the same one for a frame."""
     names = inputs.type_names()
     number = len(data) * 2654435761 >> 3
     return message_types()[names[number % len(names)]] if number % 8 == 0 else None
@@ -142,7 +142,7 @@ class ProtobufFrames(_Codec):
 
 
 class _Loop(Target):
-    """A target that runs in an event loop."""
+    """Base class of the targets that run in an event loop."""
 
     def __init__(self) -> None:
         self.loop = asyncio.new_event_loop()
@@ -228,7 +228,7 @@ class _Client(_Loop):
     kind: str
     """Kind of the `Peer`."""
     marker: Any
-    """Body of the push that follows a batch: once it arrives, all inputs have been read."""
+    """Body of the push sent after a batch. When it arrives, all inputs have been read."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -271,7 +271,7 @@ class _Client(_Loop):
             assert client.stats.connects == 1, f"the link was lost: {client.last_error}"
         skipped = sum(number for kind, number in bad.items() if kind != "body")
         assert read + skipped == len(batch), f"{read} read and {skipped} skipped of {len(batch)}"
-        del bad["body"]  # frames with a defect in the body count as read
+        del bad["body"]  # frames with a bad body count as read
         return bad + Counter({ACCEPTED: read})
 
     def packed(self, data: bytes) -> bytes:

@@ -44,11 +44,11 @@ SHORT_TIMEOUTS: dict[str, Any] = {
     "goal_link_timeout": 0.6,
     "max_frame_size": MAX_FRAME_MIB * 1024 * 1024,
 }
-"""Parameters of the agent with which a scenario takes about a second."""
+"""Parameters of the agent: timeouts so short that a scenario takes about a second."""
 _POLL_PERIOD = 0.5
 """Time between two queries for the state of a silent goal, in seconds."""
 NEVER = 60.0
-"""Time after which something that should have happened counts as never happening, in seconds."""
+"""Timeout for anything that must happen, in seconds."""
 
 KINDS: tuple[dict[str, str], ...] = (
     {"transport": "websocket", "encoding": "json", "executor": "single"},
@@ -56,11 +56,11 @@ KINDS: tuple[dict[str, str], ...] = (
     {"transport": "websocket", "encoding": "protobuf", "executor": "single"},
     {"transport": "tcp", "encoding": "protobuf", "executor": "events"},
 )
-"""Settings of the agent that differ in how it meets faults."""
+"""Transport, encoding and executor of the agent, which influence its reaction to faults."""
 
 
 class BrokenPromiseError(Exception):
-    """The agent broke a promise; the text says which."""
+    """The agent broke a promise, which the text names."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Footprint:
     files: int
 
     def within(self, other: Footprint) -> bool:
-        """Return True if nothing is more than in `other`."""
+        """Return True if no number is higher than in `other`."""
         return (
             self.tasks <= other.tasks
             and self.threads <= other.threads
@@ -87,7 +87,7 @@ class Footprint:
 
 
 class Rig:
-    """Chassis, agent and client.
+    """A chassis, an agent and a client.
 
     Args:
         kind: Transport, encoding and executor of the agent; one of `KINDS`.
@@ -126,7 +126,7 @@ class Rig:
             self._stack = stack.pop_all()
 
     def close(self) -> None:
-        """End all three."""
+        """Stop client, agent and chassis."""
         self._stack.close()
 
     def traffic(self) -> Traffic:
@@ -134,7 +134,7 @@ class Rig:
         return Traffic(self._client, self.duplicates, self._marks)
 
     def take_errors(self) -> list[str]:
-        """Return the errors that were logged since the last time."""
+        """Return the errors that were logged since the last call."""
         errors, self._errors = self._errors, []
         return errors
 
@@ -164,8 +164,8 @@ class Rig:
         """True if the agent considers its link ready."""
         return bool(self.debug()["state"] == "ready")
 
-    def held(self) -> str:
-        """Return what the agent still works on; empty if it is at rest."""
+    def in_flight(self) -> str:
+        """Return what is in flight in the agent; empty if it is at rest."""
         state = self.debug()
         names = ("requests", "pushes", "goals", "running_goals")
         return ", ".join(f"{state[name]} {name}" for name in names if state[name])
@@ -176,10 +176,10 @@ class Rig:
         return Footprint(tasks, threading.active_count(), len(os.listdir("/proc/self/fd")))
 
     def check_footprint(self) -> None:
-        """Compare with the footprint of the first time.
+        """Compare the footprint with that of the first call.
 
         Raises:
-            BrokenPromiseError: There is more, and it does not go away.
+            BrokenPromiseError: It has grown, and does not shrink again in time.
         """
         if self._footprint is None:
             self._footprint = self.footprint()
@@ -200,7 +200,7 @@ class Rig:
 
     @contextlib.contextmanager
     def _only_errors_on_terminal(self) -> Iterator[None]:
-        """Hide warnings, because faults are expected to cause them."""
+        """Hide warnings on the terminal, because faults are expected to cause them."""
         logger = self.agent.agent.node.get_logger()
         logger.set_level(LoggingSeverity.ERROR)
         try:
@@ -226,7 +226,7 @@ class Rig:
 
     @contextlib.contextmanager
     def _count_twists(self) -> Iterator[None]:
-        """Count the agent's velocity commands where they enter the transport."""
+        """Count the velocity commands that the agent passes to its transport."""
         original = {cls: cls.send for cls in (WebSocketTransport, TcpTransport)}
 
         def counting(cls: type[Any]) -> Any:

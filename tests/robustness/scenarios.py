@@ -34,11 +34,11 @@ BLOCK = 23
 BACK_WITHIN = 2.0 + BACKOFF_MAX
 """Time after the end of the faults within which a command must succeed again, in seconds."""
 _AT_FAULT = ("speak", "speak", "query", "twist", "task", "step")
-"""Requests to draw from for the moment of a fault, as methods of `Traffic`."""
+"""Requests that may be made at the beginning of a fault, as methods of `Traffic`."""
 _LAST = 1_000_000
-"""Rank of an event that comes after all others that are due at the same time."""
+"""Rank of an event that is handled after all others due at the same time."""
 _GOAL_TIME = 1.0
-"""Time that goals get after the faults before their client cancels them, in seconds."""
+"""Time after the faults when the client cancels goals that still run, in seconds."""
 _REQUEST_TYPES = (
     "woosh.robot.RobotInfo",
     "woosh.robot.Speak",
@@ -94,13 +94,13 @@ _ARGUMENTS: dict[str, Callable[[random.Random], dict[str, Any]]] = {
     "obstacle": lambda rng: {"ahead": rng.uniform(0.6, 2.0), "radius": rng.uniform(0.1, 0.4)},
     "burst": lambda rng: {"count": rng.randint(100, 3000)},
 }
-"""Functions that draw the arguments of a fault. A fault that is not listed gets its defaults."""
+"""Functions that draw the arguments of a fault. Faults not listed have default arguments."""
 _DURATIONS = {"half_open": (0.3, 1.5), "freeze": (0.2, 1.0), "off": (0.2, 0.8)}
 """Shortest and longest duration of some faults, in seconds."""
 _DEFAULT_DURATIONS = (0.1, 0.6)
 """Shortest and longest duration of the other faults, in seconds."""
 _TRIGGERS = {"accept_then_drop": "drop"}
-"""Faults that must be injected too for a fault to show: this one affects new connections only."""
+"""Fault to inject together with a fault that affects new connections only, by the latter's name."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,8 @@ def plan(seed: int) -> Plan:
         faults.append(PlannedFault(name, arguments, at, at + lasts))
     last = max(faults, key=lambda fault: fault.until)
     length = max(length, last.until)
-    faults[faults.index(last)] = replace(last, until=length)  # the scenario ends with this fault
+    # the last fault lasts until the end of the scenario
+    faults[faults.index(last)] = replace(last, until=length)
     requests = [
         (rng.uniform(0, length), rng.choice(("query", "query", "speak", "speak", "set_sound")))
         for _ in range(rng.randint(10, 25))
@@ -185,7 +186,7 @@ def plan(seed: int) -> Plan:
     for name in ("task", "step", "lift"):
         if rng.random() < 0.5:
             requests += [(rng.uniform(0, length), name) for _ in range(rng.randint(1, 2))]
-    for fault in faults:  # a fault shows little when nothing is in flight
+    for fault in faults:  # a fault has little effect if nothing is in flight
         requests += [(fault.at, name) for name in rng.choices(_AT_FAULT, k=rng.randint(1, 6))]
     requests += [(rng.uniform(0, length), "cancel") for _ in range(rng.randint(0, 2))]
     kind = KINDS[seed // BLOCK % len(KINDS)]
@@ -193,7 +194,7 @@ def plan(seed: int) -> Plan:
 
 
 def run(rig: Rig, scenario: Plan, back_within: float = BACK_WITHIN) -> Outcome:
-    """Play a scenario and check the agent's promises.
+    """Run a scenario and check the agent's promises.
 
     Args:
         rig: A rig with the settings of the scenario.
@@ -221,7 +222,7 @@ def _play(rig: Rig, scenario: Plan, traffic: Traffic, outcome: Outcome, back_wit
         outcome.violations.append(f"back in service only after {outcome.recovery:.2f} s")
 
     _wait(lambda: not traffic.open_calls)
-    twists = rig.sent_twists  # every caller has its answer: from now on none may be sent
+    twists = rig.sent_twists  # every call is answered, so no velocity may be sent from now on
     outcome.calls = len(traffic.calls)
     outcome.violations += [f"never answered: {call.name}" for call in traffic.open_calls]
     duplicates, rig.duplicates.found = rig.duplicates.found, []
@@ -237,8 +238,8 @@ def _play(rig: Rig, scenario: Plan, traffic: Traffic, outcome: Outcome, back_wit
     outcome.violations += [f"never ended: {goal.name}" for goal in traffic.open_goals]
     outcome.violations += [f"{goal.name}: {goal.error}" for goal in traffic.goals if goal.error]
 
-    if not _wait(lambda: not rig.held()):
-        outcome.violations.append(f"the agent still holds {rig.held()}")
+    if not _wait(lambda: not rig.in_flight()):
+        outcome.violations.append(f"still in flight in the agent: {rig.in_flight()}")
     rig.check_alive()
     outcome.violations += _replays(rig, traffic, first_text)
     _settle_chassis(rig)
@@ -294,7 +295,7 @@ def _wait(condition: Callable[[], Any], timeout: float = NEVER) -> bool:
 
 
 def _replays(rig: Rig, traffic: Traffic, first_text: str) -> list[str]:
-    """Return a violation for each command that the chassis got more often than it was requested.
+    """Return a violation for each command that the chassis received more often than allowed.
 
     Args:
         rig: The rig.
@@ -317,7 +318,7 @@ def _replays(rig: Rig, traffic: Traffic, first_text: str) -> list[str]:
 
 
 def _settle_chassis(rig: Rig) -> None:
-    """End what the robot still does, such as a goal that the agent gave up with the link."""
+    """End the robot's tasks and actions, such as a goal that the agent has given up."""
 
     def settle(simulator: Any) -> bool:
         chassis = simulator.chassis

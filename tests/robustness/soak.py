@@ -1,4 +1,4 @@
-"""`scripts/bench --soak`: mixed traffic and faults for an hour, then a look for anything that grew.
+"""`scripts/bench --soak`: check that nothing grows in an hour of mixed traffic and faults.
 
 The agent runs in a process of its own. What it holds is compared at rest: early in the run, and at
 the end. At rest means that traffic and faults have stopped, every call is answered and every goal
@@ -63,7 +63,7 @@ FAULT_ARGUMENTS: dict[str, dict[str, Any]] = {
     "truncated": {"where": "wire", "count": 1},
     "burst": {"count": 5000},
 }
-"""Arguments of faults whose defaults do not suit a soak."""
+"""Arguments of the faults whose defaults are unsuitable for a soak."""
 FAULT_DURATION = 5.0
 """Longest duration of a fault, in seconds of real time."""
 _COUNTERS = ("connects", "rx", "tx", "bad_frames", "dropped_pushes", "timeouts", "late_answers")
@@ -78,7 +78,7 @@ class Length:
         fault_every: Time from one fault to the next, in seconds.
         reference_after: Time after which the reference is taken that the end is compared with, in
             seconds.
-        sample_every: Time from one sample at work to the next, in seconds.
+        sample_every: Time between two samples under load, in seconds.
         samples_at_rest: Number of samples at rest, one per second, of which the median counts.
         rest_timeout: Time that the agent gets to come to rest, in seconds.
         max_growth: Highest memory at the end, as a multiple of the reference.
@@ -112,7 +112,7 @@ class Soak:
     """One run.
 
     Attributes:
-        samples: Samples at work.
+        samples: Samples under load.
         calls: Number of calls that were answered.
         goals: Number of goals that ended.
         messages: Number of messages on each topic.
@@ -153,7 +153,7 @@ class Soak:
         self._client.close()
 
     def run(self) -> tuple[Sample, Sample]:
-        """Make traffic and faults; return two samples at rest, the reference and the last one."""
+        """Run traffic and faults; return the reference and the last sample, both taken at rest."""
         length = self._length
         self._work(min(length.reference_after, length.seconds))
         reference = self._rest({"requests": 0, "goals": 0, "pushes": 0})
@@ -169,7 +169,7 @@ class Soak:
         """Wait until the agent is at rest and return a sample.
 
         Args:
-            limits: Numbers that the agent gets time to come down to.
+            limits: Numbers that the agent must be back within before the timeout.
         """
         timeout = self._length.rest_timeout
         self._simulator.clear_faults()
@@ -182,7 +182,7 @@ class Soak:
         deadline = time.monotonic() + timeout
         while not _within((sample := self._sample()).held, limits):
             if time.monotonic() > deadline:
-                break  # the table shows what is left
+                break  # the table shows what has not come down
             threading.Event().wait(0.2)
         samples = [sample]
         while len(samples) < self._length.samples_at_rest:
@@ -198,7 +198,7 @@ class Soak:
         )
 
     def _work(self, seconds: float) -> None:
-        """Make traffic and faults for some time."""
+        """Run traffic and faults for some time."""
         begin = time.monotonic()
         names, weights = list(REQUEST_WEIGHTS), list(REQUEST_WEIGHTS.values())
         fault_due = begin + self._length.fault_every / 2
@@ -232,7 +232,7 @@ class Soak:
         return Sample(time.monotonic() - self._begin, self._agent.rss, self._agent.held())
 
     def _forget_done(self) -> None:
-        """Count the calls and goals that are done, and drop them."""
+        """Count the calls and goals that are done, and forget them."""
         traffic = self._traffic
         calls, goals = traffic.open_calls, traffic.open_goals
         self.calls += len(traffic.calls) - len(calls)
@@ -259,7 +259,7 @@ class Soak:
 
 
 def run(length: Length, seed: int = 0) -> tuple[list[Sample], list[Figure]]:
-    """Soak an agent; return the samples at work and the figures."""
+    """Soak an agent; return the samples under load and the figures."""
     with (
         own_domain() as domain,
         SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=SPEED, seed=1)) as simulator,
@@ -331,8 +331,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--reference-after",
         type=float,
-        help="seconds until the memory is taken that the end is compared with (default 300, at "
-        "most half of the duration)",
+        help="seconds until the reference memory is measured (default 300, at most half of the "
+        "duration)",
     )
     parser.add_argument(
         "--seed", type=int, default=0, help="seed of traffic and faults (default 0)"

@@ -15,7 +15,7 @@ SCENARIOS = 9
 
 
 def pairs(kind: int) -> list[int]:
-    """Return seeds of pairs for one kind of agent, evenly spread over all pairs."""
+    """Return seeds of pairs of faults for one kind of agent, spread evenly over all pairs."""
     seeds = [
         seed for seed in range(len(ALONE), len(COMBINATIONS)) if seed // BLOCK % len(KINDS) == kind
     ]

@@ -14,7 +14,7 @@ from woosh_robot_agent.simulator.faults import FAULTS
 
 @pytest.fixture(scope="module")
 def rig() -> Iterator[Rig]:
-    """One agent for all faults, so that each meets what the one before has left behind."""
+    """One agent for all faults, so that leftovers of one affect the next."""
     running = Rig(KINDS[0])
     yield running
     running.close()

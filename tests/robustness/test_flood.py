@@ -1,6 +1,6 @@
-"""Every call under load is answered once, and nothing stays behind.
+"""Every call under load is answered once, and nothing is left behind.
 
-`scripts/bench --flood` goes on for longer and judges the memory too.
+`scripts/bench --flood` goes on for longer and also checks the memory.
 """
 
 from __future__ import annotations

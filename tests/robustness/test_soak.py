@@ -1,6 +1,6 @@
-"""Mixed traffic with every fault: nothing that the agent holds at rest grows.
+"""Mixed traffic with every fault: nothing in the agent grows.
 
-`scripts/bench --soak` goes on for an hour and judges the memory too.
+`scripts/bench --soak` goes on for an hour and also checks the memory.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SHORT = Length(
     samples_at_rest=1,
     rest_timeout=300.0,
 )
-"""Long enough for each of the 22 faults."""
+"""A length sufficient to inject each of the 22 faults."""
 
 
 @pytest.mark.timeout(900)

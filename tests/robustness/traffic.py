@@ -50,9 +50,9 @@ QUERIES = (
 START = (4.23, -6.67, -0.26)
 """Start pose of the simulated robot, in metres and radians. The tasks stay near it."""
 Mark = tuple[str, Any]
-"""Short name of a message type, and the value that is unique among the commands of this type."""
+"""Short name of a message type, and a value that is unique among its commands."""
 _UNLIMITED = 1_000_000
-"""Number of times that a cancel may reach the chassis."""
+"""Maximum number of times that a cancel may reach the chassis."""
 _EXECUTE = 1
 _ROTATE = 2
 
@@ -78,8 +78,8 @@ class TrackedGoal:
         name: Action and mark, for messages.
         cancel_mark: Mark of its cancel at the chassis.
         cancels: Number of times that its client asked to cancel it.
-        handle: The client's goal handle, as soon as the server has answered.
-        result: Future of the result, as soon as the goal is accepted.
+        handle: The client's goal handle, once the server has answered.
+        result: Future of the result, once the goal is accepted.
         error: Why the goal failed within ROS; empty if it did not.
     """
 
@@ -143,7 +143,7 @@ class Traffic:
     Args:
         client: Client of the agent.
         duplicates: Watches the services that are called.
-        marks: Numbers to make marks of, each unique for one chassis.
+        marks: Numbers for the marks, each used once per chassis.
 
     Attributes:
         calls: All calls of services.
@@ -162,7 +162,7 @@ class Traffic:
     # Requests. Each method returns at once
 
     def query(self, rng: random.Random) -> None:
-        """Query one of the states."""
+        """Call one of the query services."""
         self._call(*rng.choice(QUERIES))
 
     def speak(self, _rng: random.Random | None = None) -> Call:
@@ -176,7 +176,7 @@ class Traffic:
         self._call(SetSound, "setting/Sound", arg, ("Sound", ""))
 
     def twist(self, _rng: random.Random | None = None) -> None:
-        """Let the robot creep at a unique velocity."""
+        """Let the robot drive slowly at a unique velocity."""
         mark = next(self._marks)
         linear = round((-1) ** mark * (0.01 + mark % 40_000 * 1e-6), 6)
         self._call(Twist, "robot/Twist", TwistMsg(linear=linear), ("Twist", linear))
@@ -243,7 +243,7 @@ class Traffic:
 
 
 def marks_of(message: Message) -> list[Mark]:
-    """Return the marks of a message that the chassis got, as in `Traffic.allowed`.
+    """Return the marks of a message that the chassis received, as in `Traffic.allowed`.
 
     Queries and stops have none.
     """
@@ -252,7 +252,7 @@ def marks_of(message: Message) -> list[Mark]:
         return [(kind, message.text)]
     if isinstance(message, pack.ExecTask):
         return [(kind, message.task_id)]
-    if isinstance(message, pack.Twist):  # the agent may send a stop by itself
+    if isinstance(message, pack.Twist):  # the agent may also send a stop on its own
         return [(kind, round(message.linear, 6))] if message.linear else []
     if isinstance(message, CallAction):
         what = "execute" if _command(message).action == _EXECUTE else "cancel"

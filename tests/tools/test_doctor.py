@@ -1,4 +1,4 @@
-"""`doctor` over real sockets: each check passes and fails."""
+"""`doctor` over real sockets: each check is seen to pass and to fail."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Report:
 @pytest.fixture
 def examine(capsys: pytest.CaptureFixture[str]) -> Callable[..., Report]:
     def run(port: int, *arguments: str, ip: str = "127.0.0.1", skew: str = "60") -> Report:
-        # On a busy machine the simulated time lags behind.
+        # On a busy machine simulated time lags behind real time.
         status = main(["--ip", ip, "--port", str(port), "--max-skew", skew, "--json", *arguments])
         out, err = capsys.readouterr()
         assert err == ""
@@ -76,7 +76,7 @@ def peer(answer: bytes | None) -> Iterator[int]:
             connection.close()
 
 
-def test_a_ready_robot(chassis, examine):
+def test_a_ready_robot_passes_all_checks(chassis, examine):
     report = examine(chassis.port)
     assert report.status == 0
     assert report.with_status("ok") == list(CHECKS)
@@ -87,14 +87,14 @@ def test_a_ready_robot(chassis, examine):
     ("arguments", "port"),
     [(("--transport", "tcp"), "tcp_port"), (("--encoding", "protobuf"), "port")],
 )
-def test_protobuf_has_no_clock(chassis, examine, arguments, port):
+def test_clock_is_not_checked_with_protobuf(chassis, examine, arguments, port):
     report = examine(getattr(chassis, port), *arguments)
     assert (report.status, report.with_status("warn")) == (0, ["clock"])
     assert report.with_status("ok") == list(CHECKS[:-1])
 
 
-def test_a_name_with_several_addresses(chassis, examine, monkeypatch):
-    """The robot need not listen on the first one; `localhost` often resolves to ::1 first."""
+def test_all_addresses_of_a_name_are_tried(chassis, examine, monkeypatch):
+    """The robot may not listen on the first address: `localhost` often resolves to ::1 first."""
     port = chassis.port
     addresses = [
         (socket.AF_INET, socket.SOCK_STREAM, 6, "", (host, port))
@@ -106,19 +106,19 @@ def test_a_name_with_several_addresses(chassis, examine, monkeypatch):
     assert report.text("network").startswith("127.0.0.1 is reachable")
 
 
-def test_requests_robot_info_only(chassis, examine):
+def test_only_robot_info_is_requested(chassis, examine):
     examine(chassis.port)
     assert dict(chassis.counts) == {INFO: 1}
 
 
-def test_no_such_host(examine):
+def test_unknown_host_fails(examine):
     report = examine(5480, "--timeout", "5", ip="no-such-host.invalid")
     assert (report.status, report.with_status("fail")) == (1, ["network"])
     assert report.with_status("skip") == list(CHECKS[1:])
     assert "no-such-host.invalid" in report.text("network")
 
 
-def test_unreachable_address(examine):
+def test_unreachable_address_fails(examine):
     """A full backlog ignores further connections, as a robot that is switched off does."""
     with socket.socket() as server, contextlib.ExitStack() as stack:
         server.bind(("127.0.0.1", 0))
@@ -134,7 +134,7 @@ def test_unreachable_address(examine):
     assert "firewall" in report.text("network")
 
 
-def test_closed_port(examine):
+def test_closed_port_fails(examine):
     with socket.socket() as unused:  # bound, so that no other program uses the port
         unused.bind(("127.0.0.1", 0))
         report = examine(unused.getsockname()[1])
@@ -152,7 +152,7 @@ def test_closed_port(examine):
         (b"", "not a chassis"),
     ],
 )
-def test_another_program_on_the_port(examine, answer, text):
+def test_another_program_on_the_port_fails(examine, answer, text):
     with peer(answer) as port:
         report = examine(port, "--timeout", SHORT if answer is None else "5")
     assert (report.status, report.with_status("fail")) == (1, ["handshake"])
@@ -160,28 +160,28 @@ def test_another_program_on_the_port(examine, answer, text):
     assert text in report.text("handshake")
 
 
-def test_robot_info_is_not_answered(chassis, examine):
+def test_unanswered_robot_info_fails(chassis, examine):
     chassis.mute(INFO)
     report = examine(chassis.port, "--timeout", SHORT)
     assert (report.status, report.with_status("fail")) == (1, ["RobotInfo"])
     assert "no answer within 0.5 s" in report.text("RobotInfo")
 
 
-def test_robot_info_is_refused(chassis, examine):
+def test_refused_robot_info_fails(chassis, examine):
     chassis.refuse(INFO, "ask somebody else")
     report = examine(chassis.port)
     assert (report.status, report.with_status("fail")) == (1, ["RobotInfo"])
     assert "ask somebody else" in report.text("RobotInfo")
 
 
-def test_answer_of_another_type(chassis, examine):
+def test_answer_of_another_type_fails(chassis, examine):
     chassis.answer_as(INFO, "woosh.robot.Mode")
     report = examine(chassis.port)
     assert report.with_status("fail") == ["RobotInfo"]
     assert "woosh.robot.Mode" in report.text("RobotInfo")
 
 
-def test_unreadable_answer(chassis, examine):
+def test_unreadable_answer_fails(chassis, examine):
     def withhold(frame: Any) -> list[Any]:
         answers.append(frame)
         return []
@@ -214,7 +214,9 @@ STATES = [
 
 
 @pytest.mark.parametrize(("state", "failing", "check", "text"), STATES)
-def test_a_robot_that_rejects_tasks(examine, chassis, set_state, state, failing, check, text):
+def test_each_reason_to_reject_a_task_is_named(
+    examine, chassis, set_state, state, failing, check, text
+):
     set_state(**state)
     report = examine(chassis.port)
     assert (report.status, report.with_status("fail")) == (1, failing)
@@ -226,7 +228,7 @@ def test_initialisation_hidden_by_a_fault_is_skipped(examine, chassis, set_state
     assert "initialisation" in examine(chassis.port).with_status("skip")
 
 
-def test_several_reasons_in_one_check(examine, chassis, set_state):
+def test_one_check_can_name_several_reasons(examine, chassis, set_state):
     set_state(ctrl=robot.kManual, work=robot.kDeployMode, initialised=False, located=False)
     report = examine(chassis.port)
     assert "mode" in report.with_status("fail")
@@ -234,7 +236,7 @@ def test_several_reasons_in_one_check(examine, chassis, set_state):
         assert text in report.text("mode")
 
 
-def test_an_empty_robot_info(chassis, examine):
+def test_an_empty_robot_info_gives_warnings(chassis, examine):
     def empty(frame: Any) -> list[Any]:
         frame.body.Clear()
         return [frame]
@@ -245,7 +247,7 @@ def test_an_empty_robot_info(chassis, examine):
     assert report.with_status("warn") == list(CHECKS[4:9])
 
 
-def test_clocks_differ(examine):
+def test_clocks_that_differ_are_a_warning(examine):
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as other_day:
         report = examine(other_day.port, skew="1")
     assert (report.status, report.with_status("warn")) == (0, ["clock"])
@@ -254,7 +256,7 @@ def test_clocks_differ(examine):
     assert "NTP" in report.text("clock")
 
 
-def test_lines(chassis, set_state, capsys):
+def test_advice_follows_a_failed_check(chassis, set_state, capsys):
     set_state(ctrl=robot.kManual)
     assert main(["--ip", "127.0.0.1", "--port", str(chassis.port)]) == 1
     lines = capsys.readouterr().out.splitlines()
@@ -263,7 +265,7 @@ def test_lines(chassis, set_state, capsys):
     assert lines[mode + 1].strip().startswith("-> turn the key switch")
 
 
-def test_line_of_the_checks_not_reached(capsys):
+def test_last_line_lists_the_skipped_checks(capsys):
     with peer(b"") as port:
         assert main(["--ip", "127.0.0.1", "--port", str(port)]) == 1
     last = capsys.readouterr().out.splitlines()[-1]
@@ -274,7 +276,7 @@ def test_line_of_the_checks_not_reached(capsys):
     "arguments",
     [[], ["--ip", "a b"], ["--ip", "x", "--port", "70000"], ["--ip", "x", "--max-skew", "nan"]],
 )
-def test_wrong_usage(arguments, capsys):
+def test_wrong_usage_ends_with_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ending:
         main(arguments)
     assert ending.value.code == 2

@@ -54,7 +54,7 @@ def shown(view: RobotView, link: LinkReport = GOOD) -> str:
 
 
 def row(text: str, title: str) -> str:
-    """Return the text beside a title."""
+    """Return the text in the row with this title."""
     (found,) = re.findall(rf"^│ {re.escape(title)}  +(.*?) *│$", text, re.MULTILINE)
     return str(found)
 
@@ -66,16 +66,16 @@ def seen(*messages: Any) -> RobotView:
     return view
 
 
-# The picture
+# The drawn view
 
 
-def test_an_empty_view():
+def test_an_empty_view_shows_the_link_only():
     text = shown(RobotView(), LinkReport(False, "not connected", "switch it on"))
     assert "not connected  switch it on" in row(text, "link")
     assert "mode" not in text
 
 
-def test_unknown_values():
+def test_missing_values_are_shown_as_unknown():
     text = shown(seen(RobotState(state=robot.kIdle)))
     for title in ("new task", "pose", "speed", "battery"):
         assert row(text, title) == "unknown"
@@ -95,10 +95,10 @@ def test_parts_update_robot_info():
     text = shown(view)
     assert row(text, "mode") == "control auto   work task   state task"
     assert row(text, "battery") == "14 %   charging (auto)"
-    assert row(text, "pose") == "unknown"  # RobotInfo replaced what was known
+    assert row(text, "pose") == "unknown"  # the new RobotInfo has no pose
 
 
-def test_pose_task_and_actions():
+def test_pose_task_and_actions_are_shown():
     view = seen(
         PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),
         TaskProc(
@@ -126,7 +126,7 @@ def test_pose_task_and_actions():
     assert row(text, "StepControl") == "executing   step 1"
 
 
-def test_every_reason_to_reject_a_task():
+def test_every_reason_to_reject_a_task_is_shown():
     view = seen(
         Mode(ctrl=robot.kManual, work=robot.kDeployMode),
         DeviceState(hardware=DeviceState.kEmgBtn, software=DeviceState.kLocation),
@@ -139,7 +139,7 @@ def test_every_reason_to_reject_a_task():
     assert "turn the key switch to automatic" in text
 
 
-def test_status_codes_newest_first_without_duplicates():
+def test_status_codes_are_shown_newest_first_without_duplicates():
     codes = [StatusCode(code=n, time=n * 1000, msg=f"no. {n}") for n in range(1, 80)]
     view = seen(*codes[:60], RobotInfo(status_codes=StatusCodes(scs=codes[50:70])), *codes[65:])
     assert [code.code for code in view.codes] == list(range(30, 80))
@@ -147,7 +147,7 @@ def test_status_codes_newest_first_without_duplicates():
     assert [int(n) for n in re.findall(r"no\. (\d+)", text)] == list(range(79, 71, -1))
 
 
-def test_an_outdated_view():
+def test_an_outdated_view_is_marked():
     view = seen(RobotState(state=robot.kIdle))
     assert "OUTDATED" not in shown(view)
     assert "OUTDATED: this is the last known state" in shown(view, LinkReport(False, "lost"))
@@ -172,7 +172,7 @@ def test_texts_of_the_robot_cannot_control_the_terminal():
         (ros_pack_pb2.State, ros_pack_pb2.kRosExecuteFailed, "execute failed"),
     ],
 )
-def test_enum_names(enum, number, text):
+def test_enum_values_are_shown_as_words(enum, number, text):
     assert enum_name(enum, number) == text
 
 
@@ -199,7 +199,9 @@ def once(port: int, *arguments: str) -> tuple[int, str]:
         (("--transport", "tcp"), "tcp_port"),
     ],
 )
-def test_once(chassis: SimulatorThread, arguments: tuple[str, ...], port: str) -> None:
+def test_once_prints_the_state(
+    chassis: SimulatorThread, arguments: tuple[str, ...], port: str
+) -> None:
     status, text = once(getattr(chassis, port), "--timeout", str(TIMEOUT), *arguments)
     truth = chassis.state
     assert status == 0
@@ -213,7 +215,7 @@ def test_once(chassis: SimulatorThread, arguments: tuple[str, ...], port: str) -
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
-def test_once_with_a_robot_that_rejects_tasks(
+def test_once_shows_why_tasks_are_rejected(
     chassis: SimulatorThread, set_state: Callable[..., None]
 ) -> None:
     set_state(ctrl=robot.kManual)
@@ -223,7 +225,7 @@ def test_once_with_a_robot_that_rejects_tasks(
     assert "manual mode: turn the key switch" in text
 
 
-def test_once_without_a_robot(chassis: SimulatorThread) -> None:
+def test_once_without_a_robot_fails(chassis: SimulatorThread) -> None:
     chassis.stop_listening()
     status, text = once(chassis.port, "--timeout", "0.5")
     assert status == 1
@@ -252,11 +254,11 @@ class Terminal:
 
     def read(self) -> None:
         select.select([self._master], [], [], 0.1)
-        with suppress(BlockingIOError, OSError):  # the latter when the program has ended
+        with suppress(BlockingIOError, OSError):  # OSError: the program has ended
             self.text += os.read(self._master, 1_000_000).decode(errors="replace")
 
     def wait(self, text: str) -> None:
-        """Wait for a text that follows all texts awaited so far."""
+        """Wait for a text in the output after all texts found so far."""
         deadline = time.monotonic() + TIMEOUT
         while text not in self.text:
             assert time.monotonic() < deadline, f"no {text!r} in {self.text[-3000:]}"
@@ -264,7 +266,7 @@ class Terminal:
         self.text = self.text.partition(text)[2]
 
     def end(self) -> int:
-        """Wait for the end and return the exit status, reading so that the program can write."""
+        """Return the exit status. Reads the output meanwhile, so that the program can write."""
         deadline = time.monotonic() + TIMEOUT
         while self.process.poll() is None:
             assert time.monotonic() < deadline, "it does not end"
@@ -285,7 +287,9 @@ def terminal(chassis: SimulatorThread) -> Iterator[Terminal]:
     running.close()
 
 
-def test_on_a_terminal(terminal: Terminal, chassis: SimulatorThread) -> None:
+def test_terminal_follows_the_robot_and_its_link(
+    terminal: Terminal, chassis: SimulatorThread
+) -> None:
     terminal.wait("connected since")
     terminal.wait("q quits")
     chassis.set_emergency_stop(True)
@@ -295,7 +299,7 @@ def test_on_a_terminal(terminal: Terminal, chassis: SimulatorThread) -> None:
     terminal.wait("OUTDATED")
     chassis.listen()
     terminal.wait("connected since")
-    for key in "xyz0 \r\x1b[A":  # keys without a function
+    for key in "xyz0 \r\x1b[A":  # keys that do nothing
         terminal.press(key)
     terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
@@ -303,7 +307,7 @@ def test_on_a_terminal(terminal: Terminal, chassis: SimulatorThread) -> None:
     assert terminal.end() == 0
 
 
-def test_ctrl_c(terminal: Terminal) -> None:
+def test_ctrl_c_ends_it(terminal: Terminal) -> None:
     terminal.wait("connected since")
     terminal.process.send_signal(signal.SIGINT)
     assert terminal.end() == 0
@@ -324,7 +328,7 @@ def piped(port: int) -> Iterator[subprocess.Popen[str]]:
     process.communicate()
 
 
-def test_without_a_terminal(chassis: SimulatorThread) -> None:
+def test_without_a_terminal_the_view_is_printed_repeatedly(chassis: SimulatorThread) -> None:
     with piped(chassis.port) as process:
         assert process.stdout is not None
         pictures = 0
@@ -341,14 +345,16 @@ def test_without_a_terminal(chassis: SimulatorThread) -> None:
     "arguments",
     [["--ip", "a b"], ["--ip", "x", "--interval", "0"], ["--timeout", "nan"], ["--what"]],
 )
-def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_ends_with_status_2(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ending:
         main(arguments)
     assert ending.value.code == 2
     assert "monitor: error:" in capsys.readouterr().err
 
 
-def test_without_ros() -> None:
+def test_error_without_ros_names_the_option_ip() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
         "from woosh_robot_agent.tools.monitor import main; main(['--once'])"

@@ -43,7 +43,7 @@ def link(port: int, kind: str = "json", **more: Any) -> LinkConfig:
 
 @asynccontextmanager
 async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator[Client]:
-    """A client, and the pushes that it receives."""
+    """Connect a client; yield it and the list of pushes that it receives."""
     client, heard = ChassisClient(config=link(port, kind, **more)), []
     for cls in (TaskProc, Mode, Battery):
         client.subscribe(cls, heard.append)
@@ -55,7 +55,7 @@ async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator
 async def recording(
     path: Path, simulator: SimulatedChassis, kind: str = "json"
 ) -> AsyncIterator[int]:
-    """A recording proxy before the simulator; yields its port."""
+    """Run a recording proxy in front of the simulator; yield its port."""
     port = simulator.tcp_port if kind == "tcp" else simulator.port
     file = RecordingWriter(path, "ws://simulator", 2**26, lambda reason: pytest.fail(reason))
     proxy = RecordingProxy(link(port, kind), file)
@@ -113,7 +113,9 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
             await eventually(lambda: len(again) >= len(heard), "the last push")
             assert again[: len(heard)] == heard
             assert (await client.request(RobotInfo())).body == info
-            assert (await client.request(ExecTask(mark_no="B1"))).ok  # by its type
+            assert (
+                await client.request(ExecTask(mark_no="B1"))
+            ).ok  # the body differs: any answer of the type will do
             refused = await client.request(Speak(text="hello"))
             assert not refused.ok
             assert refused.msg == "the recording has no request of type woosh.robot.Speak"
@@ -121,7 +123,7 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
 
 @aio
 async def test_all_bytes_are_forwarded_unchanged(tmp_path: Path) -> None:
-    """Also those that are not of a WebSocket."""
+    """This includes bytes that are not WebSocket frames."""
     got = asyncio.Event()
     there = bytearray()
 
@@ -170,7 +172,7 @@ async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
 
 
 @aio
-async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
+async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with (
         simulator() as chassis,
@@ -199,7 +201,7 @@ async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
         client.on_state(seen.append)
         client.subscribe(Mode, again.append)
         async with client:
-            # The playback waits for it, so the client is connected when the loss is replayed.
+            # The playback waits for this command, so the client sees the loss.
             assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).ok
             await eventually(lambda: replayed.rounds, "the end")
             await eventually(lambda: len(again) == 2)
@@ -212,7 +214,7 @@ async def test_a_lost_connection_is_replayed(tmp_path: Path) -> None:
 
 
 @aio
-async def test_a_chassis_that_is_unreachable(tmp_path: Path) -> None:
+async def test_an_unreachable_chassis_is_recorded(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
         await chassis.stop_listening()
@@ -263,11 +265,11 @@ async def test_the_passive_client_sends_each_query_and_no_command(tmp_path: Path
     assert not asked & {command.request for command in COMMANDS}
 
 
-# Replay of artificial recordings
+# Replay of made-up recordings
 
 
 def made_up(*records: Any) -> Recording:
-    """A recording of tuples.
+    """Return a recording made of tuples.
 
     A frame is (t, connection, sender, data), an event (t, connection, kind, by).
     """
@@ -303,8 +305,8 @@ def pushed(t: float, name: str, body: Any, connection: int = 1) -> Any:
 INFO = exchange(0.0, "woosh.robot.RobotInfo", 900, {}, "")
 
 
-async def several_round_trips(client: ChassisClient) -> None:
-    """Give a playback at a high speed the time to send what it must not send yet."""
+async def wait_round_trips(client: ChassisClient) -> None:
+    """Wait for some round trips: enough for a fast playback to send something too early."""
     for _ in range(10):
         await client.request(RobotInfo())
 
@@ -317,7 +319,7 @@ async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChas
 
 
 @aio
-async def test_answers_by_body_and_in_recorded_order() -> None:
+async def test_answers_are_chosen_by_the_request_and_come_in_recorded_order() -> None:
     records = [
         *exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "first a"),
         *exchange(2, "woosh.robot.Speak", 2, {"text": "b"}, "b"),
@@ -363,12 +365,13 @@ async def test_pushes_go_to_subscribers() -> None:
         subscribed(0.1, "woosh.robot.PoseSpeed", "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.PoseSpeed", {"mapId": 1}),
         pushed(0.3, "woosh.robot.Mode", {"work": 1}),
-        pushed(0.4, "woosh.robot.Battery", {"power": 3}),  # not subscribed to: goes to everybody
+        # a push without a recorded subscription goes to every client
+        pushed(0.4, "woosh.robot.Battery", {"power": 3}),
     ]
     async with replaying(*records) as replayed:
         poses: list[Any] = []
         async with connected(replayed.port) as (client, heard):
-            client.subscribe(PoseSpeed, poses.append)()  # no more
+            client.subscribe(PoseSpeed, poses.append)()  # subscribe and unsubscribe
             await eventually(lambda: replayed.rounds)
             await eventually(lambda: len(heard) == 2)
         assert [type(m) for m in heard] == [Mode, Battery]
@@ -391,9 +394,9 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
     records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
     async with (
         replaying(*records, speed=1e5) as replayed,
-        ChassisClient(config=link(replayed.port)) as client,  # no subscription
+        ChassisClient(config=link(replayed.port)) as client,  # without a subscription
     ):
-        await several_round_trips(client)
+        await wait_round_trips(client)
         assert replayed.rounds == 0
         heard: list[Any] = []
         client.subscribe(Mode, heard.append)
@@ -402,7 +405,7 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
 
 
 @aio
-async def test_a_robot_that_never_came_back() -> None:
+async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
@@ -431,7 +434,7 @@ async def test_the_playback_pauses_until_a_command_is_sent() -> None:
         replaying(*records, wait_for_commands=True, speed=1e5) as replayed,
         connected(replayed.port) as (client, heard),
     ):
-        await several_round_trips(client)
+        await wait_round_trips(client)
         assert heard == []
         assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
         await eventually(lambda: len(heard) == 1)
@@ -440,7 +443,7 @@ async def test_the_playback_pauses_until_a_command_is_sent() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_each_client_receives_its_own_encoding(kind: str) -> None:
-    """The recording is one of JSON."""
+    """The recording is in JSON."""
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.Mode", {"work": 1}),
@@ -454,7 +457,7 @@ async def test_each_client_receives_its_own_encoding(kind: str) -> None:
 
 
 @aio
-async def test_loop() -> None:
+async def test_the_recording_can_be_replayed_in_a_loop() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
         pushed(0.2, "woosh.robot.Mode", {"work": 1}),
@@ -491,7 +494,7 @@ async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
 
 
 @aio
-async def test_frames_in_pieces(tmp_path: Path) -> None:
+async def test_frames_in_pieces_are_recorded_whole(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     async with simulator() as chassis, recording(path, chassis) as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)

@@ -1,4 +1,4 @@
-"""The file of a recording, and the parsers that find frames in a stream."""
+"""Recording files, and the parsers that find frames in a byte stream."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def writer(path: Path, max_size: int = MIB) -> tuple[RecordingWriter, list[str]]
 
 
 @pytest.mark.parametrize("name", ["a.jsonl", "a.jsonl.gz"])
-def test_write_and_read(tmp_path, name):
+def test_a_recording_is_read_as_it_was_written(tmp_path, name):
     path = tmp_path / name
     file, told = writer(path)
     file.event(1, "open", "client", "peer")
@@ -58,7 +58,7 @@ def test_a_crash_loses_only_the_end(tmp_path, name):
     for number in range(100):
         file.frame(1, "client", str(number).encode(), text=True)
     file.flush()
-    whole = path.read_bytes()  # as after a crash: never closed
+    whole = path.read_bytes()  # as after a crash, because the file is not closed
     assert [record.data for record in read_recording(path).records] == [str(n) for n in range(100)]
     file.close()
     path.write_bytes(whole[:-7])
@@ -78,7 +78,7 @@ def test_an_existing_file_is_not_overwritten(tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_the_size_limit_ends_it(tmp_path):
+def test_the_size_limit_ends_the_recording(tmp_path):
     file, told = writer(tmp_path / "a.jsonl", max_size=400)
     for _ in range(50):
         file.frame(1, "client", b"0123456789", text=True)
@@ -91,7 +91,7 @@ def test_the_size_limit_ends_it(tmp_path):
     assert len(told) == 1
 
 
-def test_a_full_disk_ends_it(tmp_path):
+def test_a_full_disk_ends_the_recording(tmp_path):
     file, told = writer(tmp_path / "a.jsonl")
     file.frame(1, "client", b"x", text=True)
     with open("/dev/full", "wb") as full:
@@ -119,14 +119,14 @@ def test_a_full_disk_ends_it(tmp_path):
         ),
     ],
 )
-def test_not_a_recording(tmp_path, content, text):
+def test_a_file_that_is_no_recording_is_refused(tmp_path, content, text):
     path = tmp_path / "a.jsonl"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=text):
         read_recording(path)
 
 
-def test_not_gzip(tmp_path):
+def test_a_file_that_is_not_gzip_is_refused(tmp_path):
     path = tmp_path / "a.jsonl.gz"
     path.write_bytes(json.dumps({}).encode())
     with pytest.raises(RecordingError, match="not a gzip"):
@@ -135,7 +135,7 @@ def test_not_gzip(tmp_path):
 
 @pytest.mark.parametrize("chunk", [1, 7, 10_000])
 @pytest.mark.parametrize("masked", [False, True])
-def test_web_socket_frames(masked, chunk):
+def test_websocket_frames_are_found(masked, chunk):
     frames = [
         WireFrame(Opcode.TEXT, b"\xff\xfe"),  # invalid UTF-8, but a frame
         WireFrame(Opcode.TEXT, b"he", fin=False),
@@ -168,13 +168,13 @@ def test_web_socket_frames(masked, chunk):
         b"x" * 100_000,
     ],
 )
-def test_not_a_web_socket(stream):
+def test_data_that_is_no_websocket_is_an_error(stream):
     with pytest.raises(UnreadableError):
         list(WebSocketParser(masked=False, max_size=1000).feed(stream))
 
 
 @pytest.mark.parametrize("chunk", [1, 3, 10_000])
-def test_delimited_frames(chunk):
+def test_delimited_frames_are_found(chunk):
     stream = b"\x03abc" + b"\x00" + b"\xac\x02" + b"x" * 300
     parser = DelimitedParser(1000)
     parsed = [
@@ -186,6 +186,6 @@ def test_delimited_frames(chunk):
 
 
 @pytest.mark.parametrize("stream", [b"\xff" * 10, b"\xe9\x07" + b"x"])
-def test_not_delimited(stream):
+def test_data_that_is_not_delimited_is_an_error(stream):
     with pytest.raises(UnreadableError):
         list(DelimitedParser(1000).feed(stream))

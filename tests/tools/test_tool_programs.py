@@ -1,4 +1,4 @@
-"""The programs from outside: options, exit status and output."""
+"""The tools as programs: options, exit status and output."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def address(chassis: SimulatorThread) -> list[str]:
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_entry_points(tool: str) -> None:
+def test_every_tool_has_an_entry_point(tool: str) -> None:
     found = re.search(rf'"{tool} = (\S+):(\w+)"', (ROOT / "setup.py").read_text())
     assert found
     assert callable(getattr(importlib.import_module(found[1]), found[2]))
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_help(tool: str) -> None:
+def test_every_tool_has_a_help_text(tool: str) -> None:
     status, out, err = run(tool, "--help")
     assert (status, err) == (0, "")
     assert out.startswith(f"usage: {tool} ")
@@ -71,7 +71,7 @@ def test_help(tool: str) -> None:
     ],
 )
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_broken_pipe(
+def test_broken_pipe_ends_a_tool_quietly(
     chassis: SimulatorThread, tool: str, arguments: list[str], unbuffered: str
 ) -> None:
     reader, writer = os.pipe()
@@ -96,7 +96,7 @@ def test_the_programs_do_not_import_ros() -> None:
     assert out.stdout == "[]\n"
 
 
-def test_record_by_itself(chassis: SimulatorThread, tmp_path: Path) -> None:
+def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl.gz"
     with start("record", *address(chassis), "--output", str(path)) as process:
         try:
@@ -113,14 +113,14 @@ def test_record_by_itself(chassis: SimulatorThread, tmp_path: Path) -> None:
     assert {query.request for query in QUERIES} <= set(prepare(recording).answers.types)
 
 
-def test_record_for_a_while(chassis: SimulatorThread, tmp_path: Path) -> None:
+def test_record_ends_after_its_duration(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "0.5")
     assert status == 0
     assert read_recording(path).damage == ""
 
 
-def test_record_without_a_chassis(tmp_path: Path) -> None:
+def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path)]
     with start("record", *arguments) as process:
@@ -136,7 +136,7 @@ def test_record_without_a_chassis(tmp_path: Path) -> None:
     assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
 
 
-def test_record_overwrites_nothing(tmp_path: Path) -> None:
+def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text("mine")
     status, _, err = run("record", "--ip", "127.0.0.1", "--output", str(path))
@@ -145,7 +145,7 @@ def test_record_overwrites_nothing(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_record_at_a_port_that_is_taken(tmp_path: Path) -> None:
+def test_record_at_a_port_in_use_fails(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with socket.create_server(("127.0.0.1", 0)) as taken:
         there = f"127.0.0.1:{taken.getsockname()[1]}"
@@ -179,14 +179,16 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
     assert path.stat().st_size <= 315
 
 
-def test_warning_if_other_machines_can_connect(chassis: SimulatorThread, tmp_path: Path) -> None:
+def test_record_warns_if_other_machines_can_connect(
+    chassis: SimulatorThread, tmp_path: Path
+) -> None:
     arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
     status, _, err = run("record", *address(chassis), *arguments)
     assert status == 0
     assert "everybody who can reach 0.0.0.0 can command the robot" in err
 
 
-def test_replay_of_a_damaged_file(tmp_path: Path) -> None:
+def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     file = RecordingWriter(path, "ws://x", 10_000, lambda reason: None)
     file.event(1, "open", "client")
@@ -205,7 +207,7 @@ def test_replay_of_a_damaged_file(tmp_path: Path) -> None:
     assert "end of the recording is missing: the last line is not complete" in err
 
 
-def test_replay_of_another_file(tmp_path: Path, capsys: Any) -> None:
+def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
     assert replay.main([str(tmp_path / "nothing.jsonl")]) == 1
     assert "No such file" in capsys.readouterr().err
     path = tmp_path / "a.jsonl"
@@ -227,7 +229,7 @@ def test_replay_of_another_file(tmp_path: Path, capsys: Any) -> None:
         (replay, ["f", "--port", "70000"]),
     ],
 )
-def test_wrong_usage(
+def test_wrong_usage_ends_with_status_2(
     tool: Any, arguments: list[str], capsys: Any, tmp_path: Path, monkeypatch: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)

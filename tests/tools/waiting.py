@@ -1,4 +1,4 @@
-"""Asynchronous tests, and waiting in them."""
+"""A decorator for asynchronous tests, and a function that waits for a condition."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TIMEOUT = 60.0
 
 
 def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """Run an asynchronous test; fail on an exception that no code handles."""
+    """Run an asynchronous test; fail it on an unhandled exception."""
 
     @functools.wraps(test)
     def run(*args: Any, **kwargs: Any) -> None:
