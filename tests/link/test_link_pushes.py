@@ -359,5 +359,5 @@ async def test_drops_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
         for _ in range(9):
             client._connection._on_push(envelope)  # type: ignore[union-attr]
         assert client.stats.dropped_pushes == {"woosh.robot.count.StatusCode": 6}
-        logged = [r for r in caplog.records if "faster than its consumers take it" in r.message]
+        logged = [r for r in caplog.records if "faster than its consumers handle it" in r.message]
         assert [r.levelno for r in logged] == [logging.WARNING]
