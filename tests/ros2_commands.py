@@ -10,9 +10,10 @@ from typing import Any
 
 import yaml
 
+from woosh_robot_agent import endpoints
 from woosh_robot_agent.ros_types import class_of
 
-NAMESPACE = "/woosh_robot/"
+NAMESPACE = f"{endpoints.NAMESPACE}/"
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.link import Body, ChassisClient
-from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link import Body, ChassisClient, FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState
 from woosh_robot_agent.protos import full_name, message_type
 

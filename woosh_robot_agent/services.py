@@ -16,10 +16,10 @@ from woosh_robot_agent.link import (
     Body,
     ChassisClient,
     ConnectionLostError,
+    FrameError,
     LinkError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.protos import message_type

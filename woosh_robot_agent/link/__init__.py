@@ -21,6 +21,7 @@ Example::
 from woosh_robot_agent.link.answer import Answer
 from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.client import ChassisClient
+from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.errors import (
     ConnectionLostError,
@@ -38,6 +39,7 @@ __all__ = [
     "Body",
     "ChassisClient",
     "ConnectionLostError",
+    "FrameError",
     "HandshakeError",
     "LinkConfig",
     "LinkError",
