@@ -2,8 +2,8 @@
 
     python -m benchmarks.programs.flood_caller RATE SECONDS
 
-Prints `ready` when the service is there and begins after a line on stdin. At the end it prints one
-JSON object.
+Prints `ready` when the service has answered a call and begins after a line on stdin. At the end it
+prints one JSON object.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from woosh_robot_msgs.srv import Speak
 
 ANSWER_TIMEOUT = 300.0
 """Timeout for answers after the last call, in seconds."""
+_FIRST_ANSWER_TIMEOUT = 2.0
+"""Time after which the first call is repeated, in seconds."""
 
 
 class Caller:
@@ -48,9 +50,27 @@ class Caller:
         self._waits: list[float] = []
 
     def wait_for_service(self) -> None:
-        """Wait until the service is available."""
+        """Wait until the service has answered a call.
+
+        `service_is_ready` is true when this process has discovered the service. Only an answer
+        shows that the agent has discovered both endpoints of this client. DDS may drop requests
+        and answers that are sent before.
+        """
         while not self._client.service_is_ready():
             time.sleep(0.05)
+        while not self._answered_once():
+            pass
+
+    def _answered_once(self) -> bool:
+        """Call once and wait for an answer; return False after a timeout."""
+        self._client.handle.send_request(self._request)
+        deadline = time.monotonic() + _FIRST_ANSWER_TIMEOUT
+        while time.monotonic() < deadline:
+            header, _response = self._client.handle.take_response(Speak.Response)
+            if header is not None:
+                return True
+            time.sleep(0.01)
+        return False
 
     def flood(self, rate: float, seconds: float) -> dict[str, Any]:
         """Call at a rate in Hz, wait for the answers and return a summary of them."""
@@ -71,6 +91,7 @@ class Caller:
             "sent": len(self._sent),
             "seconds": duration,
             "answered": len(self._answers),
+            "missing": _ranges(sorted(self._sent.keys() - self._answers.keys())),
             "duplicates": sum(count > 1 for count in self._answers.values()),
             "kinds": dict(self._kinds),
             "median": waits[len(waits) // 2],
@@ -83,10 +104,23 @@ class Caller:
         if header is None:
             return False
         number = header.request_id.sequence_number
+        if number not in self._sent:  # a late answer to a call of `wait_for_service`
+            return True
         self._answers[number] += 1
         self._waits.append(time.monotonic() - self._sent[number])
         self._kinds[_kind(response)] += 1
         return True
+
+
+def _ranges(numbers: list[int]) -> str:
+    """Return ascending numbers as text, e.g. "2-4 9"."""
+    ranges: list[list[int]] = []
+    for number in numbers:
+        if ranges and ranges[-1][-1] == number - 1:
+            ranges[-1] = [ranges[-1][0], number]
+        else:
+            ranges.append([number])
+    return " ".join("-".join(map(str, each)) for each in ranges)
 
 
 def _kind(response: Any) -> str:

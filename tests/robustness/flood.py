@@ -125,6 +125,11 @@ class Bench:
         sent = sum(report["sent"] for report in reports)
         answered = sum(report["answered"] for report in reports)
         reached = sum(report["sent"] / report["seconds"] for report in reports)
+        missing = "".join(
+            f"; caller {number} misses calls {report['missing']}"
+            for number, report in enumerate(reports, 1)
+            if report["missing"]
+        )
         kinds: Counter[str] = Counter()
         for report in reports:
             kinds.update(report["kinds"])
@@ -133,7 +138,7 @@ class Bench:
         self._add(
             part,
             "answered, each once",
-            f"{answered} of {sent}",
+            f"{answered} of {sent}{missing}",
             "all",
             answered == sent and not any(report["duplicates"] for report in reports),
         )
