@@ -164,10 +164,3 @@ def test_a_cleared_kind_is_logged_again(caplog: pytest.LogCaptureFixture) -> Non
     log.warn("b", "b")
     warned = [r.message for r in caplog.records if r.levelno == logging.WARNING]
     assert warned == ["a", "b", "100 %s", "b"]
-
-
-def test_the_number_of_remembered_kinds_is_limited() -> None:
-    log = LogOnce(logging.getLogger("test.once"))
-    for number in range(10_000):
-        log.warn(str(number), "text")
-    assert len(log._logged) <= 200

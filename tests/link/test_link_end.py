@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from typing import Any
 
 import pytest
@@ -46,17 +45,13 @@ WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("backlog", [0, 16_000_000])
 @aio
-async def test_a_close_ends_in_time_even_if_the_other_end_reads_nothing(
-    kind: str, backlog: int
-) -> None:
+async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backlog: int) -> None:
     async with Peer(kind) as peer:
         client = await peer.client().__aenter__()
         (await peer.wire()).freeze()
         task = asyncio.ensure_future(client.request(Speak(text="x" * backlog)))
         await turns()
-        started = time.monotonic()
-        await client.close()
-        assert time.monotonic() - started < 0.3 + 3
+        await soon(client.close())
         assert not ours()
         with pytest.raises(ConnectionLostError, match="the link was closed"):
             await task
@@ -64,12 +59,10 @@ async def test_a_close_ends_in_time_even_if_the_other_end_reads_nothing(
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_an_orderly_close_is_quick(kind: str) -> None:
+async def test_an_orderly_close_does_not_wait_for_the_close_timeout(kind: str) -> None:
     async with Peer(kind) as peer:
-        client = await peer.client(close_timeout=10).__aenter__()
-        started = time.monotonic()
-        await client.close()
-        assert time.monotonic() - started < 5
+        client = await peer.client(close_timeout=10 * TIMEOUT).__aenter__()
+        await soon(client.close())
         await soon((await peer.wire()).gone.wait())
 
 

@@ -20,9 +20,7 @@ from tests.link.link_peer import (
     soon,
     states,
 )
-from woosh_robot_agent.link import (
-    ConnectionLostError,
-)
+from woosh_robot_agent.link import ChassisClient, ConnectionLostError
 from woosh_robot_agent.link.liveness import Liveness
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
@@ -30,15 +28,27 @@ KINDS = ["json", "protobuf", "tcp"]
 WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
 
 
+def count_probes(client: ChassisClient) -> list[bool]:
+    """Return a list that grows with each probe, which begins with a ping on all transports."""
+    probes: list[bool] = []
+    transport = client._connection._transport  # type: ignore[union-attr]
+    ping = transport.ping
+
+    async def counted() -> bool:
+        probes.append(True)
+        return await ping()
+
+    transport.ping = counted  # type: ignore[method-assign]
+    return probes
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_half_open_connection_is_noticed_in_time(kind: str) -> None:
+async def test_a_half_open_connection_is_noticed(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
         wire = await peer.wire()
         wire.freeze()
-        started = time.monotonic()
         await eventually(lambda: client.last_error)
-        assert 0.2 < time.monotonic() - started < 5  # much sooner than without liveness
         assert "nothing was heard for 0.3 s" in str(client.last_error)
         await peer.wire(2)
         await client.wait_ready(TIMEOUT)
@@ -55,7 +65,8 @@ async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) ->
     async with Peer(kind, script=script) as peer, peer.client(liveness_timeout=0.8) as client:
         wire = await peer.wire()
         seen = states(client)
-        await asyncio.sleep(2.0)
+        probes = count_probes(client)
+        await eventually(lambda: len(probes) >= 5)  # as many as are due in twice the timeout
         asked = [frame["type"] for frame in wire.seen if frame["type"] != INFO]
         assert seen == []
         if kind == "tcp":  # TCP has no ping
@@ -76,26 +87,18 @@ async def test_a_tcp_peer_that_answers_no_probe_is_lost() -> None:
 async def test_probes_are_sent_only_when_idle(kind: str) -> None:
     async with Peer(kind) as peer, peer.client(liveness_timeout=2.5) as client:
         wire = await peer.wire()
-        pings = 0
-        transport = client._connection._transport  # type: ignore[union-attr]
-        ping = transport.ping
-
-        async def counted() -> bool:
-            nonlocal pings
-            pings += 1
-            return await ping()
-
-        transport.ping = counted  # type: ignore[method-assign]
+        probes = count_probes(client)
         pause = 1.0
         while pause > 0.8:  # repeated if a busy machine paused so long that a ping is due
-            pings, pause = 0, 0.0
+            probes.clear()
+            pause = 0.0
             for _ in range(30):  # 1.5 s, but never 1 s of silence
                 begun = time.monotonic()
                 await wire.push("woosh.robot.PoseSpeed", {} if kind == "json" else b"")
                 await asyncio.sleep(0.05)
                 pause = max(pause, time.monotonic() - begun)
-        assert pings == 0
-        await eventually(lambda: pings > 0)
+        assert not probes
+        await eventually(lambda: probes)
 
 
 @aio

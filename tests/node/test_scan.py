@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import random
-import threading
 from typing import Any
 
 import pytest
-from rclpy.qos import qos_profile_sensor_data
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
@@ -28,7 +28,8 @@ def scans(client: Any) -> Any:
 
 def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, client):
     wait_until(lambda: client.publishers("scan"), "the agent")
-    threading.Event().wait(0.5)
+    odom = client.echo_with(Odometry, "odom", QoSProfile(depth=100))
+    odom.wait_count(10)  # meanwhile, five scans are due
     assert simulator.counts[SCANNER] == 0
     subscription = client.node.create_subscription(
         LaserScan, client.path("scan"), lambda _scan: None, qos_profile_sensor_data
@@ -41,7 +42,7 @@ def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, cl
     def quiet() -> bool:
         nonlocal seen
         before, seen = seen, simulator.counts[SCANNER]
-        threading.Event().wait(0.5)
+        odom.wait_count(len(odom.messages) + 10)
         return simulator.counts[SCANNER] == before
 
     wait_until(quiet, "an end of the questions")
@@ -95,7 +96,8 @@ def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
     assert (transform.header.frame_id, transform.child_frame_id) == ("a/base_link", "a/laser")
     assert transform.transform.translation.x == pytest.approx(0.25)
     assert transform.transform.rotation.w == 1.0
-    threading.Event().wait(0.5)
+    odom = client.echo_with(Odometry, "odom", QoSProfile(depth=100))
+    odom.wait_count(10)  # meanwhile, five scans are due
     assert simulator.counts[SCANNER] == 1, "one request is enough"
 
 

@@ -46,10 +46,26 @@ def endpoints(client: Client) -> dict[str, Any]:
     return found
 
 
+def wait_for_endpoints(client: Client, wanted: set[str]) -> dict[str, Any]:
+    """Wait until the agent has exactly these endpoints; return them, as `endpoints` does."""
+    found: dict[str, Any] = {}
+
+    def is_complete() -> bool:
+        nonlocal found
+        found = endpoints(client)
+        return set(found) == wanted
+
+    try:
+        wait_until(is_complete)
+    except AssertionError:
+        missing, extra = sorted(wanted - set(found)), sorted(set(found) - wanted)
+        pytest.fail(f"the endpoints of the agent: missing {missing}, too many {extra}")
+    return found
+
+
 def test_the_agent_has_all_endpoints_of_the_table(start_agent, client):
     start_agent(ip="127.0.0.1", port=1, publish_tf=True)
-    wait_until(lambda: set(endpoints(client)) == {e.name for e in STANDARD}, "all endpoints")
-    found = endpoints(client)
+    found = wait_for_endpoints(client, {entry.name for entry in STANDARD})
     for entry in STANDARD:
         if entry.kind is Kind.SERVICE:
             assert found[entry.name] == entry.type
@@ -71,8 +87,7 @@ def test_all_parts_can_be_switched_off(start_agent, client):
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_each_part_can_be_used_alone(switch, start_agent, client):
     start_agent(ip="127.0.0.1", port=1, **{name: name == switch for name in SWITCHES})
-    wanted = {entry.name for entry in STANDARD if entry.switch == switch}
-    wait_until(lambda: set(endpoints(client)) == wanted, f"{wanted}")
+    wait_for_endpoints(client, {entry.name for entry in STANDARD if entry.switch == switch})
 
 
 @pytest.mark.parametrize("name", ["map_frame", "odom_frame", "base_frame", "scan_frame"])

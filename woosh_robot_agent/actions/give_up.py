@@ -14,7 +14,8 @@ class GiveUp:
     """Decides when to give up on a goal. Any of three limits can end the wait for a report on it.
 
     - A deadline, set when the link or the answer to the start request is lost, or when the chassis
-      falls silent. There is only one: a later cause replaces an earlier one.
+      falls silent. There is only one: a later cause replaces an earlier one, except that silence
+      replaces nothing.
     - A number of consecutive polls without a report. They do not count while a deadline is set.
     - A timeout after an accepted cancel. It does not count while a deadline is set.
 

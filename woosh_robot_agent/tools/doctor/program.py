@@ -20,7 +20,8 @@ _EPILOG = """\
 doctor requests RobotInfo once and never commands the robot.
 
 Exit status: 0 if no check failed (there may be warnings), 1 if a check failed
-or the output was not read to its end, 2 if the command line is invalid."""
+or the output could not be written or was not read to its end, 2 if the command
+line is invalid."""
 
 
 @exit_quietly_on_broken_pipe

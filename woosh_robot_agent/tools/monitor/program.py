@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.live import Live
 
+from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.tools.broken_pipe import exit_quietly_on_broken_pipe
 from woosh_robot_agent.tools.monitor.keyboard import key_presses
@@ -20,7 +21,6 @@ from woosh_robot_agent.tools.monitor.source import Source
 from woosh_robot_agent.tools.options import add_link_options, link_config
 from woosh_robot_agent.tools.stop_signals import stop_event
 
-_NAMESPACE = "/woosh_robot"
 _REDRAW_PERIOD = 0.2
 """Time between two updates of a terminal, in seconds."""
 _CHECK_PERIOD = 0.02
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_link_options(parser, ip_required=False)
     parser.add_argument(
         "--namespace",
-        default=_NAMESPACE,
+        default=NAMESPACE,
         help="namespace of the agent, without --ip (default: %(default)s)",
     )
     parser.add_argument(
