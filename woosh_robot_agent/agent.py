@@ -37,6 +37,11 @@ class Signals:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
 
+    def ignore(self) -> None:
+        """Ignore further signals, which would change the exit status of an ending program."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
     def _handle(self, _signal: int, _frame: object) -> None:
         self.stop = True
 
@@ -70,8 +75,19 @@ def _warn_no_events_executor() -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the agents until SIGINT or SIGTERM; return the exit status."""
+    """Run the agents until SIGINT or SIGTERM; return the exit status.
+
+    Further signals are ignored from then on, because the process is about to end.
+    """
     signals = Signals()
+    try:
+        return _run(args, signals)
+    finally:
+        signals.ignore()
+
+
+def _run(args: list[str] | None, signals: Signals) -> int:
+    """Run the agents until a signal arrives; return the exit status."""
     from woosh_robot_agent.memory import disable_collection, enable_collection_of_new_objects
 
     disable_collection()

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -139,6 +140,16 @@ def test_program_ends_cleanly_after_further_signals(
         program.process.wait(0.4)
     program.process.send_signal(signal.SIGINT)
     program.end(signal.SIGTERM)
+
+
+def test_program_ends_cleanly_though_signals_arrive_until_it_has_ended(program: Program) -> None:
+    """A signal must not end the interpreter while it shuts down."""
+    process = program.process
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.001)  # only lets the process run
+    program.wait_read()
+    assert process.returncode == 0, program.output
 
 
 def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:

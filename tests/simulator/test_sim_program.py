@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,15 +23,26 @@ from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.scenes import library as scenes
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
+PATIENT_PROGRAM = [
+    sys.executable,
+    "-c",
+    "import sys\n"
+    "from woosh_robot_agent.simulator import __main__, command_line\n"
+    "command_line._DISCONNECT_TIMEOUT = None\n"
+    "sys.exit(__main__.main())",
+]
+"""The program without a limit on the time for which it serves clients after a signal."""
 READY = re.compile(
     r"simulated chassis ready on ws://127\.0\.0\.1:(\d+) and tcp://127\.0\.0\.1:(\d+)\n"
 )
 
 
 @contextmanager
-def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
+def running(
+    *arguments: str, program: Sequence[str] = PROGRAM
+) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
     """Run the simulator as a program. Yield its process, WebSocket port and TCP port."""
-    command = [*PROGRAM, "--port", "0", "--tcp-port", "0", *arguments]
+    command = [*program, "--port", "0", "--tcp-port", "0", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout
     try:
@@ -53,7 +64,7 @@ def test_program_runs_until_a_signal(number: signal.Signals) -> None:
         assert client.ask("woosh.robot.RobotState")["state"] == 1
         assert tcp.request("woosh.robot.Mode").ok
         process.send_signal(number)
-        # The clients are still connected.
+        # The clients do not disconnect.
         out, err = process.communicate(timeout=TIMEOUT)
         assert (process.returncode, out, err) == (0, "", "")
         client.close()
@@ -69,6 +80,38 @@ def test_repeated_signals_end_it_cleanly() -> None:
             time.sleep(0.001)  # only lets the process run
         out, err = process.communicate()
         assert (process.returncode, out, err) == (0, "", "")
+        client.close()
+
+
+def test_client_is_served_after_a_signal() -> None:
+    """The client may be an agent that the same Ctrl-C ends: it stops the robot first."""
+    with running(program=PATIENT_PROGRAM) as (process, port, _):
+        client = JsonClient(port)
+        client.ask("woosh.robot.Twist", {"linear": 0.2})
+        process.send_signal(signal.SIGINT)
+        client.subscribe("woosh.robot.PoseSpeed")
+        client.next_push("woosh.robot.PoseSpeed")
+        client.ask("woosh.robot.Twist")
+        client.close()
+        assert process.communicate(timeout=TIMEOUT) == ("", "")
+        assert process.returncode == 0
+
+
+def test_program_without_clients_ends_at_once() -> None:
+    with running(program=PATIENT_PROGRAM) as (process, _, _):
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=TIMEOUT) == ("", "")
+        assert process.returncode == 0
+
+
+def test_second_signal_ends_the_program_though_a_client_is_connected() -> None:
+    with running(program=PATIENT_PROGRAM) as (process, port, _):
+        client = JsonClient(port)
+        process.send_signal(signal.SIGINT)
+        client.ask("woosh.robot.Mode")
+        process.send_signal(signal.SIGTERM)
+        assert process.communicate(timeout=TIMEOUT) == ("", "")
+        assert process.returncode == 0
         client.close()
 
 

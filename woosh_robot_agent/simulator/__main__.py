@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a simulated chassis until SIGINT or SIGTERM.
+    """Run a simulated chassis until SIGINT or SIGTERM; see `command_line.run`.
 
     Args:
         arguments: Command-line arguments; None for those of this process, which then ignores

@@ -7,8 +7,9 @@ import asyncio
 import functools
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
 from pathlib import Path
+from typing import Any
 
 import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -17,9 +18,18 @@ from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.simulator.stop_signals import StopSignals
 
+_DISCONNECT_TIMEOUT = 1.0
+"""Maximum time for which clients are still served after a signal, in seconds.
+
+The same Ctrl-C may end an agent, which stops the robot before it disconnects.
+"""
+
 
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     """Run a simulated chassis until a signal arrives.
+
+    After the signal, it still serves its clients until they have disconnected, for a second at
+    most. Another signal ends it at once.
 
     Args:
         arguments: Command-line arguments; None for those of this process.
@@ -84,8 +94,8 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
-    loop, stopping = asyncio.get_running_loop(), asyncio.Event()
-    signals.callback = lambda: loop.call_soon_threadsafe(stopping.set)
+    loop, arrived = asyncio.get_running_loop(), asyncio.Semaphore(0)
+    signals.callback = lambda: loop.call_soon_threadsafe(arrived.release)
     try:
         simulator = SimulatedChassis(config)
         if signals.received:
@@ -97,10 +107,20 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
                 f"and tcp://{host}:{simulator.tcp_port}",
                 flush=True,
             )
-            if not signals.received:
-                await stopping.wait()
+            await arrived.acquire()
+            await _wait_first(
+                arrived.acquire(), simulator.wait_disconnected(), timeout=_DISCONNECT_TIMEOUT
+            )
     finally:
         signals.callback = None  # the loop is about to be closed
+
+
+async def _wait_first(*awaitables: Coroutine[Any, Any, object], timeout: float) -> None:
+    """Wait until one of `awaitables` is done, for `timeout` seconds at most; cancel the others."""
+    tasks = [asyncio.ensure_future(each) for each in awaitables]
+    await asyncio.wait(tasks, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):

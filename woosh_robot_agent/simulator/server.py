@@ -91,6 +91,10 @@ class SimulatedChassis:
         await self._connections.close()
         await self._ports.close(reserve=False)
 
+    async def wait_disconnected(self) -> None:
+        """Wait until no client is connected."""
+        await self._connections.wait_disconnected()
+
     async def listen(self) -> None:
         """Start listening. A second call uses the same ports as the first one.
 

@@ -39,6 +39,7 @@ class Connections:
         self._full = False
         self._reading = asyncio.Event()
         self._writing = asyncio.Event()
+        self._left = asyncio.Event()
 
     @property
     def count(self) -> int:
@@ -53,6 +54,12 @@ class Connections:
     def open(self) -> None:
         """Start reading and writing."""
         self._update_gates()
+
+    async def wait_disconnected(self) -> None:
+        """Wait until no client is connected."""
+        while self.count:
+            self._left.clear()
+            await self._left.wait()
 
     async def close(self) -> None:
         """Close all connections within a second."""
@@ -118,6 +125,7 @@ class Connections:
             _LOG.info("%s disconnected: %s", transport.peer, error)
         finally:
             self._exchange.leave(client)
+            self._left.set()
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT)
 
