@@ -14,6 +14,7 @@ from tests.motion.moving import MOVING, name_of
 from woosh_robot_agent.link import NotConnectedError, RequestTimeoutError, SupersededError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion import gate as gate_module
+from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.stop import cancel_orders
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -187,6 +188,24 @@ async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
         await wire.answer(await wire.next(TWIST))
         await soon(closing)
         assert not gate.driving
+
+
+@aio
+async def test_a_refused_zero_does_not_count_as_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate_module, "DRIVING", 3600.0)
+
+    async def refuse_zeros(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == TWIST:
+            await wire.answer(frame, ok=bool(frame["body"].get("linear")), msg="no remote control")
+        return frame["type"] == TWIST
+
+    async with Peer(script=refuse_zeros) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await ok(gate.request(Twist(linear=1)))
+        assert not (await gate.request(Twist())).ok
+        assert gate.driving
+        with pytest.raises(ZeroRefusedError, match="refused the zero velocity: no remote control"):
+            await gate.close(TIMEOUT)
 
 
 @aio

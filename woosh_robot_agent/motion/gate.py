@@ -48,6 +48,10 @@ A goal that a client sent before the stop may arrive after it.
 """
 
 
+class ZeroRefusedError(LinkError):
+    """The chassis refused a zero velocity; the robot may be moving."""
+
+
 class MotionGate:
     """The only sender of requests that move the robot. Used in the event loop of the link.
 
@@ -124,11 +128,14 @@ class MotionGate:
             timeout: time to wait for the answer to the zero, in seconds.
 
         Raises:
-            LinkError: the chassis did not confirm the zero.
+            ZeroRefusedError: the chassis refused the zero.
+            LinkError: the chassis did not answer the zero.
         """
         self._forbid("the agent is stopping", math.inf)  # rule 5
         if self.driving:
-            await self.request(Twist(), timeout)
+            answer = await self.request(Twist(), timeout)
+            if not answer.ok:
+                raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
 
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
@@ -174,7 +181,7 @@ class MotionGate:
                 self._drives_until = time.monotonic() + DRIVING
         answer = await self._send(message, timeout, **options)  # rule 3: once
         stopped = message is self._last_velocity and not moves
-        if stopped or (answer.ok and takes_wheels(message)):  # rule 6
+        if answer.ok and (stopped or takes_wheels(message)):  # rule 6
             self._drives_until = -math.inf
         return answer
 
