@@ -14,7 +14,7 @@ from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, so
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.timeouts import cancel_and_wait
 from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak
 
 TWIST = "woosh.robot.Twist"
 SPEAK = "woosh.robot.Speak"
@@ -23,7 +23,14 @@ RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
 
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
-    if frame["type"] not in (TWIST, SPEAK, "woosh.robot.ActionOrder", "woosh.ros.CallAction"):
+    answered = (
+        TWIST,
+        SPEAK,
+        "woosh.robot.ActionOrder",
+        "woosh.robot.Follow",
+        "woosh.ros.CallAction",
+    )
+    if frame["type"] not in answered:
         return False
     await wire.answer(frame)
     return True
@@ -148,6 +155,45 @@ async def test_a_velocity_is_refused_while_a_task_owns_the_robot_unless_it_may_o
         rig.driver.drive(0.2, 0.0, 0.0)
         await eventually(lambda: (0.2, 0.0, 0.0) in velocities(rig.wire))
         assert ((0.1, 0.0, 0.0) in velocities(rig.wire)) == override
+
+
+@aio
+async def test_no_zero_follows_the_start_of_another_clients_task() -> None:
+    """Neither the sender's zero nor the watchdog's."""
+    async with driving() as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        await rig.settle()
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        rig.driver.drive(0.0, 0.0, 0.0)
+        await rig.settle()
+        rig.limits = replace(LIMITS, timeout=0.0)
+        rig.driver._wake.set()
+        await eventually(lambda: not rig.driver._driving)
+        await rig.settle()
+        await rig.sent((0.1, 0.0, 0.0))
+
+
+@aio
+async def test_no_zero_follows_an_accepted_follow() -> None:
+    async with driving() as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        follow = rig.gate.request(Follow(type=True))
+        assert (await soon(asyncio.ensure_future(follow))).ok
+        rig.driver.drive(0.0, 0.0, 0.0)
+        await rig.settle()
+        await rig.sent((0.1, 0.0, 0.0))
+
+
+@aio
+async def test_a_velocity_that_overrides_a_task_is_stopped_by_silence() -> None:
+    async with driving(override=True, timeout=0.05) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 @aio
