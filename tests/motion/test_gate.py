@@ -154,6 +154,22 @@ async def test_a_stop_without_an_answer_says_so() -> None:
         assert report.message.endswith("press its emergency stop")
 
 
+@aio
+async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
+    async def all_but_the_task(wire: Wire, frame: Frame) -> bool:
+        return frame["type"] == "woosh.robot.ActionOrder" or await answer_all(wire, frame)
+
+    async with Peer(script=all_but_the_task) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await peer.wire()
+        await client.wait_ready(TIMEOUT)
+        report = await soon(asyncio.ensure_future(gate.stop(1.0)))
+        assert not report.success
+        assert report.message.startswith("stopped; ")
+        assert "cancel of task: the chassis did not answer" in report.message
+        assert report.message.endswith("press its emergency stop")
+
+
 @every_moving_request
 @aio
 async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
