@@ -14,8 +14,10 @@ from tests.motion.moving import MOVING, name_of
 from woosh_robot_agent.link import NotConnectedError, RequestTimeoutError, SupersededError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion import gate as gate_module
+from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.stop import cancel_orders
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.ros.action_pb2 import kExecute, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
 TWIST = "woosh.robot.Twist"
@@ -30,6 +32,12 @@ every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
 def long_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a stop hold for the whole test, even on a slow machine."""
     monkeypatch.setattr(gate_module, "HOLD", 3600.0)
+
+
+@pytest.fixture
+def long_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the robot count as driving for the whole test, even on a slow machine."""
+    monkeypatch.setattr(gate_module, "DRIVING", 3600.0)
 
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
@@ -146,6 +154,22 @@ async def test_a_stop_without_an_answer_says_so() -> None:
         assert report.message.endswith("press its emergency stop")
 
 
+@aio
+async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
+    async def all_but_the_task(wire: Wire, frame: Frame) -> bool:
+        return frame["type"] == "woosh.robot.ActionOrder" or await answer_all(wire, frame)
+
+    async with Peer(script=all_but_the_task) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await peer.wire()
+        await client.wait_ready(TIMEOUT)
+        report = await soon(asyncio.ensure_future(gate.stop(1.0)))
+        assert not report.success
+        assert report.message.startswith("stopped; ")
+        assert "cancel of task: the chassis did not answer" in report.message
+        assert report.message.endswith("press its emergency stop")
+
+
 @every_moving_request
 @aio
 async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
@@ -187,6 +211,22 @@ async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
         await wire.answer(await wire.next(TWIST))
         await soon(closing)
         assert not gate.driving
+
+
+@aio
+async def test_a_refused_zero_does_not_count_as_stopped(long_drive: None) -> None:
+    async def refuse_zeros(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == TWIST:
+            await wire.answer(frame, ok=bool(frame["body"].get("linear")), msg="no remote control")
+        return frame["type"] == TWIST
+
+    async with Peer(script=refuse_zeros) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        await ok(gate.request(Twist(linear=1)))
+        assert not (await gate.request(Twist())).ok
+        assert gate.driving
+        with pytest.raises(ZeroRefusedError, match="refused the zero velocity: no remote control"):
+            await gate.close(TIMEOUT)
 
 
 @aio
@@ -240,10 +280,13 @@ async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
 @aio
 async def test_no_zero_follows_an_accepted_task() -> None:
     """The zero at the end would stop the task."""
-    tasks = [each for each in MOVING if "Exec" in each.DESCRIPTOR.name]
-    driving = CallAction()
-    driving.move_base.action = 1
-    for request_ in (*tasks, driving):
+    taking = ("ExecTask", "ExecPreTask", "ActionOrder", "Follow")
+    tasks = [each for each in MOVING if each.DESCRIPTOR.name in taking]
+    assert len(tasks) == len(taking)
+    starting, resuming = CallAction(), CallAction()
+    starting.move_base.action = kExecute
+    resuming.step_control.action = kResume
+    for request_ in (*tasks, starting, resuming):
         async with Peer(script=answer_all) as peer, peer.client() as client:
             gate = MotionGate(client)
             wire = await peer.wire()
@@ -251,6 +294,108 @@ async def test_no_zero_follows_an_accepted_task() -> None:
             await ok(gate.request(request_))
             await gate.close(TIMEOUT)
             assert types(wire) == [TWIST, request_.DESCRIPTOR.full_name]
+
+
+STARTS = [
+    (
+        "woosh.robot.TaskProc",
+        {"robotTaskId": "7", "state": "kExecuting"},
+        {"robotTaskId": "7", "state": "kPaused"},
+    ),
+    (
+        "woosh.ros.Feedbacks",
+        {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": "kRosExecuting"}]},
+        {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": "kSuspend"}]},
+    ),
+]
+each_start = pytest.mark.parametrize(("type_", "runs", "rests"), STARTS, ids=["task", "action"])
+
+
+@each_start
+@aio
+async def test_no_zero_follows_a_task_or_action_of_another_client(
+    type_: str, runs: Frame, rests: Frame, long_drive: None
+) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        for _ in range(2):  # started, then resumed
+            await ok(gate.request(Twist(linear=1)))
+            assert gate.driving
+            await wire.push(type_, runs)
+            await eventually(lambda: gate.owner)
+            assert not gate.driving
+            await wire.push(type_, rests)
+            await eventually(lambda: not gate.owner)
+        await gate.close(TIMEOUT)
+        assert types(wire) == [TWIST, TWIST]
+
+
+@aio
+async def test_no_zero_follows_a_task_that_another_client_started_without_a_link(
+    long_drive: None,
+) -> None:
+    async with (
+        Peer(script=answer_all) as peer,
+        peer.client(backoff_min=0.05, backoff_max=0.05) as client,
+    ):
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await ok(gate.request(Twist(linear=1)))
+        peer.info = {"taskProc": {"robotTaskId": "7", "state": "kExecuting"}}
+        wire.abort()
+        again = await peer.wire(2)
+        await eventually(lambda: gate.owner)
+        await gate.close(TIMEOUT)
+        assert types(again) == []
+
+
+@each_start
+@aio
+async def test_a_velocity_after_the_start_of_a_task_or_action_still_needs_its_zero(
+    type_: str, runs: Frame, rests: Frame, long_drive: None
+) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await wire.push(type_, runs)
+        await eventually(lambda: gate.owner)
+        await ok(gate.request(Twist(linear=1)))
+        await wire.push(type_, runs)  # the chassis repeats its reports
+        await wire.push(type_, rests)
+        await eventually(lambda: not gate.owner)
+        await gate.close(TIMEOUT)
+        assert types(wire) == [TWIST, TWIST]
+
+
+@aio
+async def test_a_velocity_that_is_unanswered_at_the_start_of_a_task_still_needs_its_zero(
+    long_drive: None,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        moving = asyncio.ensure_future(gate.request(Twist(linear=1)))
+        frame = await wire.next(TWIST)
+        await wire.push(*STARTS[0][:2])
+        await eventually(lambda: gate.owner)
+        await wire.answer(frame)
+        await soon(moving)
+        assert gate.driving
+
+
+@aio
+async def test_a_velocity_between_the_acceptance_and_the_report_of_a_task_still_needs_its_zero(
+    long_drive: None,
+) -> None:
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await ok(gate.request(next(each for each in MOVING if "Exec" in each.DESCRIPTOR.name)))
+        await ok(gate.request(Twist(linear=1)))
+        await wire.push(*STARTS[0][:2])
+        await eventually(lambda: gate.owner)
+        assert gate.driving
 
 
 @aio

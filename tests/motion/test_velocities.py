@@ -146,6 +146,7 @@ async def test_a_stop_is_never_held(stop: Twist) -> None:
         stopping = asyncio.ensure_future(gate.request(stop))
         frame = await wire.next(TWIST)
         assert not frame["body"].get("linear")
+        assert not first.done()  # its answer would release a held velocity
         with pytest.raises(SupersededError):
             await soon(held)
         await wire.answer(frame)

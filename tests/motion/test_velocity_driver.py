@@ -14,7 +14,7 @@ from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, so
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.timeouts import cancel_and_wait
 from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak
 
 TWIST = "woosh.robot.Twist"
 SPEAK = "woosh.robot.Speak"
@@ -22,8 +22,20 @@ LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=360
 RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
 
 
+def feedback(state: str) -> Frame:
+    """Return the body of a report on a navigation."""
+    return {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": state}]}
+
+
 async def answer_all(wire: Wire, frame: Frame) -> bool:
-    if frame["type"] not in (TWIST, SPEAK, "woosh.robot.ActionOrder", "woosh.ros.CallAction"):
+    answered = (
+        TWIST,
+        SPEAK,
+        "woosh.robot.ActionOrder",
+        "woosh.robot.Follow",
+        "woosh.ros.CallAction",
+    )
+    if frame["type"] not in answered:
         return False
     await wire.answer(frame)
     return True
@@ -133,21 +145,68 @@ async def test_silence_stops_the_robot() -> None:
 
 
 @pytest.mark.parametrize("override", [False, True])
+@pytest.mark.parametrize(
+    ("type_", "runs", "ended"),
+    [
+        ("woosh.robot.TaskProc", RUNNING, {**RUNNING, "state": "kCompleted"}),
+        ("woosh.ros.Feedbacks", feedback("kRosExecuting"), feedback("kRosSuccess")),
+    ],
+    ids=["task", "action"],
+)
 @aio
-async def test_a_velocity_is_refused_while_a_task_owns_the_robot_unless_it_may_override(
-    override: bool,
+async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot_unless_it_may_override(
+    type_: str, runs: Frame, ended: Frame, override: bool
 ) -> None:
     async with driving(override=override) as rig:
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await rig.wire.push(type_, runs)
         await eventually(lambda: rig.gate.owner)
         rig.driver.drive(0.1, 0.0, 0.0)
         if override:
             await rig.sent((0.1, 0.0, 0.0))
-        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCompleted"})
+        await rig.wire.push(type_, ended)
         await eventually(lambda: not rig.gate.owner)
         rig.driver.drive(0.2, 0.0, 0.0)
         await eventually(lambda: (0.2, 0.0, 0.0) in velocities(rig.wire))
         assert ((0.1, 0.0, 0.0) in velocities(rig.wire)) == override
+
+
+@aio
+async def test_no_zero_follows_the_start_of_another_clients_task() -> None:
+    """Neither the sender's zero nor the watchdog's."""
+    async with driving() as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        await rig.settle()
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        rig.driver.drive(0.0, 0.0, 0.0)
+        await rig.settle()
+        rig.limits = replace(LIMITS, timeout=0.0)
+        rig.driver._wake.set()
+        await eventually(lambda: not rig.driver._driving)
+        await rig.settle()
+        await rig.sent((0.1, 0.0, 0.0))
+
+
+@aio
+async def test_no_zero_follows_an_accepted_follow() -> None:
+    async with driving() as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        follow = rig.gate.request(Follow(type=True))
+        assert (await soon(asyncio.ensure_future(follow))).ok
+        rig.driver.drive(0.0, 0.0, 0.0)
+        await rig.settle()
+        await rig.sent((0.1, 0.0, 0.0))
+
+
+@aio
+async def test_a_velocity_that_overrides_a_task_is_stopped_by_silence() -> None:
+    async with driving(override=True, timeout=0.05) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 @aio
@@ -171,6 +230,21 @@ async def test_a_stop_silences_the_stream_until_a_zero() -> None:
         await rig.settle()
         rig.driver.drive(0.0, 0.0, 0.0)
         rig.driver.drive(0.3, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
+
+
+@aio
+async def test_a_stop_silences_the_stream_until_a_pause() -> None:
+    async with driving(rate=1e9) as rig:
+        rig.driver.drive(0.1, 0.0, 0.0)
+        await rig.sent((0.1, 0.0, 0.0))
+        assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
+        rig.gate._forbidden_until = -math.inf  # the gate itself permits motion again
+        rig.driver.drive(0.2, 0.0, 0.0)
+        await rig.settle()
+        rig.driver._heard -= 2.0  # as after silence
+        rig.driver.drive(0.3, 0.0, 0.0)
+        await rig.settle()
         await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
 
 
@@ -200,14 +274,20 @@ async def test_after_a_lost_link_the_robot_gets_a_zero(owned: bool) -> None:
             await rig.sent((0.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("connected", [False, True])
 @aio
-async def test_a_velocity_without_a_link_is_not_kept() -> None:
-    async with driving() as rig:
-        await lose_link(rig)
-        rig.limits = replace(LIMITS, rate=0.001)
-        # the next velocity would have to wait for its period
+async def test_a_velocity_without_a_link_is_not_kept(connected: bool) -> None:
+    """Neither one that comes without a link, nor one that waits when the link is lost."""
+    async with driving(rate=0.001) as rig:
+        # the next velocity has to wait for its period
         rig.driver._sent = asyncio.get_running_loop().time()
-        rig.driver.drive(0.2, 0.0, 0.0)
+        if connected:
+            await rig.client.wait_ready(TIMEOUT)
+            rig.driver.drive(0.2, 0.0, 0.0)
+            assert rig.driver._waiting is not None
+        await lose_link(rig)
+        if not connected:
+            rig.driver.drive(0.2, 0.0, 0.0)
         rig.wire = await rig.peer.wire(2)
         await rig.client.wait_ready(TIMEOUT)
         rig.limits = replace(LIMITS, rate=1e9)

@@ -183,3 +183,19 @@ def test_the_end_of_the_agent_while_the_robot_drives_without_a_link_is_an_error(
     record = logs.wait(lambda record: "the robot was not stopped" in record.getMessage())
     assert record.levelname == "ERROR"
     assert "emergency stop" in record.getMessage()
+
+
+def test_a_zero_that_the_chassis_refuses_at_the_end_of_the_agent_is_an_error(
+    client: Client,
+    simulator: SimulatorThread,
+    agent: RunningAgent,
+    logs: Collector,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(gate, "DRIVING", 3600.0)
+    assert wait_future(drive(client, 0.1)).ok
+    simulator.refuse(TWIST, "the key switch is off")
+    agent.close()
+    record = logs.wait(lambda record: "the robot was not stopped" in record.getMessage())
+    assert record.levelname == "ERROR"
+    assert "the key switch is off" in record.getMessage()

@@ -10,7 +10,8 @@
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Once the chassis accepts
-   one, earlier velocities no longer drive the robot.
+   one, or reports the start of one that another client commands, earlier velocities no longer
+   drive the robot. Velocities that are sent later do.
 
 For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 """
@@ -48,6 +49,10 @@ A goal that a client sent before the stop may arrive after it.
 """
 
 
+class ZeroRefusedError(LinkError):
+    """The chassis refused a zero velocity; the robot may be moving."""
+
+
 class MotionGate:
     """The only sender of requests that move the robot. Used in the event loop of the link.
 
@@ -63,12 +68,14 @@ class MotionGate:
         self._chassis = chassis
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
-        self._reported_owner = WheelOwner(chassis)
+        self._reported_owner = WheelOwner(chassis, self._start_reported)
         self._velocities = LatestWins[Answer]()
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
+        self._wheels_taken = -math.inf
+        """Monotonic time at which the chassis last accepted a request that takes the wheels."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -124,11 +131,14 @@ class MotionGate:
             timeout: time to wait for the answer to the zero, in seconds.
 
         Raises:
-            LinkError: the chassis did not confirm the zero.
+            ZeroRefusedError: the chassis refused the zero.
+            LinkError: the chassis did not answer the zero.
         """
         self._forbid("the agent is stopping", math.inf)  # rule 5
         if self.driving:
-            await self.request(Twist(), timeout)
+            answer = await self.request(Twist(), timeout)
+            if not answer.ok:
+                raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
 
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
@@ -174,8 +184,11 @@ class MotionGate:
                 self._drives_until = time.monotonic() + DRIVING
         answer = await self._send(message, timeout, **options)  # rule 3: once
         stopped = message is self._last_velocity and not moves
-        if stopped or (answer.ok and takes_wheels(message)):  # rule 6
+        taken = takes_wheels(message)
+        if answer.ok and (stopped or taken):  # rule 6
             self._drives_until = -math.inf
+        if answer.ok and taken:
+            self._wheels_taken = time.monotonic()
         return answer
 
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
@@ -192,6 +205,14 @@ class MotionGate:
             self._forbidden, self._forbidden_until = reason, until
         self._velocities.withdraw(reason)
         self._chassis.withdraw(may_move, reason)
+
+    def _start_reported(self) -> None:
+        """Forget the last velocity, because a task or an action has taken the wheels after it."""
+        # the velocity may be later than the start if it is unanswered yet, or if this gate
+        # commanded the start, which is reported some time after it was accepted
+        own_start = time.monotonic() < self._wheels_taken + DRIVING
+        if not self._velocities.in_flight and not own_start:  # rule 6
+            self._drives_until = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.STOPPED:

@@ -65,6 +65,11 @@ class LatestWins(Generic[T]):
             if not self._stalled():
                 self._release()
 
+    @property
+    def in_flight(self) -> bool:
+        """True if a velocity was sent and is not answered."""
+        return bool(self._unanswered)
+
     def withdraw(self, reason: str) -> None:
         """Discard the velocity that is held back; its `request` fails for `reason`."""
         if self._held is not None and not self._held.done():

@@ -12,13 +12,14 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     Follow,
     Twist,
 )
-from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause
+from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 
 _TASKS = (ExecTask, ExecPreTask, ExecTaskSet)
 _MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, *_TASKS)
 _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
+_DRIVING_ORDERS = (action_pb2.kStart, action_pb2.kContinue, action_pb2.kRecover)
 _DRIVING_MEMBERS = ("step_control", "move_base")
 """Members of the oneof of CallAction that drive the base."""
 
@@ -47,7 +48,11 @@ def takes_wheels(request: Message) -> bool:
     """Return True if the robot drives by itself once the chassis has accepted the request."""
     if isinstance(request, CallAction):
         return any(
-            request.HasField(name) and getattr(request, name).action == kExecute
+            request.HasField(name) and getattr(request, name).action in (kExecute, kResume)
             for name in _DRIVING_MEMBERS
         )
+    if isinstance(request, ActionOrder):
+        return request.order in _DRIVING_ORDERS
+    if isinstance(request, Follow):
+        return request.type
     return isinstance(request, _TASKS)

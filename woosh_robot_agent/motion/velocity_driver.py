@@ -152,7 +152,7 @@ class VelocityDriver:
         """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
-        return self._driving and not self._gate.owner
+        return self._driving and bool(self._requests)  # the gate may not have sent it yet
 
     def _limited(self, linear: float, sideways: float, angular: float) -> Twist:
         limits = self._limits()

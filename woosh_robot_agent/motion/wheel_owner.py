@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, StepControl
@@ -18,9 +20,12 @@ class WheelOwner:
 
     Args:
         chassis: the link; used in its event loop only.
+        on_start: called when the chassis reports that a task or a driving action has started or
+            been resumed.
     """
 
-    def __init__(self, chassis: ChassisClient) -> None:
+    def __init__(self, chassis: ChassisClient, on_start: Callable[[], None]) -> None:
+        self._on_start = on_start
         self._task = TaskProc()
         self._actions: set[str] = set()
         chassis.on_snapshot(self._snapshot)
@@ -31,22 +36,33 @@ class WheelOwner:
     @property
     def name(self) -> str:
         """Name of the task or the actions that drive the robot now; empty if none does."""
-        if self._task.state in _RUNNING:
+        if _is_running(self._task):
             return f"task {self._task.robot_task_id}"
         return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
 
     def _snapshot(self, info: RobotInfo) -> None:
-        self._task = info.task_proc
+        self._task_changed(info.task_proc)
 
     def _task_changed(self, report: TaskProc) -> None:
-        self._task = report
+        before, self._task = self._task, report
+        same_task = before.robot_task_id == report.robot_task_id
+        if _is_running(report) and not (_is_running(before) and same_task):
+            self._on_start()
 
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
-            if report.action in _DRIVING_ACTIONS:
-                running = report.state == kRosExecuting
-                (self._actions.add if running else self._actions.discard)(report.action)
+            if report.action not in _DRIVING_ACTIONS:
+                continue
+            if report.state != kRosExecuting:
+                self._actions.discard(report.action)
+            elif report.action not in self._actions:
+                self._actions.add(report.action)
+                self._on_start()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:  # the reports of their end may be missed
             self._actions.clear()
+
+
+def _is_running(task: TaskProc) -> bool:
+    return task.state in _RUNNING
