@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from tests.harness import Client, wait_until
 from tests.node.goals import CANCELED, SUCCEEDED, short_task, step
+from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
 from woosh_robot_agent.pb.util import task_pb2 as util_task
@@ -96,6 +97,20 @@ def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
 
     simulator.intercept(note)
     return times
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Speed ahead of each velocity that the agent has taken from cmd_vel, refused ones included."""
+    speeds: list[float] = []
+    drive = VelocityDriver.drive
+
+    def note(driver: VelocityDriver, linear: float, sideways: float, angular: float) -> None:
+        drive(driver, linear, sideways, angular)
+        speeds.append(linear)
+
+    monkeypatch.setattr(VelocityDriver, "drive", note)
+    return speeds
 
 
 def last_twist(simulator: SimulatorThread) -> Any:
@@ -331,7 +346,7 @@ class TestLinkLoss:
 
 class TestStop:
     def test_stop_silences_cmd_vel_until_a_pause(
-        self, simulator, agent, sender, client, twists, logs
+        self, simulator, agent, sender, client, twists, logs, taken
     ):
         sender.repeat(20, x=0.3)
         simulator.wait_received(TWIST, 3)
@@ -342,10 +357,10 @@ class TestStop:
         threading.Event().wait(0.5)
         assert len(twists()) == count, "nothing after the stop"
         sender.pause()
-        sender.send(x=0.2)
-        threading.Event().wait(0.2)  # time for the agent to take the newest
-        sender.send()
-        threading.Event().wait(0.2)
+        # the agent keeps only the newest message, so it has to take each before the next is sent
+        for speed in (0.2, 0.0):
+            sender.send(x=speed)
+            wait_until(lambda: taken[-1] == speed, "the agent to take it")  # noqa: B023
         sender.send(x=0.1)
         simulator.wait_received(TWIST, count + 1)
         assert twists()[count] == pytest.approx((0.1, 0.0, 0.0)), "obeyed after the zero"
