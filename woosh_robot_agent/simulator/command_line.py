@@ -24,12 +24,18 @@ _DISCONNECT_TIMEOUT = 1.0
 The same Ctrl-C may end an agent, which stops the robot before it disconnects.
 """
 
+_REPEAT_TIME = 0.3
+"""Time for which further signals count as repeats of the first one, in seconds.
+
+Without a terminal, `ros2 launch` sends a second SIGINT after that of the process group.
+"""
+
 
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     """Run a simulated chassis until a signal arrives.
 
     After the signal, it still serves its clients until they have disconnected, for a second at
-    most. Another signal ends it at once.
+    most. Another signal ends it at once, unless it is a mere repeat of the first one.
 
     Args:
         arguments: Command-line arguments; None for those of this process.
@@ -94,8 +100,8 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
-    loop, arrived = asyncio.get_running_loop(), asyncio.Semaphore(0)
-    signals.callback = lambda: loop.call_soon_threadsafe(arrived.release)
+    loop, stopping = asyncio.get_running_loop(), asyncio.Event()
+    signals.callback = lambda: loop.call_soon_threadsafe(stopping.set)
     try:
         simulator = SimulatedChassis(config)
         if signals.received:
@@ -107,12 +113,21 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
                 f"and tcp://{host}:{simulator.tcp_port}",
                 flush=True,
             )
-            await arrived.acquire()
+            await stopping.wait()
             await _wait_first(
-                arrived.acquire(), simulator.wait_disconnected(), timeout=_DISCONNECT_TIMEOUT
+                _wait_second(stopping),
+                simulator.wait_disconnected(),
+                timeout=_DISCONNECT_TIMEOUT,
             )
     finally:
         signals.callback = None  # the loop is about to be closed
+
+
+async def _wait_second(signal: asyncio.Event) -> None:
+    """Wait for another signal that is no repeat of the first one."""
+    await asyncio.sleep(_REPEAT_TIME)
+    signal.clear()
+    await signal.wait()
 
 
 async def _wait_first(*awaitables: Coroutine[Any, Any, object], timeout: float) -> None:
