@@ -88,7 +88,11 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str] | None, signals: Signals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
-    from woosh_robot_agent.memory import disable_collection, enable_collection_of_new_objects
+    from woosh_robot_agent.memory import (
+        disable_collection,
+        enable_collection_of_new_objects,
+        return_large_blocks,
+    )
 
     disable_collection()
     import rclpy
@@ -96,7 +100,6 @@ def _run(args: list[str] | None, signals: Signals) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from woosh_robot_agent.fleet import Fleet
-    from woosh_robot_agent.memory import return_large_blocks
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
 
     return_large_blocks()

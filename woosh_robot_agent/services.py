@@ -105,7 +105,7 @@ class _QueryHandler:
         except TooManyRequestsError as error:  # the link warns of it, once for all services
             _LOG.debug("%s answers with the last known value: %s", name, error)
             value = self._last_value()
-        except (BadFieldError, LinkError, _RefusedError, _UselessAnswerError) as error:
+        except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
             text = f"{name} answers with the last known value: {error}"
             self._log.warn(type(error).__name__, text)
             value = self._last_value()
@@ -119,11 +119,11 @@ class _QueryHandler:
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
         if answer.type != self._endpoint.request:
-            raise _UselessAnswerError(answer.defect or f"the chassis answered with {answer.type}")
+            raise _UnusableAnswerError(answer.defect or f"the chassis answered with {answer.type}")
         try:
             value = self._convert.read(answer.raw)
         except FrameError as error:
-            raise _UselessAnswerError(f"the answer cannot be read: {error}") from None
+            raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
         self._last_known.remember(answer.raw)
         return value
 
@@ -144,7 +144,7 @@ class _RefusedError(Exception):
     """The chassis refused a query; the text has its reason."""
 
 
-class _UselessAnswerError(Exception):
+class _UnusableAnswerError(Exception):
     """The answer to a query cannot be read, or has another type."""
 
 

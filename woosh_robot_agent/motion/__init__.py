@@ -7,8 +7,8 @@ Example::
         await gate.request(Twist(linear=0.2))
 """
 
-from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.gate import MotionGate, ZeroRefusedError
 from woosh_robot_agent.motion.stop import StopReport
 from woosh_robot_agent.motion.velocity_driver import VelocityDriver, VelocityLimits
 
-__all__ = ["MotionGate", "StopReport", "VelocityDriver", "VelocityLimits"]
+__all__ = ["MotionGate", "StopReport", "VelocityDriver", "VelocityLimits", "ZeroRefusedError"]

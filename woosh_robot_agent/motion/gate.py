@@ -183,12 +183,13 @@ class MotionGate:
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + DRIVING
         answer = await self._send(message, timeout, **options)  # rule 3: once
-        stopped = message is self._last_velocity and not moves
-        taken = takes_wheels(message)
-        if answer.ok and (stopped or taken):  # rule 6
-            self._drives_until = -math.inf
-        if answer.ok and taken:
+        if not answer.ok:
+            return answer
+        if takes_wheels(message):  # rule 6
             self._wheels_taken = time.monotonic()
+            self._drives_until = -math.inf
+        elif message is self._last_velocity and not moves:
+            self._drives_until = -math.inf
         return answer
 
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
