@@ -170,7 +170,7 @@ setup(
     packages=find_packages(
         str(ROOT), include=[PACKAGE, f"{PACKAGE}.*"], exclude=[f"{PACKAGE}.pb", f"{PACKAGE}.pb.*"]
     ),
-    package_data={PACKAGE: ["py.typed"], f"{PACKAGE}.simulator": ["data/*/*"]},
+    package_data={PACKAGE: ["py.typed", "status_codes.json"], f"{PACKAGE}.simulator": ["data/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
