@@ -138,6 +138,9 @@ class Client:
 
     def close(self) -> None:
         self._spinner.stop()
+        for client in self._clients.values():
+            if isinstance(client, ActionClient):  # `destroy_node` leaves it, and so the node
+                client.destroy()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
 

@@ -221,6 +221,7 @@ def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
             agent.node.executor.remove_node(agent.node)
         expect_losses(agent.node.get_logger(), expected=False)
         agent._actions.destroy()
+        agent._standard.close()
         agent.node.destroy_node()
 
 

@@ -42,6 +42,9 @@ class GoalPose(Part):
         context.subscribe("goal_pose", self._received, in_executor=True)
         self._service = context.service("cancel", self._cancel_requested)
 
+    def close(self) -> None:
+        self._client.destroy()  # a client that is left keeps the node in the graph
+
     def _received(self, message: Any) -> None:
         try:
             pose = from_pose_in(self._context.frame("map"), message.header.frame_id, message.pose)

@@ -11,3 +11,6 @@ class Part:
 
         By default there is none: the part only reacts to messages and requests.
         """
+
+    def close(self) -> None:
+        """Remove what `Node.destroy_node` leaves in the graph, in the executor thread."""

@@ -61,6 +61,11 @@ class StandardLayer:
         for part in self._parts:
             self._context.thread.spawn(partial(_keep_running, part))
 
+    def close(self) -> None:
+        """Remove from the graph what belongs to the parts, in the executor thread."""
+        for part in self._parts:
+            part.close()
+
 
 async def _keep_running(part: Part) -> None:
     """Run a part; after an unexpected error, log it and run the part again."""

@@ -1,0 +1,49 @@
+"""A closed agent and a closed test client leave nothing behind in the graph of their process."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.harness import Client, RunningAgent, wait_until
+from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import PoseSpeed
+from woosh_ros_msgs.action import StepControl
+
+
+@pytest.fixture
+def no_collection() -> Iterator[None]:
+    """No collection of reference cycles, which may come much later than the end of an agent."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("no_collection")
+@pytest.mark.parametrize("executor", EXECUTORS)
+def test_agent_and_client_leave_the_graph_when_they_are_closed(
+    executor: str,
+    domain: int,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+) -> None:
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, executor=executor, publish_tf=True)
+    agent.wait_connected()
+    user = Client(domain)
+    user.call(PoseSpeed, "robot/PoseSpeed")
+    goal = user.send_goal(StepControl, "ros/StepControl", StepControl.Goal())
+    goal.result()
+    observer = Client(domain)
+
+    def names() -> list[str]:
+        return sorted(observer.node.get_node_names())
+
+    wait_until(lambda: names() == ["agent", "client", "client"], "all nodes in the graph")
+    user.close()
+    wait_until(lambda: names() == ["agent", "client"], "the end of the client")
+    agent.close()
+    wait_until(lambda: names() == ["client"], "the end of the agent")
+    observer.close()
