@@ -142,6 +142,7 @@ class Client:
             if isinstance(client, ActionClient):  # `destroy_node` leaves it, and so the node
                 client.destroy()
         self.node.destroy_node()
+        self.executor.shutdown()
         rclpy.try_shutdown(context=self.context)
 
     def in_executor(self, function: Callable[[], Any]) -> Any:
