@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -24,6 +25,17 @@ def lines(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return logged
 
 
+@pytest.fixture
+def logger() -> Iterator[logging.Logger]:
+    """A logger whose records go to ROS only."""
+    found = logging.getLogger("a test of logs")
+    handler = RosLogHandler()
+    found.propagate = False
+    found.addHandler(handler)
+    yield found
+    found.removeHandler(handler)
+
+
 def say(logger: logging.Logger) -> None:
     logger.warning("the chassis said %s", "a\n\x1b[31mb")
     logger.error("x" * 3000)
@@ -34,11 +46,8 @@ def say(logger: logging.Logger) -> None:
 
 
 def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(
-    lines: list[Any],
+    lines: list[Any], logger: logging.Logger
 ) -> None:
-    logger = logging.getLogger("a test of logs")
-    logger.propagate = False
-    logger.addHandler(RosLogHandler())
     context_of(get_logger("one")).run(say, logger)
     assert lines[0][:3] == ("WARN", "one", "the chassis said a\\n\\x1b[31mb")
     assert lines[1][:3] == ("ERROR", "one", "x" * 2000 + "... (3000 characters)")
@@ -65,8 +74,9 @@ def test_each_context_has_its_logger_and_a_line_comes_once(lines: list[Any]) -> 
     ]
 
 
-def test_a_line_says_where_in_the_source_it_comes_from(lines: list[Any]) -> None:
-    logger = logging.getLogger("a test of logs")
+def test_a_line_says_where_in_the_source_it_comes_from(
+    lines: list[Any], logger: logging.Logger
+) -> None:
     context_of(get_logger("one")).run(say, logger)
     function, path, line = lines[0][3]
     assert (function, path) == ("say", __file__)
