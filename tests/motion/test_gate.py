@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -418,17 +419,23 @@ async def test_a_zero_follows_a_velocity_though_a_task_was_refused() -> None:
 
 
 @aio
-async def test_long_after_a_velocity_the_robot_counts_as_standing(
+async def test_the_robot_counts_as_standing_1500_ms_after_the_last_velocity(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(gate_module, "DRIVING", 0.05)
+    now = 100.0
+    monkeypatch.setattr(gate_module, "time", SimpleNamespace(monotonic=lambda: now))
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
         await ok(gate.request(Twist(linear=1)))
-        await eventually(lambda: not gate.driving)
+        now = 101.0
+        await ok(gate.request(Twist(linear=1)))
+        now = 102.499
+        assert gate.driving
+        now = 102.501
+        assert not gate.driving
         await gate.close(TIMEOUT)
-        assert types(wire) == [TWIST]
+        assert types(wire) == [TWIST, TWIST]
 
 
 @every_moving_request
