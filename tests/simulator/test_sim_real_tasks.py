@@ -104,7 +104,8 @@ def test_first_report_comes_a_tick_or_two_after_the_answer() -> None:
     found = []
     for seed in range(50):
         chassis = SteppedChassis(seed=seed)
-        answer = wait_frame(chassis, lambda frame, sn=exec_task(chassis): frame.sn == sn)
+        sn = exec_task(chassis)
+        answer = wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn)
         report = wait_frame(chassis, lambda frame: frame.type == TASK_PROC)
         found.append(report.time - answer.time)
     assert all(time in (within(least, least), within(most, most)) for time in found), found
