@@ -14,10 +14,11 @@ from woosh_robot_agent.simulator import SimulatorThread
 POSE_SPEED = "woosh.robot.PoseSpeed"
 CODES = "woosh.robot.count.AbnormalCodes"
 SCANNER = "woosh.robot.ScannerData"
+EMERGENCY_STOP = "110201000013"
 
 
 def abnormal_codes(client: JsonClient) -> list[str]:
-    return [code["msg"] for code in client.ask(CODES)["scs"]]
+    return [code["code"] for code in client.ask(CODES)["scs"]]
 
 
 def distance_ahead(client: JsonClient) -> float:
@@ -31,7 +32,7 @@ def test_emergency_stop_is_reported_and_refuses_motion(
 ) -> None:
     client.subscribe(CODES)
     fault = simulator.inject("emergency_stop")
-    assert client.next_push(CODES)["scs"][0]["msg"] == "emergency stop pressed"
+    assert client.next_push(CODES)["scs"][0]["code"] == EMERGENCY_STOP
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     fault.clear()
     assert client.next_push(CODES)["scs"] == []
@@ -54,7 +55,7 @@ def test_clearing_the_fault_keeps_a_button_pressed_before(
     simulator.set_emergency_stop(True)
     simulator.inject("emergency_stop")
     simulator.clear_faults()
-    assert abnormal_codes(client) == ["emergency stop pressed"]
+    assert abnormal_codes(client) == [EMERGENCY_STOP]
 
 
 def test_lost_localisation_is_reported_and_refuses_tasks(

@@ -13,12 +13,17 @@ from woosh_robot_agent.simulator.body.battery import Battery
 from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.profile import Profile
 from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 
 class Robot(Protocol):
     """The parts of the robot that behaviours use."""
+
+    @property
+    def profile(self) -> Profile:
+        """How a robot of this model behaves."""
 
     @property
     def robot_id(self) -> int:
