@@ -253,3 +253,14 @@ INTERNAL_ERROR = Refusal("internal error of the simulator: see its log", words=N
 
 REFUSALS = {name: value for name, value in vars().copy().items() if isinstance(value, Refusal)}
 """All situations, by name."""
+
+
+def markdown() -> str:
+    """Return the refusals with words or a code of their own as a Markdown table."""
+    rows = ["| Situation | Words of the real robot | Status code |", "| --- | --- | --- |"]
+    for name, each in REFUSALS.items():
+        if each.words is None or (each.words == REQUEST_FAILED and each.code is None):
+            continue
+        code = f"{each.code.number}: {each.code.text('en')}" if each.code else ""
+        rows.append(f"| {name.lower().replace('_', ' ')} | {each.words} | {code} |")
+    return "\n".join(rows)
