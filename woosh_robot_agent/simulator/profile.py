@@ -13,6 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
+from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.status_codes import Language
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 
@@ -24,6 +25,11 @@ _FOLDER = Path(__file__).parent / "data" / "profiles"
 SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 """Names of the shipped profiles."""
 
+STARTING_STATES = ("kInit", "kReady")
+"""States of a task before it is executed, by name."""
+
+_MAX_ITEMS = 100
+_MAX_INTEGER = 2**31 - 1
 _T = TypeVar("_T")
 
 
@@ -106,6 +112,15 @@ class TaskProfile:
     own_id_factor: int
     own_id_offset: int
 
+    def __post_init__(self) -> None:
+        if self.state_first > 1.0:
+            raise ValueError(f"state_first must be at most 1, not {self.state_first:g}")
+        for name in self.starting_states:
+            if name not in STARTING_STATES:
+                raise ValueError(
+                    f"starting_states: {name!r} is not one of {', '.join(STARTING_STATES)}"
+                )
+
 
 @dataclass(frozen=True)
 class AnswerProfile:
@@ -120,6 +135,13 @@ class AnswerProfile:
     default: Spread
     requests: Mapping[str, Spread]
     initialisation: Range
+
+    def __post_init__(self) -> None:
+        for name in self.requests:
+            try:
+                message_type(name)
+            except KeyError:
+                raise ValueError(f"requests: there is no such request: {name}") from None
 
 
 @dataclass(frozen=True)
@@ -303,7 +325,11 @@ def _section(node: Node, kind: type[_T], **given: Any) -> _T:
         if field.name not in given
     ]
     node.check_keys(names)
-    return kind(**given, **{name: _value(node, name, hints[name]) for name in names})
+    values = {name: _value(node, name, hints[name]) for name in names}
+    try:
+        return kind(**given, **values)
+    except ValueError as error:
+        raise node.error(str(error)) from None
 
 
 def _value(section: Node, name: str, kind: Any) -> Any:
@@ -344,7 +370,3 @@ def _converted(node: Node, kind: Any) -> Any:
     if number < 0.0:
         raise node.error(f"must not be negative, but is {node.preview()}")
     return number
-
-
-_MAX_ITEMS = 100
-_MAX_INTEGER = 2**31 - 1

@@ -17,26 +17,19 @@ from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.status_codes import failure
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_HISTORY = 50
 """Number of ended tasks that are kept."""
 
 _ENDED = (util_task_pb2.kCompleted, util_task_pb2.kCanceled, util_task_pb2.kFailed)
 
+_STARTING_STATES = {"kInit": util_task_pb2.kInit, "kReady": util_task_pb2.kReady}
+
 _NO_STATE = util_robot_pb2.kStateUndefined
 """State of the robot without a task."""
 
 _PUSH_GAP = 0.003
 """Time between two pushes of which one causes the other, in seconds."""
-
-
-def _state(name: str) -> util_task_pb2.State:
-    """Return the state of a task by its name."""
-    try:
-        return util_task_pb2.State.Value(name)  # type: ignore[return-value]
-    except ValueError:
-        raise DataFileError(f"starting_states: unknown state {name}") from None
 
 
 @dataclass
@@ -82,7 +75,7 @@ class Tasks:
         self.impeded = False
         self._robot = robot
         self._profile = robot.profile.tasks
-        self._starting_states = [_state(name) for name in self._profile.starting_states]
+        self._starting_states = [_STARTING_STATES[name] for name in self._profile.starting_states]
         self._jobs: deque[Job] = deque()
         self._rest_of_set: deque[TaskOrder] = deque()
         self._automatic = False

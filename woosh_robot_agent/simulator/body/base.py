@@ -96,9 +96,10 @@ class Base:
         self.velocity = self._wanted = STANDSTILL
 
     def brake(self) -> None:
-        """Stop as after a velocity of zero: at once, unless the base rolls on."""
-        self._wanted = STANDSTILL
-        if not self._rolls_for:
+        """Stop as after a velocity of zero: at once, or by rolling on from the next step."""
+        if self._rolls_for:
+            self._wanted = self.velocity
+        else:
             self.halt()
 
     def place(self, pose: Pose) -> None:
