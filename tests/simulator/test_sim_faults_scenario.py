@@ -152,13 +152,13 @@ def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
             assert [fault.name for fault in simulator.faults] == ["refuse"]
             client = JsonClient(simulator.port)
             assert client.refusal("woosh.robot.Speak") == "not now: busy"
-            runs.append([(code["msg"], int(code["time"])) for code in codes(client)])
+            runs.append([(code["code"], int(code["time"])) for code in codes(client)])
             client.close()
     assert runs[0] == runs[1]
     begin = 1735689600000
-    assert [(text, time - begin) for text, time in runs[0]] == [
-        ("emergency stop pressed", 10_000),
-        ("localisation lost", 30_000),
+    assert [(code, time - begin) for code, time in runs[0]] == [
+        ("110201000013", 10_000),
+        ("130103000012", 30_000),
     ]
 
 

@@ -67,7 +67,7 @@ def next_impeded_report(client: JsonClient) -> Json:
     assert "an obstacle stands in the way" in report["msg"]
     assert client.next_push(OPERATION, lambda body: body["nav"] == IMPEDE)["robot"] == 1
     (code,) = client.next_push(ABNORMAL)["scs"]
-    assert (code["level"], code["msg"]) == (2, "an obstacle stands in the way")
+    assert (code["level"], code["msg"]) == (1, "something blocks the way ahead")
     return report
 
 

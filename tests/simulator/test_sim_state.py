@@ -42,8 +42,9 @@ def test_key_switch_overrides_the_control_mode(
     assert client.ask(MODE)["ctrl"] == MANUAL
     assert client.refusal(*TASK) == KEY
     assert client.refusal("woosh.robot.ActionOrder", {"order": 3}) == KEY
-    client.ask("woosh.robot.Twist", {"linear": 0.2})  # manual mode allows remote control
-    assert "key switch turned to manual" in [each["msg"] for each in client.ask(CODES)["scs"]]
+    assert client.refusal("woosh.robot.Twist", {"linear": 0.2}) == KEY
+    client.ask("woosh.robot.Twist")  # a stop is always accepted
+    assert client.ask(CODES)["scs"][-1]["msg"] == "control mode is now manual"
     client.pushes.clear()
     simulator.set_key_switch(False)
     assert client.next_push(MODE)["ctrl"] == AUTO
@@ -88,7 +89,7 @@ def test_lost_localisation_pauses_the_task_until_a_pose_is_set(
     assert info["state"] == FAULT
     assert info["operationState"]["robot"] == 0
     assert info["deviceState"]["software"] & 1 == 0
-    assert [each["msg"] for each in info["abnormalCodes"]["scs"]] == ["localisation lost"]
+    assert [each["code"] for each in info["abnormalCodes"]["scs"]] == ["130103000012"]
     reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
     assert client.refusal(*TASK) == reason
     client.pushes.clear()
@@ -203,7 +204,7 @@ def test_battery_drains_with_motion_and_charges_at_the_dock(
 def test_empty_battery_refuses_motion(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe(ABNORMAL)
     simulator.call(lambda s: setattr(s.chassis.battery, "level", 0.0))
-    assert [each["msg"] for each in client.next_push(ABNORMAL)["scs"]] == ["battery low"]
+    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110401000111"]
     assert client.refusal(*TASK) == "battery is empty: charge first"
     assert client.refusal("woosh.robot.Twist", {"linear": 0.2}) == "battery is empty: charge first"
     assert client.ask(STATE)["state"] == 5

@@ -127,7 +127,7 @@ def test_failed_task_is_reported_and_can_be_recovered(client: JsonClient) -> Non
     assert end["state"] == FAILED
     assert "no free path" in end["msg"]
     last = client.ask("woosh.robot.count.StatusCodes")["scs"][-1]
-    assert (last["level"], last["robotTaskId"]) == (3, "5")
+    assert (last["code"], last["level"], last["robotTaskId"]) == ("140304000012", 2, "5")
     assert "no free path" in last["msg"]
     client.ask("woosh.robot.ActionOrder", {"order": 5})
     assert client.next_push(PROC)["state"] == EXECUTING

@@ -10,6 +10,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.agenda import Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
@@ -19,21 +20,14 @@ from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.behaviour.teleop import Teleop
 from woosh_robot_agent.simulator.body.base import Base, displacement
 from woosh_robot_agent.simulator.body.battery import Battery
-from woosh_robot_agent.simulator.body.codes import (
-    BATTERY_LOW,
-    EMERGENCY_STOP,
-    KEY_SWITCH_MANUAL,
-    LOCALISATION_LOST,
-    OBSTACLE_IN_THE_WAY,
-    Codes,
-)
+from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.collision import CollisionDetector
@@ -53,8 +47,6 @@ _CHARGER_DISTANCE = 0.3
 _MAX_SPOKEN = 50
 """Number of spoken texts that are kept."""
 
-_Level = robot_count_pb2.StatusCode
-
 
 class Chassis:
     """The model of the robot, without sockets and without a clock of its own.
@@ -72,6 +64,7 @@ class Chassis:
     Attributes:
         profile: How a robot of this model behaves.
         elapsed: Simulated time since the start, in seconds.
+        clock_offset: Difference between the clock of the robot and the real one, in seconds.
         stepped: The time up to which the motion is computed, in seconds.
         agenda: Calls that are due at later times.
         on_change: Called after each of these calls.
@@ -100,6 +93,7 @@ class Chassis:
         self.robot_id = config.robot_id
         self.omnidirectional = config.omnidirectional
         self.elapsed = 0.0
+        self.clock_offset = config.clock_offset
         self.stepped = 0.0
         self.agenda = Agenda()
         self.on_change: Callable[[], object] = lambda: None
@@ -143,7 +137,9 @@ class Chassis:
             allow=robot_pb2.Setting.Allow(auto_charge=True, auto_park=True, goods_check=True),
         )
 
-        self.codes = Codes(self._publish_code)
+        language = config.code_language or self.profile.status_codes.language
+        self.codes = Codes(language, self._publish_code)
+        self._reported_mode = self.readiness.control
         self.teleop = Teleop(driving.start_delay)
         self.follower = Follower()
         self.tasks = Tasks(self)
@@ -161,8 +157,8 @@ class Chassis:
 
     @property
     def time(self) -> float:
-        """Simulated Unix time, in seconds."""
-        return self._start_time + self.elapsed
+        """Clock of the robot: simulated Unix time, in seconds."""
+        return self._start_time + self.clock_offset + self.elapsed
 
     @property
     def impeded(self) -> bool:
@@ -232,6 +228,8 @@ class Chassis:
         self.follower.tick(self, dt)
         self.ownership.tick(dt)
         odometer = self.base.odometer
+        if not self.readiness.motors_on:
+            self.base.halt()
         self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - odometer)
         if self.base.moving:
@@ -266,11 +264,9 @@ class Chassis:
             RefusedError: The pose is outside the map, or the robot would overlap a wall.
         """
         if not self.map.contains(pose.x, pose.y):
-            raise RefusedError(f"pose {pose} is outside map {self.map.name}: choose one inside")
+            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
         if self.gap(pose) < 0.0:
-            raise RefusedError(
-                f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
-            )
+            raise RefusedError(refusals.POSE_IN_WALL, pose=pose, map=self.map.name)
         self.base.place(pose)
         self.readiness.located = True
         navigation = self.ownership.navigation
@@ -311,11 +307,17 @@ class Chassis:
         self.readiness.emergency_stop = pressed
         self._check_conditions()
 
-    def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
-        if manual and not self.readiness.key_manual:
-            self.codes.report(KEY_SWITCH_MANUAL, _Level.kTips)
+    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
+        """Turn the key switch to manual, or to automatic.
+
+        At manual it overrides the control mode and switches the motors off.
+
+        Args:
+            manual: Turn it to manual.
+            accept: Accept requests nevertheless. They have no effect on the motors.
+        """
         self.readiness.key_manual = manual
+        self.readiness.key_accepts = accept
         self._check_conditions()
 
     def lose_localisation(self) -> None:
@@ -346,18 +348,25 @@ class Chassis:
         """Report problems, and stop jobs that must not continue."""
         readiness = self.readiness
         readiness.battery_empty = self.battery.level <= 0.0
-        self.codes.watch(EMERGENCY_STOP, _Level.kFault, present=readiness.emergency_stop)
+        self._report_control_mode()
+        self.codes.watch(status_codes.EMERGENCY_STOP, present=readiness.emergency_stop)
         lost = readiness.initialised and not readiness.located
-        self.codes.watch(LOCALISATION_LOST, _Level.kFault, present=lost)
+        self.codes.watch(status_codes.LOCALISATION_LOST, present=lost)
         low = self.battery.percent <= self.setting.power.alarm
-        self.codes.watch(BATTERY_LOW, _Level.kWarn, present=low)
-        self.codes.watch(OBSTACLE_IN_THE_WAY, _Level.kWarn, present=self.impeded)
+        self.codes.watch(status_codes.BATTERY_LOW, present=low)
+        self.codes.watch(status_codes.OBSTACLE_IN_THE_WAY, present=self.impeded)
         if readiness.emergency_stop:
             self.base.halt()
             self.teleop.release()
-        objections = readiness.objections()
-        if objections:
-            self.ownership.suspend_all(objections[0].partition(":")[0])
+        if readiness.obstruction:
+            self.ownership.suspend_all(readiness.obstruction.reason)
+
+    def _report_control_mode(self) -> None:
+        """Report the control mode if it has changed."""
+        mode = self.readiness.control
+        if mode != self._reported_mode:
+            self._reported_mode = mode
+            self.codes.report(status_codes.CONTROL_MODES[mode])
 
     def _publish_code(self, status: robot_count_pb2.StatusCode) -> None:
         status.robot_id = self.robot_id

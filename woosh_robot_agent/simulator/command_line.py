@@ -16,6 +16,7 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
 from woosh_robot_agent.simulator.profile import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.status_codes import LANGUAGES
 from woosh_robot_agent.simulator.stop_signals import StopSignals
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
@@ -90,6 +91,8 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
         seed=options.seed,
         profile=options.profile,
         scenes=tuple(options.scene),
+        clock_offset=options.clock_offset,
+        code_language=options.code_language,
         robot_id=options.robot_id,
         omnidirectional=options.base == "omnidirectional",
         initialised=not options.uninitialised,
@@ -182,6 +185,18 @@ def make_parser() -> argparse.ArgumentParser:
         default=default.profile,
         metavar="NAME_OR_FILE",
         help=f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file like theirs",
+    )
+    parser.add_argument(
+        "--clock-offset",
+        type=float,
+        default=default.clock_offset,
+        metavar="SECONDS",
+        help="how far the clock of the robot is ahead of the real one, in s; negative: behind",
+    )
+    parser.add_argument(
+        "--code-language",
+        choices=LANGUAGES,
+        help="language of the texts of status codes, none: no texts; default: as in the profile",
     )
     parser.add_argument(
         "--scene",

@@ -11,9 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator.status_codes import Language
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 
 DEFAULT_PROFILE = "tr200"
@@ -223,6 +224,33 @@ class ChargingProfile:
 
 
 @dataclass(frozen=True)
+class RefusalProfile:
+    """Refused requests.
+
+    Attributes:
+        explained: Answers explain a refusal, instead of using the words of the real robot.
+        codes: A status code follows the answer where the real robot sends one.
+        while_busy: A task is refused while another one runs, steps while others run, and InitRobot
+            while a task runs. Otherwise the new one takes the place of the old one.
+    """
+
+    explained: bool
+    codes: bool
+    while_busy: bool
+
+
+@dataclass(frozen=True)
+class StatusCodeProfile:
+    """Status codes.
+
+    Attributes:
+        language: Language of their texts.
+    """
+
+    language: Language
+
+
+@dataclass(frozen=True)
 class Profile:
     """How a robot of one model behaves.
 
@@ -234,6 +262,8 @@ class Profile:
         driving: Remote control.
         battery: Battery.
         charging: Charge tasks.
+        refusals: Refused requests.
+        status_codes: Status codes.
     """
 
     name: str
@@ -243,6 +273,8 @@ class Profile:
     driving: DrivingProfile
     battery: BatteryProfile
     charging: ChargingProfile
+    refusals: RefusalProfile
+    status_codes: StatusCodeProfile
 
 
 def load_profile(source: str | Path | Profile) -> Profile:
@@ -322,6 +354,10 @@ def _converted(node: Node, kind: Any) -> Any:
     if get_origin(kind) is Mapping:
         node.check_keys([key for key in node.value if isinstance(key, str)] if node.value else [])
         return {key: _converted(node.required(key), get_args(kind)[1]) for key in node.value}
+    if get_origin(kind) is Literal:
+        if node.value not in get_args(kind):
+            raise node.error(f"must be one of {', '.join(get_args(kind))}, not {node.preview()}")
+        return node.value
     if kind is bool:
         if not isinstance(node.value, bool):
             raise node.error(f"must be true or false, not {node.preview()}")

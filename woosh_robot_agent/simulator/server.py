@@ -198,9 +198,16 @@ class SimulatedChassis:
         self.chassis.set_emergency_stop(pressed)
         self.push_changes()
 
-    def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
-        self.chassis.set_key_switch(manual)
+    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
+        """Turn the key switch to manual, or to automatic.
+
+        At manual it overrides the control mode and switches the motors off.
+
+        Args:
+            manual: Turn it to manual.
+            accept: Accept requests nevertheless. They have no effect on the motors.
+        """
+        self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()
 
     def lose_localisation(self) -> None:

@@ -7,15 +7,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.robot import Robot
-from woosh_robot_agent.simulator.body.codes import TASK_FAILED
 from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.status_codes import failure
 
 _MAX_HISTORY = 50
 """Number of ended tasks that are kept."""
@@ -152,7 +153,7 @@ class Tasks:
         Raises:
             RefusedError: There is no task.
         """
-        self.require_active()
+        self.require_active(refusals.NO_TASK_TO_PAUSE)
         if self.paused or self._canceling:
             return
         self._stop_working()
@@ -182,7 +183,7 @@ class Tasks:
             RefusedError: The task is not waiting.
         """
         if self.paused or not isinstance(self.job, Wait):
-            raise RefusedError("no task is waiting: there is no wait to end")
+            raise RefusedError(refusals.NOT_WAITING)
         self._later(self._order_delay(), self.job.end)
 
     def cancel(self, reason: str, *, ordered: bool = False) -> None:
@@ -215,14 +216,17 @@ class Tasks:
             self._jobs.clear()
             self._rest_of_set.clear()
 
-    def require_active(self) -> None:
+    def require_active(self, refusal: Refusal = refusals.NO_TASK) -> None:
         """Check that there is a task.
+
+        Args:
+            refusal: The situation if there is none.
 
         Raises:
             RefusedError: There is none.
         """
         if not self.active:
-            raise RefusedError("no task is running: start one by ExecTask first")
+            raise RefusedError(refusal)
 
     def tick(self, dt: float, *, device_free: bool) -> None:
         """Work on the task for `dt` seconds.
@@ -309,12 +313,8 @@ class Tasks:
     def _work(self, dt: float) -> None:
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
-            self._robot.codes.report(
-                TASK_FAILED,
-                robot_count_pb2.StatusCode.kFault,
-                self._jobs[0].kind,
-                progress.failure,
-            )
+            kind = self._jobs[0].kind
+            self._robot.codes.report(failure(kind), kind, progress.failure)
             # The rest of the set is kept: the task may be recovered.
             self._end(util_task_pb2.kFailed, progress.failure)
         elif progress.done:

@@ -16,6 +16,7 @@ from woosh_robot_agent.link.codecs.choice import server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import (
@@ -26,6 +27,7 @@ from woosh_robot_agent.simulator.protocol.dispatch import (
     refusal,
 )
 from woosh_robot_agent.simulator.protocol.pushes import TOPICS, StateWatch
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.serving.client import Client
 from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
 
@@ -179,11 +181,11 @@ class Exchange:
             pass
         except FrameError as error:
             self.bad_frames += 1
-            refusal_reason = f"unreadable body: {error}"
+            refusal_reason = str(RefusedError(refusals.UNREADABLE_BODY, error=error))
         if not name:
-            refusal_reason = "the request has no type"
+            refusal_reason = str(RefusedError(refusals.NO_TYPE))
         elif name not in HANDLERS and not refusal_reason:
-            refusal_reason = f"unknown message type {name}"
+            refusal_reason = str(RefusedError(refusals.UNKNOWN_TYPE, type=name))
         return _Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: _Request) -> None:
@@ -226,6 +228,8 @@ class Exchange:
             answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
         )
         self._send(request.client, request.codec, out)
+        if answer.code:
+            self._chassis.codes.report(answer.code)
 
     def _answer(self, request: _Request) -> Answer:
         name = request.type
@@ -238,14 +242,11 @@ class Exchange:
             return dispatch(self._chassis, request.message)
         except Exception:  # a bug in a handler must not end the client's connection
             _LOG.exception("cannot execute %s", name)
-            return refusal(name, "internal error of the simulator: see its log")
+            return refusal(name, str(RefusedError(refusals.INTERNAL_ERROR)))
 
     def _refuse_excess(self, request: _Request) -> None:
         """Refuse a request beyond the limit at once. Faults do not affect this answer."""
-        text = (
-            f"{self._max_waiting} requests of this connection are waiting: "
-            "wait for their answers first"
-        )
+        text = str(RefusedError(refusals.TOO_MANY_REQUESTS, limit=self._max_waiting))
         if request.type == SUBSCRIPTION_TYPE:  # subscriptions have no answer
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
