@@ -21,7 +21,7 @@ from pathlib import Path
 import yaml
 
 from woosh_robot_agent import endpoints, parameters, security, status_codes
-from woosh_robot_agent.simulator import faults
+from woosh_robot_agent.simulator import faults, refusals
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.standard import endpoints as standard_endpoints
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
@@ -65,6 +65,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "parameters": parameters.markdown,
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
+    "simulator-refusals": refusals.markdown,
 }
 """Generated tables: name in the marker, and the function that returns the Markdown."""
 

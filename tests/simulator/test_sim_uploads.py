@@ -16,8 +16,8 @@ from PIL import Image
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import uploads
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 NAV2 = b"""
 image: floor.png
