@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from typing import Any
@@ -26,7 +27,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kPause
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import (
     DEPLOYMENT,
     EMERGENCY_STOP,
@@ -35,7 +35,7 @@ from woosh_robot_agent.readiness import (
     NO_TASK,
     NOT_INITIALISED,
 )
-from woosh_robot_agent.refusals import RefusalExplainer
+from woosh_robot_agent.refusals import RefusalExplainer, type_of
 
 READY = {"mode": {"ctrl": 1, "work": 2}, "state": 2}
 NAVIGATING = {**READY, "state": 4, "taskProc": {"robotTaskId": "17", "state": 3}}
@@ -93,14 +93,9 @@ async def reason_of(chassis: Chassis, request: Any) -> str:
 
 
 async def ask(client: ChassisClient, explainer: RefusalExplainer, request: Any) -> str:
-    found: list[Any] = []
-    name = full_name(request)
-    answer = await MotionGate(client).request(
-        request, tap=lambda _: found.append(explainer.reason(name))
-    )
+    answer = await MotionGate(client).request(request)
     assert (answer.ok, answer.msg) == (False, "Request failed")
-    await eventually(lambda: found)
-    return str(await found[0])
+    return await explainer.reason(type_of(request))
 
 
 @pytest.fixture
@@ -158,10 +153,21 @@ async def test_a_late_status_code_gives_no_reason():
         assert await ask(client, explainer, ExecTask(task_id=1)) == ""
         codes: list[StatusCode] = []
         client.subscribe(StatusCode, codes.append)
-        later = explainer.reason("woosh.robot.Twist")
         await (await chassis.peer.wire()).push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
         await eventually(lambda: codes)
-        assert "action refused" in await later  # the code is for the refusal that is still open
+        assert await explainer.reason("woosh.robot.ExecTask") == ""
+
+
+@pytest.mark.usefixtures("patient")
+@aio
+async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code():
+    chassis = Chassis(READY, after=({"code": str(NOT_AUTOMATIC)},))
+    async with chassis.connected() as (client, explainer, _):
+        codes: list[StatusCode] = []
+        client.subscribe(StatusCode, codes.append)
+        await client.request(ExecTask(task_id=1))
+        await eventually(lambda: codes)
+        assert "action refused" in await explainer.reason("woosh.robot.ExecTask")
 
 
 @pytest.mark.parametrize(
@@ -198,10 +204,16 @@ async def test_state_and_status_code_are_both_given():
     )
 
 
+@pytest.mark.usefixtures("patient")
 @aio
 async def test_the_state_at_the_time_of_the_refusal_counts():
     chassis = Chassis(NAVIGATING)
-    async with chassis.connected() as (_, explainer, last_known):
-        reason = explainer.reason("woosh.robot.ExecTask")
+    async with chassis.connected() as (client, explainer, last_known):
+        refused: list[Any] = []
+        client.on_refused(refused.append)
+        await client.request(ExecTask(task_id=1))
+        reason = asyncio.ensure_future(explainer.reason("woosh.robot.ExecTask"))
+        await eventually(lambda: refused)
         last_known.remember(TaskProc())
-        assert await reason == "the robot is executing task 17"
+        await (await chassis.peer.wire()).push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
+        assert (await reason).startswith("the robot is executing task 17; ")

@@ -7,14 +7,19 @@ of the robot, or in a status code that the chassis sends just after the answer.
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from google.protobuf.message import Message
+
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import (
     CONTROL_MODES,
@@ -35,77 +40,111 @@ Real robots send the code within 50 ms.
 """
 
 
+_MAX_REFUSALS = 50
+"""Maximum number of refusals that wait for a status code."""
+
+
 class RefusalExplainer:
     """Finds the reason of a refusal. Used in the event loop of the link.
 
     Args:
-        chassis: the link, for status codes.
+        chassis: the link.
         last_known: last values that the chassis reported.
     """
 
     def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
         self._last_known = last_known
-        self._refusals: list[_Refusal] = []
-        """The refusals of the last `CODE_DELAY` seconds."""
+        self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
+        """The refusals of the last `CODE_DELAY` seconds, oldest first."""
+        self._noted = asyncio.Event()
+        chassis.on_refused(self._refused)
         chassis.subscribe_raw(StatusCode, self._pushed)
 
-    def reason(self, request_type: str) -> asyncio.Future[str]:
-        """Find out why the chassis has just refused a request.
+    async def reason(self, request_type: str) -> str:
+        """Return why the chassis has just refused a request; empty if that is not known.
 
-        Call it as soon as the answer has arrived, at best in its `tap`: earlier status codes are
-        not considered.
+        Call it within `CODE_DELAY` of the answer. It returns that long after the answer at the
+        latest.
 
         Args:
-            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`. Instead of
-                `woosh.ros.CallAction`, the name of its command is more precise, e.g.
-                `woosh.ros.action.StepControl`.
-
-        Returns:
-            A future that gets the reason within `CODE_DELAY`; empty if the reason is not known.
+            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
+                action that of its command, e.g. `woosh.ros.action.StepControl`.
         """
-        # read now, because the state may have changed when the status code comes
-        info = self._last_known.get(full_name(RobotInfo))
-        find = _STATE_RULES.get(request_type)
-        found = find(info) if find is not None and isinstance(info, RobotInfo) else []
-        codes = (_WRONG_VERSION, *_CODES.get(request_type, ()))
+        return "; ".join(each.reason for each in await self.reasons(request_type))
+
+    async def reasons(self, request_type: str) -> list[Objection]:
+        """Return what `reason` returns as text, with the known remedies."""
+        try:
+            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
+        except TimeoutError:
+            return []
+        code = await asyncio.shield(refusal.code)  # others may wait for it too
+        return [*refusal.state, code] if code else list(refusal.state)
+
+    async def _latest(self, request_type: str) -> _Refusal:
+        """Return the latest refusal of a type; wait if it is still in the queue of pushes."""
+        while True:
+            for refusal in reversed(self._refusals):
+                if refusal.type == request_type:
+                    return refusal
+            self._noted.clear()
+            await self._noted.wait()
+
+    def _refused(self, request: Message) -> None:
+        """Note the state of the robot at a refusal, and expect a status code."""
+        name = type_of(request)
+        find = _STATE_RULES.get(name)
+        if len(self._refusals) == self._refusals.maxlen:
+            self._refusals[0].end()
+        info = self._last_known.get(full_name(RobotInfo)) if find is not None else None
+        state = find(info) if find is not None and isinstance(info, RobotInfo) else []
         loop = asyncio.get_running_loop()
-        refusal = _Refusal(loop.create_future(), "; ".join(each.reason for each in found), codes)
+        refusal = _Refusal(name, state, loop.create_future())
         self._refusals.append(refusal)
+        self._noted.set()
         loop.call_later(CODE_DELAY, self._end, refusal)
-        return refusal.future
 
     def _end(self, refusal: _Refusal) -> None:
-        """Stop to wait for a status code."""
-        self._refusals.remove(refusal)
-        refusal.tell("")
+        """Expect no status code any more."""
+        refusal.end()
+        if refusal in self._refusals:
+            self._refusals.remove(refusal)
 
     def _pushed(self, body: Body) -> None:
         if not self._refusals:  # nearly always; then the body need not be decoded
             return
         code: StatusCode = body.message()
         for refusal in self._refusals:
-            if str(code.code).startswith(refusal.codes):
-                refusal.tell(f"status code {explained(code.code, code.msg)}")
+            if str(code.code).startswith((_WRONG_VERSION, *_CODES.get(refusal.type, ()))):
+                text = f"status code {explained(code.code, code.msg)}"
+                refusal.end(Objection("status_code", text, ""))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Refusal:
     """A refusal whose status code may still come.
 
     Attributes:
-        future: gets the reason.
+        type: type of the request.
         state: the reasons in the state of the robot.
-        codes: first digits of the status codes that can give the reason.
+        code: future that gets the status code, or None if none came in time.
     """
 
-    future: asyncio.Future[str]
-    state: str
-    codes: tuple[str, ...]
+    type: str
+    state: list[Objection]
+    code: asyncio.Future[Objection | None]
 
-    def tell(self, code: str) -> None:
-        """Complete the future with the reasons in the state and that of a status code, if any."""
-        if not self.future.done():
-            self.future.set_result("; ".join(filter(None, (self.state, code))))
+    def end(self, code: Objection | None = None) -> None:
+        """Set the status code, unless that is done."""
+        if not self.code.done():
+            self.code.set_result(code)
+
+
+def type_of(request: Message) -> str:
+    """Return the protobuf full name of a request; of a CallAction, that of its command."""
+    if isinstance(request, CallAction) and (member := request.WhichOneof("action")):
+        return full_name(getattr(request, member))
+    return full_name(request)
 
 
 def _for_task(info: RobotInfo) -> list[Objection]:
@@ -139,8 +178,7 @@ _TASKS = ("woosh.robot.ExecTask", "woosh.robot.ExecPreTask", "woosh.robot.ExecTa
 _LIFTS = tuple(
     f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
 )
-_CALL, _STEP, _CHARGE, _MOVE = (
-    "woosh.ros.CallAction",
+_STEP, _CHARGE, _MOVE = (
     "woosh.ros.action.StepControl",
     "woosh.ros.action.ChargeControl",
     "woosh.ros.action.MoveBase",
@@ -148,7 +186,7 @@ _CALL, _STEP, _CHARGE, _MOVE = (
 
 _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
     {
-        **dict.fromkeys((*_TASKS, *_LIFTS, _CALL, _STEP, _CHARGE, _MOVE), _for_task),
+        **dict.fromkeys((*_TASKS, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
         "woosh.robot.Follow": _for_task,
         "woosh.robot.Twist": _for_velocity,
         "woosh.robot.ActionOrder": _for_order,
@@ -176,7 +214,6 @@ _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         _STEP: (_NOT_AUTOMATIC, *_STEP_CODES),
         _CHARGE: (_NOT_AUTOMATIC, *_CHARGE_CODES),
         _MOVE: (_NOT_AUTOMATIC, *_MOVE_CODES),
-        _CALL: (_NOT_AUTOMATIC, *_STEP_CODES, *_LIFT_CODES, *_CHARGE_CODES, *_MOVE_CODES),
         "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
         "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
         "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
