@@ -20,11 +20,13 @@ from woosh_robot_agent.logs import context_of, expect_losses, log_to_ros
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
+from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.standard_layer import StandardLayer
 from woosh_robot_agent.topics import Topics
+from woosh_robot_agent.watch.watch import Watch
 
 _LOG = logging.getLogger(__name__)
 _ZERO_TIMEOUT = 0.4
@@ -77,6 +79,14 @@ class Agent:
         self._topics = Topics(self.node, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
+        explainer = RefusalExplainer(self._chassis, last_known)
+        watch = Watch(
+            self._chassis,
+            self._gate,
+            last_known,
+            explainer,
+            lambda: self._actions.accepted_goals,
+        )
         self._services = Services(
             self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
@@ -98,6 +108,7 @@ class Agent:
                 self._gate,
                 last_known,
                 requests,
+                watch,
                 lambda: self.settings.standard,
             )
         )

@@ -12,6 +12,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     HardwareState,
     OperationState,
     RobotInfo,
+    TaskProc,
 )
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -148,11 +149,16 @@ def objections(info: RobotInfo) -> list[Objection]:
 def busy(info: RobotInfo) -> list[Objection]:
     """Return what the robot is doing, as the reason for which it rejects something else."""
     proc = info.task_proc
-    if proc.state in _RUNNING:
+    if is_running(proc):
         number = proc.robot_task_id
         reason = f"the robot is executing task {number}" if number else _EXECUTING
         return [Objection("busy", reason, "wait for its end, or cancel it")]
     return [_BUSY_STATES[info.state]] if info.state in _BUSY_STATES else []
+
+
+def is_running(task_proc: TaskProc) -> bool:
+    """Return True if a task has begun and not ended; it may be paused or waiting."""
+    return task_proc.state in _RUNNING
 
 
 def is_taskable(info: RobotInfo) -> bool | None:

@@ -19,7 +19,13 @@ class CmdVel(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._driver = VelocityDriver(context.gate, context.chassis, "cmd_vel", self._limits)
+        self._driver = VelocityDriver(
+            context.gate,
+            context.chassis,
+            "cmd_vel",
+            self._limits,
+            log_refusals=False,  # the log of all refused commands has them, with their reasons
+        )
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
             "cmd_vel",

@@ -19,6 +19,7 @@ from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.watch.watch import Watch
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class PartContext:
         gate: forwards commands to the chassis.
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
+        watch: observers of the robot.
         settings: returns the current parameter values.
     """
 
@@ -41,6 +43,7 @@ class PartContext:
     gate: MotionGate
     last_known: LastKnown
     requests: RequestMaker
+    watch: Watch
     settings: Callable[[], StandardSettings]
 
     def frame(self, which: str) -> str:
