@@ -22,6 +22,7 @@ from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.standard_layer import StandardLayer
@@ -100,6 +101,7 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
+        second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
             PartContext(
                 self.node,
@@ -109,6 +111,7 @@ class Agent:
                 last_known,
                 requests,
                 watch,
+                second_agent,
                 lambda: self.settings.standard,
             )
         )
@@ -117,6 +120,7 @@ class Agent:
         self.node.on_change(self._change)
         self._thread.call(self._chassis.start)
         self._standard.start()
+        self._thread.spawn(second_agent.run)
 
     @property
     def settings(self) -> Settings:

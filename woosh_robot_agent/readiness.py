@@ -16,6 +16,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 )
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.status_codes import explained
 
 
 class Objection(NamedTuple):
@@ -42,7 +43,7 @@ EMERGENCY_STOP = Objection(
 )
 MANUAL = Objection(
     "manual",
-    "the robot is in manual mode, set by its key switch or by software",
+    "the robot is in manual mode",
     "turn the key switch to automatic; if it is there already, call robot/SwitchControlMode with "
     "mode 1 (the key switch overrides the mode set by software)",
 )
@@ -87,6 +88,11 @@ NOT_TASKABLE = Objection(
     "not_taskable",
     "the robot reports that it rejects tasks, but not why",
     "wait until it has finished what it is doing, or check its status codes and its screen",
+)
+NO_MAP = Objection(
+    "no_map",
+    "the pose may mean nothing, because the robot uses no map (map_id 0)",
+    "load a map with robot/SwitchMap, then call robot/InitRobot",
 )
 NO_TASK = Objection("no_task", "the robot is not executing a task", "start one first")
 
@@ -175,6 +181,11 @@ def is_located(info: RobotInfo) -> bool | None:
     return bool(info.device_state.software & DeviceState.kLocation)
 
 
+def has_map(info: RobotInfo) -> bool | None:
+    """Return whether the robot's pose belongs to a map; None if it does not report its pose."""
+    return bool(info.pose_speed.map_id) if info.HasField("pose_speed") else None
+
+
 def _certain(info: RobotInfo) -> Iterator[Objection]:
     """Yield the reasons each of which is sufficient by itself."""
     if info.device_state.hardware & DeviceState.kEmgBtn:
@@ -211,7 +222,7 @@ def _likely(info: RobotInfo) -> list[Objection]:
     """Return probable reasons for a robot that is not taskable; used if there is no certain one."""
     remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"
     found = [
-        Objection("fault", f"the robot reports a fault ({code.code}: {code.msg})", remedy)
+        Objection("fault", f"the robot reports a fault ({explained(code.code, code.msg)})", remedy)
         for code in info.abnormal_codes.scs
         if code.level == StatusCode.kFault
     ]

@@ -17,6 +17,7 @@ from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.qos import latched, reliable
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
 from woosh_robot_agent.watch.watch import Watch
@@ -34,6 +35,7 @@ class PartContext:
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
         watch: observers of the robot.
+        second_agent: search for a second agent.
         settings: returns the current parameter values.
     """
 
@@ -44,6 +46,7 @@ class PartContext:
     last_known: LastKnown
     requests: RequestMaker
     watch: Watch
+    second_agent: SecondAgent
     settings: Callable[[], StandardSettings]
 
     def frame(self, which: str) -> str:
