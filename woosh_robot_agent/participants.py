@@ -1,9 +1,9 @@
 """Where the process of a DDS endpoint runs, as far as its global identifier (GID) tells.
 
-The first 8 bytes of a GID of Fast DDS, the default middleware of ROS 2, are: 2 bytes for the vendor,
-2 for the computer (from its network addresses), the lower 2 of the process id, and 2 random ones of
-the process. Nothing is concluded from a GID unless that of this process has this form, because the
-form is not documented, and other middleware uses another one.
+The first 8 bytes of a GID of Fast DDS, the default middleware of ROS 2, are: 2 bytes for the
+vendor, 2 for the computer (from its network addresses), the lower 2 of the process id, and 2 random
+ones of the process. Nothing is concluded from a GID unless that of this process has this form,
+because the form is not documented, and other middleware uses another one.
 """
 
 from __future__ import annotations

@@ -35,6 +35,11 @@ class RefusalLog:
         """Tasks that wait for a reason, by name of the command."""
         gate.on_answered(self._answered)
 
+    @property
+    def pending(self) -> int:
+        """Number of refusals whose reason is not known yet."""
+        return len(self._pending)
+
     def _answered(self, command: AnsweredCommand) -> None:
         if command.answer.ok and not self._logs:
             return

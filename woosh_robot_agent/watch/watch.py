@@ -26,6 +26,7 @@ class Watch:
         goals: returns the names of the goals that the chassis executes.
 
     Attributes:
+        refusal_log: log of refused commands.
         velocities: the sources of velocities.
         standstill: commands that move nothing.
         who_drives: what drives the robot.
@@ -40,7 +41,7 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)
-        RefusalLog(gate, explainer)
+        self.refusal_log = RefusalLog(gate, explainer)
         self.velocities = VelocitySources(gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)
