@@ -101,7 +101,7 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
-        second_agent = SecondAgent(self.node)
+        self._second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
             PartContext(
                 self.node,
@@ -111,7 +111,7 @@ class Agent:
                 last_known,
                 requests,
                 watch,
-                second_agent,
+                self._second_agent,
                 lambda: self.settings.standard,
             )
         )
@@ -120,7 +120,7 @@ class Agent:
         self.node.on_change(self._change)
         self._thread.call(self._chassis.start)
         self._standard.start()
-        self._thread.spawn(second_agent.run)
+        self._thread.spawn(self._second_agent.run)
 
     @property
     def settings(self) -> Settings:

@@ -20,7 +20,6 @@ OVERLAP = 1.0
 """Time within which the velocities of two sources count as simultaneous, in seconds."""
 SHOWN = 5.0
 """Time for which simultaneous sources are reported, in seconds."""
-_UNKNOWN_SOURCE = "another part of the agent"
 
 
 class VelocitySources:
@@ -64,10 +63,11 @@ class VelocitySources:
         self._log.warn(str(self._simultaneous), warning(self._simultaneous))
 
     def _answered(self, command: AnsweredCommand) -> None:
-        if not isinstance(command.message, Twist) or not command.answer.ok:
+        source = command.source
+        # the agent itself, which has no name, only sends a zero when it closes
+        if not isinstance(command.message, Twist) or not command.answer.ok or not source:
             return
         now = time.monotonic()
-        source = command.source or _UNKNOWN_SOURCE
         self.last, self.last_time = source, now
         others = [name for name, sent in self._driving.items() if name != source]
         for name in others:
