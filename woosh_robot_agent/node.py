@@ -20,11 +20,14 @@ from woosh_robot_agent.logs import context_of, expect_losses, log_to_ros
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
+from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.standard_layer import StandardLayer
 from woosh_robot_agent.topics import Topics
+from woosh_robot_agent.watch.watch import Watch
 
 _LOG = logging.getLogger(__name__)
 _ZERO_TIMEOUT = 0.4
@@ -77,6 +80,14 @@ class Agent:
         self._topics = Topics(self.node, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
+        explainer = RefusalExplainer(self._chassis, last_known)
+        watch = Watch(
+            self._chassis,
+            self._gate,
+            last_known,
+            explainer,
+            lambda: self._actions.accepted_goals,
+        )
         self._services = Services(
             self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
@@ -90,6 +101,7 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
+        self._second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
             PartContext(
                 self.node,
@@ -98,6 +110,8 @@ class Agent:
                 self._gate,
                 last_known,
                 requests,
+                watch,
+                self._second_agent,
                 lambda: self.settings.standard,
             )
         )
@@ -106,6 +120,7 @@ class Agent:
         self.node.on_change(self._change)
         self._thread.call(self._chassis.start)
         self._standard.start()
+        self._thread.spawn(self._second_agent.run)
 
     @property
     def settings(self) -> Settings:
