@@ -234,7 +234,10 @@ def minimum_timeouts() -> dict[str, float]:
 
 def markdown() -> str:
     """Return the whole table in Markdown."""
-    rows = [("Kind", "Name", "ROS type", "Chassis message", "Timeout"), ("---",) * 5]
+    rows: list[tuple[str, ...]] = [
+        ("Kind", "Name", "ROS type", "Chassis message", "Timeout"),
+        ("---",) * 5,
+    ]
     rows += [_row("query", e.name, e.srv, "srv", e.request, e.timeout) for e in QUERIES]
     rows += [_row("command", e.name, e.srv, "srv", e.request, e.timeout) for e in COMMANDS]
     rows += [_row("topic", e.name, e.msg, "msg", e.push) for e in TOPICS]

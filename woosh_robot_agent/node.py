@@ -21,6 +21,7 @@ from woosh_robot_agent.logs import context_of, expect_losses, log_to_ros
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
+from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
@@ -90,6 +91,7 @@ class Agent:
             self._gate,
             last_known,
             requests,
+            RefusalExplainer(self._chassis, last_known).reason,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
