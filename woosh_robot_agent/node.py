@@ -81,6 +81,7 @@ class Agent:
         self._topics = Topics(self.node, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
+        explainer = RefusalExplainer(self._chassis, last_known)
         self._services = Services(
             self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
@@ -91,7 +92,7 @@ class Agent:
             self._gate,
             last_known,
             requests,
-            RefusalExplainer(self._chassis, last_known).reason,
+            explainer.reason,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )

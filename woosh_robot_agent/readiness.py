@@ -14,6 +14,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     RobotInfo,
 )
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
 
 
 class Objection(NamedTuple):
@@ -40,7 +41,7 @@ EMERGENCY_STOP = Objection(
 )
 MANUAL = Objection(
     "manual",
-    "the robot is in manual mode",
+    "the robot is in manual mode, set by its key switch or by software",
     "turn the key switch to automatic; if it is there already, call robot/SwitchControlMode with "
     "mode 1 (the key switch overrides the mode set by software)",
 )
@@ -81,7 +82,15 @@ LOST = Objection(
     "call robot/SetRobotPose or robot/InitRobot with its actual pose",
 )
 BATTERY_EMPTY = Objection("battery_empty", "the battery is empty", "charge it")
+NOT_TASKABLE = Objection(
+    "not_taskable",
+    "the robot reports that it rejects tasks, but not why",
+    "wait until it has finished what it is doing, or check its status codes and its screen",
+)
+NO_TASK = Objection("no_task", "the robot is not executing a task", "start one first")
 
+CONTROL_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE)
+"""Objections to the control mode."""
 _CONTROL_MODES = {
     robot.kControlModeUndefined: NO_CONTROL_MODE,
     robot.kManual: MANUAL,
@@ -99,6 +108,22 @@ _STATES = {
     ),
     robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
+_EXECUTING = "the robot is executing a task"
+_BUSY_STATES = {
+    robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
+    robot.kParking: Objection("busy", "the robot is parking", "wait for its end, or cancel it"),
+    robot.kMapping: _STATES[robot.kMapping],
+    robot.kFollowing: _STATES[robot.kFollowing],
+}
+_RUNNING = (
+    task.kInit,
+    task.kReady,
+    task.kExecuting,
+    task.kPaused,
+    task.kActionWait,
+    task.kTaskWait,
+)
+"""States of a task that has not ended."""
 
 
 def objections(info: RobotInfo) -> list[Objection]:
@@ -118,6 +143,16 @@ def objections(info: RobotInfo) -> list[Objection]:
         found += _failed_parts(info.hardware_state)
         found += [] if found else _likely(info)
     return found
+
+
+def busy(info: RobotInfo) -> list[Objection]:
+    """Return what the robot is doing, as the reason for which it rejects something else."""
+    proc = info.task_proc
+    if proc.state in _RUNNING:
+        number = proc.robot_task_id
+        reason = f"the robot is executing task {number}" if number else _EXECUTING
+        return [Objection("busy", reason, "wait for its end, or cancel it")]
+    return [_BUSY_STATES[info.state]] if info.state in _BUSY_STATES else []
 
 
 def is_taskable(info: RobotInfo) -> bool | None:
@@ -184,10 +219,4 @@ def _likely(info: RobotInfo) -> list[Objection]:
                 "call robot/SetOccupancy with occupy false",
             )
         )
-    return found or [
-        Objection(
-            "not_taskable",
-            "the robot reports that it rejects tasks, but not why",
-            "wait until it has finished what it is doing, or check its status codes and its screen",
-        )
-    ]
+    return found or [NOT_TASKABLE]

@@ -7,7 +7,6 @@ import logging
 import math
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, TypeVar
 
 from google.protobuf.message import Message
@@ -71,6 +70,7 @@ class ChassisClient:
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         self._minimum_timeouts = minimum_timeouts or {}
+        self._refused_callbacks: list[Callable[[Message], None]] = []
         self._reserved: Callable[[Message], bool] = _reserve_nothing
         """Selects the requests that only the caller of `reserve` may send."""
 
@@ -253,6 +253,14 @@ class ChassisClient:
         """
         self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
 
+    def on_refused(self, callback: Callable[[Message], None]) -> None:
+        """Call `callback` in the event loop with each request that the chassis refuses.
+
+        The calls are in order with the pushes, like those of `tap` in `request`, and come before
+        the `tap` of the same request.
+        """
+        self._refused_callbacks.append(callback)
+
     # Subscriptions
 
     def subscribe(self, cls: type[M], callback: Callable[[M], None]) -> Callable[[], None]:
@@ -343,18 +351,26 @@ class ChassisClient:
     def _queued_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
     ) -> Callable[[Answer], None] | None:
-        """Return a function that queues an answer for all its callbacks; None without any."""
-        callbacks = self._accepted_callbacks.get(full_name(message))
-        if not callbacks:
-            return None if tap is None else partial(self._subscriptions.put_answer, tap)
+        """Return a function that queues an answer for its callbacks; None if it can have none."""
+        on_accepted = self._accepted_callbacks.get(full_name(message), ())
+        if tap is None and not on_accepted and not self._refused_callbacks:
+            return None
 
         def call_all(answer: Answer) -> None:
-            for callback in callbacks if answer.ok else ():
-                callback()
+            if answer.ok:
+                for accepted in on_accepted:
+                    accepted()
+            else:
+                for refused in self._refused_callbacks:
+                    refused(message)
             if tap is not None:
                 tap(answer)
 
-        return partial(self._subscriptions.put_answer, call_all)
+        def put(answer: Answer) -> None:
+            if tap is not None or on_accepted or not answer.ok:
+                self._subscriptions.put_answer(call_all, answer)
+
+        return put
 
 
 def _reserve_nothing(_message: Message) -> bool:
