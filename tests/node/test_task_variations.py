@@ -13,7 +13,16 @@ import pytest
 from rclpy.action import ActionClient
 
 from tests.harness import Client, Collector, GoalClient, RunningAgent, own_domain, wait_future
-from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED, set_timing
+from tests.node.goals import (
+    ABORTED,
+    ACTION_ORDER,
+    CANCELED,
+    COMPLETED,
+    FAILED,
+    SUCCEEDED,
+    TASK_CANCELED,
+    set_timing,
+)
 from tests.node.scripted_chassis import (
     EXEC_TASK,
     ROBOT_INFO,
@@ -397,12 +406,75 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
     for body in [*before, empty()]:
         chassis.push(TASK_PROC, body)
     assert_ended(goal, before)
+    chassis.push(TASK_PROC, {**empty(), "time": 0})  # as of a chassis that tells no time
 
     goal = start(chassis, client, task_id)
     chassis.wait_request(TASK_HISTORY, chassis.count(TASK_HISTORY) + 3)
     assert not goal.done
     expected = [{**body, "time": body["time"] + 60} for body in reports(task_id, "pick")]
     for body in [*expected, empty()]:
+        chassis.push(TASK_PROC, body)
+    assert_ended(goal, expected)
+
+
+def test_an_old_task_with_the_same_id_in_the_history_ends_nothing(
+    chassis: ScriptedChassis, client: Client
+) -> None:
+    task_id = next(IDS)
+    chassis.keep(TASK_PROC, report(task_id, (7, NAV, DONE)))  # at that time, nobody listened
+    chassis.push(TASK_PROC, empty())
+    goal = start(chassis, client, task_id)
+    chassis.wait_request(TASK_HISTORY, chassis.count(TASK_HISTORY) + 3)
+    assert not goal.done
+    expected = [{**body, "time": body["time"] + 60} for body in reports(task_id, "cancelled")]
+    for body in [*expected, empty()]:
+        chassis.push(TASK_PROC, body)
+    assert_ended(goal, expected)
+
+
+# Cancelled by the client
+
+
+@pytest.mark.parametrize("order", ["answer first", "reports first", "answer lost", "end not seen"])
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_cancel_by_the_client(
+    chassis: ScriptedChassis, client: Client, paused: bool, order: str
+) -> None:
+    task_id = next(IDS)
+    expected = reports(task_id, "cancelled in a pause" if paused else "cancelled")
+    *before, cancels, end = expected
+    goal = start(chassis, client, task_id)
+    for body in before:
+        chassis.push(TASK_PROC, body)
+    goal.feedback.wait_count(len(before))
+
+    def cancel() -> None:
+        if order in ("answer first", "end not seen"):
+            chassis.answer()
+        chassis.push(TASK_PROC, cancels)
+        (chassis.keep if order == "end not seen" else chassis.push)(TASK_PROC, end)
+        chassis.push(TASK_PROC, empty())
+        chassis.push(ROBOT_STATE, IDLE)
+        if order == "reports first":
+            chassis.answer()
+
+    chassis.expect(ACTION_ORDER, cancel)
+    goal.cancel()
+    status, ret = goal.result()
+    assert (status, wire(ret)) == (CANCELED, end)
+    goal.feedback.wait_count(len(expected))
+    assert [wire(fb) for fb in goal.feedback.messages] == expected
+
+
+def test_a_cancel_that_the_chassis_refuses(chassis: ScriptedChassis, client: Client) -> None:
+    task_id = next(IDS)
+    expected = reports(task_id, "pick")
+    goal = start(chassis, client, task_id)
+    chassis.push(TASK_PROC, expected[0])
+    goal.feedback.wait_count(1)
+    chassis.expect(ACTION_ORDER, lambda: chassis.answer(False, "Request failed"))
+    goal.cancel()
+    for body in [*expected[1:], empty()]:
         chassis.push(TASK_PROC, body)
     assert_ended(goal, expected)
 
@@ -443,14 +515,15 @@ def test_a_refusal_without_a_known_reason_is_the_word_of_the_chassis(
 
 
 def test_an_ordinary_client_gets_the_last_feedback(
-    chassis: ScriptedChassis, client: Client
+    chassis: ScriptedChassis, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """rclpy's action client drops feedback that it has not read before the result."""
+    set_timing(monkeypatch, result_delay=1.0)  # enough on a busy machine
     node = client.node
     action = ActionClient(node, ExecTask, client.path("robot/ExecTask"))
     client.action(ExecTask, "robot/ExecTask")  # both ends know each other
     assert action.wait_for_server(10.0)
-    for _ in range(20):
+    for _ in range(5):
         task_id = next(IDS)
         expected = reports(task_id, "pick")
         feedback = Collector()

@@ -303,7 +303,7 @@ class GoalRun:
             self._polling = loop.create_task(self._poll(), name="goal: poll")
 
     def _schedule_poll(self) -> None:
-        in_doubt = self._give_up.in_doubt or self._cancellation.pending
+        in_doubt = self._give_up.in_doubt or self._cancellation.pending or self._is_displaced
         factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
         self._next_poll = self._clock() + self._timing.poll_period * factor
 

@@ -94,12 +94,16 @@ class TaskGoal:
         predecessors = context.open_goals.possibly_running(self.name)
         self._previous = last_reports.get(self._id)
         """The last report on an earlier task of this id."""
+        self._since = 0
+        """Time of the last report on another task or on none, by the robot's clock."""
         last = last_known.get(full_name(TaskProc))
         is_current = isinstance(last, TaskProc) and last.robot_task_id == self._id
         if isinstance(last, TaskProc) and is_current:
             self._previous = TaskProc()
             self._previous.CopyFrom(last)
             predecessors = max(predecessors, int(last.state not in _OUTCOMES))
+        elif isinstance(last, TaskProc):
+            self._since = last.time
         # after the empty report that follows an end, nothing more comes on an earlier task
         is_reused = predecessors > 0 or is_current
         self.attribution = Attribution(predecessors, Outcome if is_reused else ())
@@ -171,6 +175,7 @@ class TaskGoal:
             and old.state in _OUTCOMES
             and old != self._previous
             and old.time >= (self._previous.time if self._previous is not None else 0)
+            and (self.attribution.heard or not self._since or old.time > self._since)
         )
 
 

@@ -23,7 +23,7 @@ class GoalTiming:
     and has not reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
     unknown_polls: int = 2
     """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
-    result_delay: float = 0.05
+    result_delay: float = 0.1
     """Delay of the result after the last feedback. If both arrive together, rclpy's action client
     takes the result first, and drops the feedback."""
     min_cancel_timeout: float = 10.0
