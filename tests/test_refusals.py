@@ -46,6 +46,7 @@ NOT_AUTOMATIC = 140801000081
 NO_SPEED_CONTROL = 140801000091
 NO_INITIALISATION = 140801000232
 STEP_OCCUPIED = 120301000022
+BY_KEY = "set by its key switch or by software"
 UNRELATED = 130104000000
 
 
@@ -173,7 +174,11 @@ async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code()
 @pytest.mark.parametrize(
     ("request_", "info", "reason"),
     [
-        (ExecTask(task_id=1), {**READY, "mode": {"ctrl": 2, "work": 2}}, MANUAL.reason),
+        (
+            ExecTask(task_id=1),
+            {**READY, "mode": {"ctrl": 2, "work": 2}},
+            f"{MANUAL.reason}, {BY_KEY}",
+        ),
         (STEP, {**READY, "mode": {"ctrl": 1, "work": 1}}, DEPLOYMENT.reason),
         (ExecTask(task_id=1), {**READY, "state": 1}, NOT_INITIALISED.reason),
         (Twist(linear=0.1), {**READY, "deviceState": {"hardware": 1024}}, EMERGENCY_STOP.reason),

@@ -23,10 +23,12 @@ from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.standard_layer import StandardLayer
 from woosh_robot_agent.topics import Topics
+from woosh_robot_agent.watch.watch import Watch
 
 _LOG = logging.getLogger(__name__)
 _ZERO_TIMEOUT = 0.4
@@ -82,6 +84,13 @@ class Agent:
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
         explainer = RefusalExplainer(self._chassis, last_known)
+        watch = Watch(
+            self._chassis,
+            self._gate,
+            last_known,
+            explainer,
+            lambda: self._actions.accepted_goals,
+        )
         self._services = Services(
             self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
@@ -96,6 +105,7 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
+        self._second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
             PartContext(
                 self.node,
@@ -104,6 +114,8 @@ class Agent:
                 self._gate,
                 last_known,
                 requests,
+                watch,
+                self._second_agent,
                 lambda: self.settings.standard,
             )
         )
@@ -112,6 +124,7 @@ class Agent:
         self.node.on_change(self._change)
         self._thread.call(self._chassis.start)
         self._standard.start()
+        self._thread.spawn(self._second_agent.run)
 
     @property
     def settings(self) -> Settings:

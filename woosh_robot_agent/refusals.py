@@ -25,6 +25,7 @@ from woosh_robot_agent.readiness import (
     CONTROL_MODES,
     EMERGENCY_STOP,
     MAINTENANCE,
+    MANUAL,
     NO_TASK,
     NOT_TASKABLE,
     Objection,
@@ -40,6 +41,9 @@ Real robots send the code within 50 ms.
 """
 
 
+_MANUAL = MANUAL._replace(
+    reason="the robot is in manual mode, set by its key switch or by software"
+)
 _MAX_REFUSALS = 50
 """Maximum number of refusals that wait for a status code."""
 
@@ -99,6 +103,7 @@ class RefusalExplainer:
         info = self._last_known.get(full_name(RobotInfo)) if find is not None else None
         state = find(info) if find is not None and isinstance(info, RobotInfo) else []
         loop = asyncio.get_running_loop()
+        state = [_MANUAL if each == MANUAL else each for each in state]
         refusal = _Refusal(name, state, loop.create_future())
         self._refusals.append(refusal)
         self._noted.set()

@@ -182,7 +182,7 @@ class _CommandHandler:
 
     async def _answer(self, message: Message, reply: Reply) -> None:
         try:
-            answer = await self._gate.request(message)
+            answer = await self._gate.request(message, source=self._endpoint.name)
         except ConnectionLostError as error:
             reply.send(self._response(False, self._lost(error)))
             return

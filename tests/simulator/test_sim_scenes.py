@@ -81,7 +81,7 @@ def test_default_scene_is_wooshmap() -> None:
     chassis = Chassis(SimulatorConfig(seed=1))
     assert list(chassis.scenes) == ["wooshmap", "scenex"]
     (area,) = chassis.scene.maps
-    assert (area.id, area.name, area.floor, area.version) == (0, "wooshmap", "1F", 147)
+    assert (area.id, area.name, area.floor, area.version) == (3, "wooshmap", "1F", 147)
     assert (area.low, area.high) == ((-12.0, -10.0), (12.0, 10.0))
     assert len(area.walls) == 19
     assert Wall(12.0, 1.0, 12.0, 10.0) in area.walls

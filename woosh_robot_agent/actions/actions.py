@@ -138,6 +138,11 @@ class Actions:
         """Number of goals that the robot may be executing; in the link thread."""
         return sum(len(open_goals) for open_goals in self._open_goals)
 
+    @property
+    def accepted_goals(self) -> list[str]:
+        """Names of the goals that the chassis has accepted; in the link thread."""
+        return [name for open_goals in self._open_goals for name in open_goals.accepted_names]
+
     def _timing(self) -> GoalTiming:
         return replace(timing.DEFAULT_TIMING, link_timeout=self._link_timeout())
 

@@ -94,6 +94,7 @@ class Connection:
         self._log = log
         self._drops = drops
         self._on_push = on_push
+        stats.clock_offset = None  # it may be another robot
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[LinkError] = self._loop.create_future()
         self._cause: LinkError | None = None
@@ -318,6 +319,8 @@ class Connection:
             self._stats.late_answers += 1
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
+        if envelope.timestamp is not None:
+            self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         body = Body(self._codec, envelope, self._count_bad)
         answer = Answer(bool(envelope.ok), envelope.msg, body)
         pending.future.set_result(answer)

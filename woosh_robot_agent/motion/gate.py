@@ -23,11 +23,12 @@ import logging
 import math
 import time
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, SupersededError
+from woosh_robot_agent.link.callbacks import call
 from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.motion.latest_wins import STALL, LatestWins
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
@@ -51,6 +52,20 @@ A goal that a client sent before the stop may arrive after it.
 
 class ZeroRefusedError(LinkError):
     """The chassis refused a zero velocity; the robot may be moving."""
+
+
+class AnsweredCommand(NamedTuple):
+    """A command that the chassis has answered.
+
+    Attributes:
+        message: the command.
+        source: the sender, as given to `MotionGate.request`.
+        answer: the answer, which may be a refusal.
+    """
+
+    message: Message
+    source: str
+    answer: Answer
 
 
 class MotionGate:
@@ -81,6 +96,7 @@ class MotionGate:
         self._forbidden_until = -math.inf
         """Loop time until which requests that move the robot are refused."""
         self._stop_callbacks: list[Callable[[], None]] = []
+        self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
@@ -91,6 +107,7 @@ class MotionGate:
         timeout: float | None = None,
         *,
         tap: Callable[[Answer], None] | None = None,
+        source: str = "",
     ) -> Answer:
         """Send a command and wait for the answer. The rules apply only to motion commands.
 
@@ -98,14 +115,17 @@ class MotionGate:
             message: the command.
             timeout: as in `ChassisClient.request`.
             tap: as in `ChassisClient.request`.
+            source: name of the sender, for `on_answered`.
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
-        if not commands_motion(message):
-            return await self._chassis.request(message, timeout, tap=tap)
-        return await self._request(message, timeout, tap=tap)
+        send = self._request if commands_motion(message) else self._chassis.request
+        answer = await send(message, timeout, tap=tap)
+        for callback in self._answered_callbacks:
+            call(callback, AnsweredCommand(message, source, answer))
+        return answer
 
     async def stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
@@ -144,6 +164,13 @@ class MotionGate:
         """Call `callback` at the beginning of each stop."""
         self._stop_callbacks.append(callback)
 
+    def on_answered(self, callback: Callable[[AnsweredCommand], None]) -> None:
+        """Call `callback` with each command of `request` that the chassis answers, to observe it.
+
+        The requests of a stop are not among them.
+        """
+        self._answered_callbacks.append(callback)
+
     @property
     def driving(self) -> bool:
         """True if the robot may still be driving at a velocity from this gate."""
@@ -153,6 +180,11 @@ class MotionGate:
     def owner(self) -> str:
         """Name of the goal, task or action that drives the robot; empty if there is none."""
         return "a goal" if self._open_goals() else self._reported_owner.name
+
+    @property
+    def reported_owner(self) -> str:
+        """Name of the task or actions that the chassis reports as driving; empty without any."""
+        return self._reported_owner.name
 
     async def _request(self, message: Message, timeout: float | None, **options: Any) -> Answer:
         if not isinstance(message, Twist):

@@ -58,6 +58,7 @@ class VelocityDriver:
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
+        log_refusals: log what the chassis refuses, and its answer.
     """
 
     def __init__(
@@ -66,11 +67,14 @@ class VelocityDriver:
         chassis: ChassisClient,
         name: str,
         limits: Callable[[], VelocityLimits],
+        *,
+        log_refusals: bool = True,
     ) -> None:
         self._gate = gate
         self._chassis = chassis
         self._name = name
         self._limits = limits
+        self._log_refusals = log_refusals
         self._log = LogOnce(_LOG)
         self._driving = False
         """True if the last velocity that was sent was not zero."""
@@ -192,13 +196,13 @@ class VelocityDriver:
 
     async def _request(self, velocity: Twist) -> None:
         try:
-            answer = await self._gate.request(velocity)
+            answer = await self._gate.request(velocity, source=self._name)
         except SupersededError as error:  # normal while the chassis is slow
             _LOG.debug("%s: %s", self._name, error)
         except LinkError as error:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
         else:
-            if not answer.ok:
+            if not answer.ok and self._log_refusals:
                 self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
 
     def _silence(self) -> None:

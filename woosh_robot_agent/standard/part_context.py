@@ -15,10 +15,13 @@ from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.qos import latched, reliable
+from woosh_robot_agent.rclpy_private import WithMessageInfo
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.watch.watch import Watch
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class PartContext:
         gate: forwards commands to the chassis.
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
+        watch: observers of the robot.
+        second_agent: search for a second agent.
         settings: returns the current parameter values.
     """
 
@@ -41,6 +46,8 @@ class PartContext:
     gate: MotionGate
     last_known: LastKnown
     requests: RequestMaker
+    watch: Watch
+    second_agent: SecondAgent
     settings: Callable[[], StandardSettings]
 
     def frame(self, which: str) -> str:
@@ -71,10 +78,11 @@ class PartContext:
     def subscribe(
         self,
         name: str,
-        callback: Callable[[Any], None],
+        callback: Callable[..., None],
         type_name: str = "",
         *,
         in_executor: bool = False,
+        with_info: bool = False,
     ) -> None:
         """Subscribe to a topic in `endpoints.STANDARD`.
 
@@ -83,12 +91,14 @@ class PartContext:
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from that in `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.
+            with_info: call `callback` with each message and rclpy's information about it.
         """
         endpoint = BY_NAME[name]
+        call = self._logging(callback) if in_executor else partial(self.thread.call, callback)
         self.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
-            self._logging(callback) if in_executor else partial(self.thread.call, callback),
+            WithMessageInfo(lambda message, info: call(message, info)) if with_info else call,
             reliable(endpoint.depth),
         )
 
@@ -96,11 +106,11 @@ class PartContext:
         """Create a service in `endpoints.STANDARD`; `handle` runs in the executor thread."""
         return DeferredService(self.node, class_of(BY_NAME[name].type, "srv"), name, handle)
 
-    def _logging(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _logging(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback for the executor thread, so that it logs to the node's logger."""
 
-        def call(message: Any) -> None:
+        def call(*arguments: Any) -> None:
             log_as(self.node.get_logger())
-            callback(message)
+            callback(*arguments)
 
         return call
