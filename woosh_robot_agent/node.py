@@ -13,6 +13,7 @@ from typing import Any
 
 from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
+from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient, LinkError
 from woosh_robot_agent.link.timeouts import run_with_timeout
@@ -73,7 +74,9 @@ class Agent:
         used = thread or LoopThread()
         self._own_thread = None if thread else used
         self._thread = LinkThread(used, context_of(self.node.get_logger()))
-        self._chassis = ChassisClient(config=self.settings.link)
+        self._chassis = ChassisClient(
+            config=self.settings.link, minimum_timeouts=minimum_timeouts()
+        )
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
         # first: it reports unreadable pushes before others see them
@@ -98,6 +101,7 @@ class Agent:
             self._gate,
             last_known,
             requests,
+            explainer.reason,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )

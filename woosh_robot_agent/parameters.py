@@ -101,7 +101,11 @@ class Settings:
     link: LinkConfig
     standard: StandardSettings
     poll_timeout: int = parameter_field(
-        10000, "Timeout for the chassis's answer to a request, in milliseconds.", 1, 3_600_000
+        10000,
+        "Timeout for the chassis's answer to a request, in milliseconds. Slow requests have a "
+        "longer one of their own, see the table of endpoints.",
+        1,
+        3_600_000,
     )
     goal_link_timeout: float = parameter_field(
         5.0, "Time without a link after which open goals are aborted, in seconds.", 0.0, 3600.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,7 +18,7 @@ from woosh_robot_agent.actions.kind import GoalKind
 from woosh_robot_agent.actions.open_goals import OpenGoals
 from woosh_robot_agent.actions.run import STOPPING, GoalRun
 from woosh_robot_agent.actions.server import Goal, GoalServer
-from woosh_robot_agent.actions.tasks import TaskGoal, TaskIds
+from woosh_robot_agent.actions.tasks import LastReports, TaskGoal, TaskIds
 from woosh_robot_agent.actions.timing import GoalTiming
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
@@ -43,6 +43,7 @@ class Actions:
         gate: sends commands.
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
+        explain: returns why the chassis has just refused a request, given its type.
         link_timeout: returns `GoalTiming.link_timeout`, in seconds.
         result_timeout: time for which results are kept, in seconds.
     """
@@ -55,6 +56,7 @@ class Actions:
         gate: MotionGate,
         last_known: LastKnown,
         requests: RequestMaker,
+        explain: Callable[[str], Awaitable[str]],
         link_timeout: Callable[[], float],
         result_timeout: int,
     ) -> None:
@@ -68,6 +70,7 @@ class Actions:
         self._last_feedback: dict[str, Feedback] = {}
         """The last feedback on each call action, by its protobuf full name."""
         self.servers: list[GoalServer] = []
+        self._last_reports = LastReports()
         task_ids = TaskIds()
         for action in ACTIONS:
             action_class = class_of(action.action, "action")
@@ -86,6 +89,7 @@ class Actions:
                 partial(requests.make, arg),
                 requests.empty,
                 fb.to_ros,
+                explain,
             )
             self._open_goals.append(context.open_goals)
             make_kind: Callable[[Any], GoalKind] = (
@@ -97,7 +101,13 @@ class Actions:
                     last_feedback=self._last_feedback,
                 )
                 if action.member
-                else partial(TaskGoal, context=context, ids=task_ids, last_known=last_known)
+                else partial(
+                    TaskGoal,
+                    context=context,
+                    ids=task_ids,
+                    last_known=last_known,
+                    last_reports=self._last_reports,
+                )
             )
             start = partial(self._start, make_kind, context)
             self.servers.append(GoalServer(node, action_class, action.name, start, result_timeout))
@@ -159,6 +169,8 @@ class Actions:
         self._post(Pushed(message))
         if isinstance(message, Feedbacks):
             self._last_feedback.update((feedback.action, feedback) for feedback in message.fbs)
+        elif isinstance(message, TaskProc):
+            self._last_reports.add(message)
 
     def _link_changed(self, state: LinkState) -> None:
         ready = state is LinkState.READY

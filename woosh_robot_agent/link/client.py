@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -44,12 +44,19 @@ class ChassisClient:
     Args:
         ip: address of the chassis; None takes the one of `config`.
         config: configuration of the link; None takes the defaults.
+        minimum_timeouts: for slow requests, by protobuf full name, the time to wait for the answer,
+            in seconds, if the configured `request_timeout` is shorter.
 
     Attributes:
         stats: counters of the link.
     """
 
-    def __init__(self, ip: str | None = None, config: LinkConfig | None = None) -> None:
+    def __init__(
+        self,
+        ip: str | None = None,
+        config: LinkConfig | None = None,
+        minimum_timeouts: Mapping[str, float] | None = None,
+    ) -> None:
         base = config or LinkConfig()
         config = base if ip is None else replace(base, ip=ip)
         log = LogOnce(_LOG)
@@ -62,6 +69,7 @@ class ChassisClient:
         )
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
+        self._minimum_timeouts = minimum_timeouts or {}
         self._refused_callbacks: list[Callable[[Message], None]] = []
         self._reserved: Callable[[Message], bool] = _reserve_nothing
         """Selects the requests that only the caller of `reserve` may send."""
@@ -180,7 +188,7 @@ class ChassisClient:
         Args:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
-                `request_timeout`.
+                `request_timeout`, or the minimum timeout of the request if that is longer.
             first: send it ahead of all other waiting requests; implies `urgent`.
             urgent: send it even if `max_in_flight` requests are in flight already.
             send_within: maximum time that the request may wait to be sent, in seconds.
@@ -221,6 +229,10 @@ class ChassisClient:
             raise RuntimeError("requests of this client are reserved already")
         self._reserved = which
         return self._request
+
+    def timeout_of(self, name: str) -> float:
+        """Return the default timeout of a request, by its protobuf full name, in seconds."""
+        return max(self.config.request_timeout, self._minimum_timeouts.get(name, 0.0))
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
         """Withdraw requests that wait to be sent; those that were sent are not affected.
@@ -321,6 +333,8 @@ class ChassisClient:
         connection = self._reconnect.connection
         if connection is None or self._status.state is not LinkState.READY:
             raise self._status.not_connected()
+        if timeout is None:
+            timeout = self.timeout_of(full_name(message))
         try:
             return await connection.request(
                 message,
