@@ -38,12 +38,14 @@ class Command:
             optionally `ret`.
         request: protobuf full name of the request.
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
+        reads: True if it only reads: it changes and moves nothing.
     """
 
     name: str
     srv: str
     request: str
     answer: str = ""
+    reads: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,9 @@ def _query(name: str, package: str = "woosh_robot_msgs", request: str = "") -> Q
     return Query(name, f"{package}/{short}", request or f"woosh.robot.{short}")
 
 
-def _command(name: str, answer: str = "") -> Command:
+def _command(name: str, answer: str = "", *, reads: bool = False) -> Command:
     short = name.split("/")[1]
-    return Command(name, f"woosh_robot_msgs/{short}", f"woosh.robot.{short}", answer)
+    return Command(name, f"woosh_robot_msgs/{short}", f"woosh.robot.{short}", answer, reads)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -147,7 +149,7 @@ COMMANDS = (
     _command("robot/SwitchWorkMode", "woosh.robot.Mode"),
     _command("robot/SwitchFootPrint", "woosh.robot.SwitchFootPrint"),
     _command("robot/SwitchMap"),
-    _command("robot/ScannerData", "woosh.robot.ScannerData"),
+    _command("robot/ScannerData", "woosh.robot.ScannerData", reads=True),
     _command("robot/ExecPreTask"),
     _command("robot/ExecTask"),
     _command("robot/ActionOrder"),
@@ -197,6 +199,10 @@ ACTIONS = (
     _call_action("LiftControl3", "lift_control3"),
     _call_action("MoveBase", "move_base"),
 )
+
+
+OWN_READS = ("woosh.map.SceneData", "woosh.ros.Feedbacks")
+"""Protobuf full names of requests that have no endpoint, and with which the agent only reads."""
 
 
 def markdown() -> str:

@@ -130,7 +130,7 @@ class VelocityDriver:
             self._silenced = ""
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
-                self._silence(reason)
+                self._silence("velocities were not permitted until now")
             self.refuse("not permitted", reason)
         elif moves and self._silenced:  # rule 3
             self.refuse("silenced", f"{self._silenced}; send a zero, or nothing for {_PAUSE:g} s")

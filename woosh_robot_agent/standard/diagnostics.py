@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
@@ -81,10 +82,14 @@ def link_status(chassis: ChassisClient, superseded: int) -> Status:
     if chassis.state is not LinkState.READY:
         why = f": {chassis.last_error}" if chassis.last_error else ""
         status.tell(ERROR, f"{chassis.state.value}{why}")
+    observes_only = bool(chassis.refusal(Twist()))
+    if observes_only:
+        status.tell(OK, "observes only: commands are refused")
     round_trip = "unknown" if stats.round_trip is None else f"{stats.round_trip * 1000:.1f} ms"
     status.values = {
         "state": chassis.state.value,
         "address": chassis.config.address,
+        "observe only": _yes_or_no(observes_only),
         "since": time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(chassis.since)),
         "reconnects": max(stats.connects - 1, 0),
         "round trip": round_trip,
