@@ -7,6 +7,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from rclpy.event_handler import PublisherEventCallbacks
+
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.qos import latched
@@ -49,7 +51,8 @@ class LatchedPublishers:
                 message_class,
                 name,
                 latched(depth),
-                event_callbacks=callbacks,
+                # default callbacks would keep a destroyed publisher alive for some time
+                event_callbacks=callbacks or PublisherEventCallbacks(use_default_callbacks=False),
             ),
             self._node.destroy_publisher,
             depth,
