@@ -106,8 +106,8 @@ class _QueryHandler:
             _LOG.debug("%s answers with the last known value: %s", name, error)
             value = self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
-            what = "the last known value" if self._is_known else "an empty value, as none is known"
-            self._log.warn(type(error).__name__, f"{name} answers with {what}: {error}")
+            text = f"{name} answers with the last known value: {error}"
+            self._log.warn(type(error).__name__, text)
             value = self._last_value()
         else:
             self._log.clear()
@@ -126,10 +126,6 @@ class _QueryHandler:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
         self._last_known.remember(answer.raw)
         return value
-
-    @property
-    def _is_known(self) -> bool:
-        return self._last_known.get(self._endpoint.request) is not None
 
     def _last_value(self) -> Any:
         last = self._last_known.get(self._endpoint.request)

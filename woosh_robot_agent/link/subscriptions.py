@@ -113,7 +113,7 @@ class Subscriptions:
         self._held = PushQueue(self._depths, self._stats.dropped_pushes)
 
     def release(self) -> None:
-        """Deliver what was held back, and what arrives from now on."""
+        """Deliver what was held back, and what arrives from now on; idempotent."""
         held, self._held = self._held, None
         for name, deliver in () if held is None else held.take_all():
             self._queue.put(name, deliver)
@@ -149,10 +149,11 @@ class Subscriptions:
             )
 
     def put_snapshot(self, answer: Answer) -> None:
-        """Queue the first RobotInfo of a link."""
+        """Queue the first RobotInfo of a link, after what was held back until it is known."""
         if answer.ok and isinstance(answer.body, RobotInfo):
             self._identify(answer.body)
-            self._target.put(_SNAPSHOT, partial(self._deliver_snapshot, answer.body))
+            self.release()
+            self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer.body))
 
     def put_answer(self, tap: Callable[[Answer], None], answer: Answer) -> None:
         """Queue an answer for `tap`, in order with the pushes."""
