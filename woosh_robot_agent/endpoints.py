@@ -41,6 +41,7 @@ class Command:
         request: protobuf full name of the request.
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
         timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
+        reads: True if it only reads: it changes and moves nothing.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Command:
     request: str
     answer: str = ""
     timeout: float = 0.0
+    reads: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,9 +109,10 @@ def _query(
     return Query(name, f"{package}/{short}", request or f"woosh.robot.{short}", timeout)
 
 
-def _command(name: str, answer: str = "", timeout: float = 0.0) -> Command:
+def _command(name: str, answer: str = "", timeout: float = 0.0, *, reads: bool = False) -> Command:
     short = name.split("/")[1]
-    return Command(name, f"woosh_robot_msgs/{short}", f"woosh.robot.{short}", answer, timeout)
+    request = f"woosh.robot.{short}"
+    return Command(name, f"woosh_robot_msgs/{short}", request, answer, timeout, reads)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -166,7 +169,7 @@ COMMANDS = (
     _command("robot/SwitchWorkMode", "woosh.robot.Mode", timeout=30.0),
     _command("robot/SwitchFootPrint", "woosh.robot.SwitchFootPrint"),
     _command("robot/SwitchMap", timeout=60.0),
-    _command("robot/ScannerData", "woosh.robot.ScannerData"),
+    _command("robot/ScannerData", "woosh.robot.ScannerData", reads=True),
     _command("robot/ExecPreTask"),
     _command("robot/ExecTask"),
     _command("robot/ActionOrder"),
@@ -230,6 +233,10 @@ def minimum_timeouts() -> dict[str, float]:
     """Return the minimum timeout of each slow request, in seconds, by its protobuf full name."""
     requests = (*QUERIES, *COMMANDS, *RAW_REQUESTS)
     return {each.request: each.timeout for each in requests if each.timeout}
+
+
+OWN_READS = ("woosh.map.SceneData", "woosh.ros.Feedbacks")
+"""Protobuf full names of requests that have no endpoint, and with which the agent only reads."""
 
 
 def markdown() -> str:

@@ -107,6 +107,11 @@ class Settings:
         1,
         3_600_000,
     )
+    observe_only: bool = parameter_field(
+        False,
+        "Only read from the robot: refuse everything that could change or move something, for "
+        "dashboards and for a second agent on the same robot.",
+    )
     goal_link_timeout: float = parameter_field(
         5.0, "Time without a link after which open goals are aborted, in seconds.", 0.0, 3600.0
     )

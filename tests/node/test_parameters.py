@@ -175,7 +175,7 @@ def test_goal_outlives_a_change_that_reconnects(
 ) -> None:
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    assert change(client, ip="localhost") == (True, "")
+    assert change(client, encoding="protobuf") == (True, "")
     assert goal.result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 1
 

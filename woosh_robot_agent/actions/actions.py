@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.actions import timing
 from woosh_robot_agent.actions.call_actions import CallActionGoal
 from woosh_robot_agent.actions.context import Context
-from woosh_robot_agent.actions.events import CancelRequested, Event, LinkChanged, Pushed
+from woosh_robot_agent.actions.events import CancelRequested, Event, GivenUp, LinkChanged, Pushed
 from woosh_robot_agent.actions.kind import GoalKind
 from woosh_robot_agent.actions.open_goals import OpenGoals
 from woosh_robot_agent.actions.run import STOPPING, GoalRun
@@ -31,6 +31,11 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
+
+_OTHER_ROBOT = (
+    "the agent turned to another robot; the former one may still be executing the goal: check it, "
+    "and stop it if necessary"
+)
 
 
 class Actions:
@@ -114,6 +119,7 @@ class Actions:
         for report in (TaskProc, Feedbacks):
             chassis.subscribe(report, self._pushed)
         chassis.on_state(self._link_changed)
+        chassis.on_robot_changed(self._robot_changed)
 
     async def stop(self) -> None:
         """Abort the open goals, and all that arrive later. Call it in the link thread."""
@@ -122,6 +128,10 @@ class Actions:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+    def give_up(self, reason: str) -> None:
+        """Abort the open goals with `reason` in their results. Call it in the link thread."""
+        self._post(GivenUp(reason))
 
     def destroy(self) -> None:
         """Remove the servers from the graph; rclpy's `destroy_node` leaves them there."""
@@ -177,6 +187,10 @@ class Actions:
         if ready != self._is_link_ready:
             self._is_link_ready = ready
             self._post(LinkChanged(ready))
+
+    def _robot_changed(self) -> None:
+        self.give_up(_OTHER_ROBOT)
+        self._last_feedback.clear()
 
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals:

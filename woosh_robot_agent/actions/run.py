@@ -13,6 +13,7 @@ from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.events import (
     CancelRequested,
     Event,
+    GivenUp,
     LinkChanged,
     Polled,
     PollFailed,
@@ -222,6 +223,8 @@ class GoalRun:
                     self._cancellation.send_soon()
             case Replaced():
                 return self._aborted(REPLACED)
+            case GivenUp(reason):
+                return self._aborted(reason)
             case Tick():
                 return self._tick()
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -16,7 +16,12 @@ from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.connection import Connection
 from woosh_robot_agent.link.drop_log import DropLog
-from woosh_robot_agent.link.errors import LinkError, NotConnectedError
+from woosh_robot_agent.link.errors import (
+    ConnectionLostError,
+    LinkError,
+    NotConnectedError,
+    NotPermittedError,
+)
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.reconnect import ReconnectLoop
 from woosh_robot_agent.link.state import LinkState, LinkStatus
@@ -73,6 +78,10 @@ class ChassisClient:
         self._refused_callbacks: list[Callable[[Message], None]] = []
         self._reserved: Callable[[Message], bool] = _reserve_nothing
         """Selects the requests that only the caller of `reserve` may send."""
+        self._permitted: Callable[[Message], bool] | None = None
+        """Selects the requests that may be sent; None for all of them."""
+        self._refusal_reason = ""
+        """Why other requests may not be sent."""
 
     @property
     def config(self) -> LinkConfig:
@@ -162,10 +171,22 @@ class ChassisClient:
         """
         await self._status.wait_ready(timeout)
 
-    async def reconfigure(self, config: LinkConfig) -> None:
-        """Apply a new configuration; reconnect if a changed value requires it."""
+    async def reconfigure(
+        self, config: LinkConfig, farewell: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
+        """Apply a new configuration; reconnect if a changed value requires it.
+
+        If `config` addresses another robot, requests to the former one fail, its pushes are
+        ignored, and the callbacks of `on_robot_changed` are called, all before this first waits.
+
+        Args:
+            config: the configuration.
+            farewell: called if `config` addresses another robot. The connection to the former one
+                is closed when it has ended. It can send requests with the function that `reserve`
+                returned, with `farewell=True`.
+        """
         self._subscriptions.set_depth(config.push_queue)
-        await self._reconnect.reconfigure(config)
+        await self._reconnect.reconfigure(config, farewell)
 
     # Requests
 
@@ -200,7 +221,9 @@ class ChassisClient:
             TooManyRequestsError: nothing was sent.
             SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer arrived in time.
-            ConnectionLostError: the link went down before the answer arrived.
+            ConnectionLostError: the link went down, or turned to another robot, before the answer
+                arrived.
+            NotPermittedError: see `permit_only`; nothing was sent.
             RuntimeError: the request is reserved; see `reserve`.
         """
         if self._reserved(message):
@@ -220,7 +243,8 @@ class ChassisClient:
             which: selects the requests.
 
         Returns:
-            A function that sends them; it takes the arguments of `request`.
+            A function that sends them; it takes the arguments of `request`. With `farewell=True`
+            it also sends what is no longer permitted, and to a robot that the link is leaving.
 
         Raises:
             RuntimeError: requests of this client are reserved already.
@@ -233,6 +257,35 @@ class ChassisClient:
     def timeout_of(self, name: str) -> float:
         """Return the default timeout of a request, by its protobuf full name, in seconds."""
         return max(self.config.request_timeout, self._minimum_timeouts.get(name, 0.0))
+
+    def permit_only(self, which: Callable[[Message], bool] | None, reason: str = "") -> None:
+        """Refuse to send any other requests from now on; those that wait are withdrawn.
+
+        The link's own requests, for RobotInfo and RobotState, only read and are always sent.
+
+        Args:
+            which: selects the requests that may be sent; None permits all of them.
+            reason: why others are refused, and what to do, for error texts.
+        """
+        self._permitted, self._refusal_reason = which, reason
+        if which is not None:
+            self.withdraw(lambda message: not which(message), reason)
+
+    def refusal(self, message: Message) -> str:
+        """Return the reason why a request may not be sent; empty if it may. Thread-safe."""
+        permitted = self._permitted
+        if permitted is None or permitted(message):
+            return ""
+        return self._refusal_reason
+
+    def check_permitted(self, message: Message) -> None:
+        """Raise an error if a request may not be sent.
+
+        Raises:
+            NotPermittedError: see `permit_only`.
+        """
+        if reason := self.refusal(message):
+            raise NotPermittedError(f"{full_name(message)} was not sent: {reason}")
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
         """Withdraw requests that wait to be sent; those that were sent are not affected.
@@ -316,6 +369,16 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(callback)
 
+    def on_robot_changed(self, callback: Callable[[], None]) -> None:
+        """Call `callback` in the event loop when the link turns to another robot.
+
+        That is, when `reconfigure` gets another address or id of the robot, or when a robot with
+        another id or serial number answers after a reconnect. The call comes after all pushes and
+        answers of the former robot, and before all of the new one. Forget what the former one
+        reported.
+        """
+        self._subscriptions.on_robot_changed(callback)
+
     @property
     def _connection(self) -> Connection | None:
         return self._reconnect.connection
@@ -329,14 +392,18 @@ class ChassisClient:
         urgent: bool = False,
         send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
+        farewell: bool = False,
     ) -> Answer:
+        if not farewell:
+            self.check_permitted(message)
         connection = self._reconnect.connection
-        if connection is None or self._status.state is not LinkState.READY:
+        if connection is None or not (farewell or self._status.state is LinkState.READY):
             raise self._status.not_connected()
         if timeout is None:
             timeout = self.timeout_of(full_name(message))
+        robot = self._subscriptions.robot_changes
         try:
-            return await connection.request(
+            answer = await connection.request(
                 message,
                 timeout,
                 first=first,
@@ -347,6 +414,9 @@ class ChassisClient:
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)
             raise self._status.not_connected() from None
+        if robot != self._subscriptions.robot_changes:
+            raise ConnectionLostError("the link turned to another robot")
+        return answer
 
     def _queued_tap(
         self, message: Message, tap: Callable[[Answer], None] | None

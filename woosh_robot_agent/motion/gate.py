@@ -12,6 +12,8 @@
 6. A zero velocity is not sent to a robot that a task or an action drives. Once the chassis accepts
    one, or reports the start of one that another client commands, earlier velocities no longer
    drive the robot. Velocities that are sent later do.
+7. A robot that the agent leaves, or only observes from now on, gets a zero velocity if it may still
+   be driving at a velocity from this gate. Its zero never goes to another robot.
 
 For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 """
@@ -100,6 +102,7 @@ class MotionGate:
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
+        chassis.on_robot_changed(self._robot_changed)
 
     async def request(
         self,
@@ -160,6 +163,40 @@ class MotionGate:
             if not answer.ok:
                 raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
 
+    def farewell(self, timeout: float) -> Callable[[], Coroutine[Any, Any, None]] | None:
+        """Return a function that stops a robot which the agent will not command any more.
+
+        Call it before the robot is left, and the function after that. From then on, the robot does
+        not count as driving. If the function cannot stop the robot, it logs an error.
+
+        Args:
+            timeout: time to wait for the answer to the zero, in seconds.
+
+        Returns:
+            The function; None if the robot does not drive at a velocity from this gate.
+        """
+        self._velocities.withdraw("the agent does not command the robot any more")
+        if not self.driving:
+            return None
+        self._drives_until = -math.inf
+        address = self._chassis.config.address
+
+        async def stop() -> None:
+            try:
+                # not `_request`: it obeys the rules for the next robot
+                answer = await self._send(Twist(), timeout, first=True, farewell=True)
+                reason = "" if answer.ok else f"the chassis refused the zero velocity: {answer.msg}"
+            except LinkError as error:
+                reason = str(error)
+            if reason:
+                _LOG.error(
+                    "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
+                    address,
+                    reason,
+                )
+
+        return stop
+
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
         self._stop_callbacks.append(callback)
@@ -207,6 +244,7 @@ class MotionGate:
         self, message: Message, timeout: float | None, **options: Any
     ) -> Answer:
         """Send a motion command at once if the rules allow it now."""
+        self._chassis.check_permitted(message)  # first: a refused velocity does not drive
         moves = may_move(message)
         if moves and asyncio.get_running_loop().time() < self._forbidden_until:  # rules 4 and 5
             raise SupersededError(f"not sent: {self._forbidden}")
@@ -246,6 +284,12 @@ class MotionGate:
         own_start = time.monotonic() < self._wheels_taken + DRIVING
         if not self._velocities.in_flight and not own_start:  # rule 6
             self._drives_until = -math.inf
+
+    def _robot_changed(self) -> None:
+        """Forget the motion of the former robot."""
+        self._velocities.withdraw("the link turned to another robot")
+        self._last_velocity = Twist()
+        self._drives_until = self._wheels_taken = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.STOPPED:

@@ -57,6 +57,7 @@ class Odom(Part):
         """Loop time of the last message."""
         self._known = False
         """True if the pose is known on the current link."""
+        context.chassis.on_robot_changed(self._forget)
         context.chassis.on_snapshot(self._snapshot)
         context.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
@@ -69,6 +70,10 @@ class Odom(Part):
                 self._odometry.silent()
             if not self._odometry.moving and self._due(now, self._sent, 0.9):
                 self._publish(now)
+
+    def _forget(self) -> None:
+        self._odometry = Odometry()
+        self._known = False
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):

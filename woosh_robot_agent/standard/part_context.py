@@ -11,6 +11,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 
 from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.last_known import LastKnown
+from woosh_robot_agent.latched import LatchedPublishers
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.motion.gate import MotionGate
@@ -33,6 +34,7 @@ class PartContext:
         thread: the link thread, in which the parts run.
         chassis: the link; use it in the link thread only.
         gate: forwards commands to the chassis.
+        latched: creates the publishers of latched topics.
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
         watch: observers of the robot.
@@ -44,6 +46,7 @@ class PartContext:
     thread: LinkThread
     chassis: ChassisClient
     gate: MotionGate
+    latched: LatchedPublishers
     last_known: LastKnown
     requests: RequestMaker
     watch: Watch
@@ -59,17 +62,27 @@ class PartContext:
         """Return the node's current time as builtin_interfaces/Time."""
         return self.node.get_clock().now().to_msg()
 
-    def publisher(self, name: str, callbacks: PublisherEventCallbacks | None = None) -> Any:
+    def publisher(
+        self,
+        name: str,
+        callbacks: PublisherEventCallbacks | None = None,
+        *,
+        about_robot: bool = True,
+    ) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.
 
         Args:
             name: name of the topic.
             callbacks: event callbacks, called in the executor thread.
+            about_robot: take the messages of a latched topic back when the link turns to another
+                robot.
 
         Raises:
             UnsupportedEventTypeError: the middleware does not support the events of `callbacks`.
         """
         endpoint = BY_NAME[name]
+        if endpoint.kind is Kind.LATCHED and about_robot:
+            return self.latched.create(class_of(endpoint.type), name, endpoint.depth, callbacks)
         profile = latched if endpoint.kind is Kind.LATCHED else reliable
         return self.node.create_publisher(
             class_of(endpoint.type), name, profile(endpoint.depth), event_callbacks=callbacks

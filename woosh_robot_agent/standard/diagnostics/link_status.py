@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 from woosh_robot_agent.link import ChassisClient, LinkState
-from woosh_robot_agent.standard.diagnostics.status import ERROR, Status
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.standard.diagnostics.status import ERROR, OK, Status
 
 
 def link_status(chassis: ChassisClient, superseded: int) -> Status:
@@ -19,10 +20,14 @@ def link_status(chassis: ChassisClient, superseded: int) -> Status:
     if chassis.state is not LinkState.READY:
         why = f": {chassis.last_error}" if chassis.last_error else ""
         status.tell(ERROR, f"{chassis.state.value}{why}")
+    observes_only = bool(chassis.refusal(Twist()))
+    if observes_only:
+        status.tell(OK, "observes only: commands are refused")
     round_trip = "unknown" if stats.round_trip is None else f"{stats.round_trip * 1000:.1f} ms"
     status.values = {
         "state": chassis.state.value,
         "address": chassis.config.address,
+        "observe only": "yes" if observes_only else "no",
         "since": time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(chassis.since)),
         "reconnects": max(stats.connects - 1, 0),
         "round trip": round_trip,
