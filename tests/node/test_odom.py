@@ -18,8 +18,9 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, wait_until
 from tests.node.goals import SUCCEEDED
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
 from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
@@ -34,7 +35,7 @@ EXECUTE = 1
 @pytest.fixture
 def slow_simulator() -> Any:
     """A simulator at three times real time. Faster motion would look like a jump of the pose."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
@@ -22,7 +22,7 @@ ORIGINAL = FOOTPRINTS[util_robot_pb2.kOriginal]
 
 @pytest.fixture
 def chassis() -> Chassis:
-    return Chassis(SimulatorConfig(seed=1))
+    return Chassis(quick_config(seed=1))
 
 
 def request(chassis: Chassis, name: str, **fields: Any) -> Answer:

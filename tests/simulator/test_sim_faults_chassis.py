@@ -6,9 +6,10 @@ import time
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 POSE_SPEED = "woosh.robot.PoseSpeed"
 CODES = "woosh.robot.count.AbnormalCodes"
@@ -124,7 +125,7 @@ def test_burst_can_push_events(
 
 def test_burst_does_not_drop_clients_that_read() -> None:
     """The burst is far longer than a client's queue. A client that does not read may be dropped."""
-    config = SimulatorConfig(port=0, tcp_port=0, max_outbox=100)
+    config = quick_config(port=0, tcp_port=0, max_outbox=100)
     with SimulatorThread(config) as simulator:
         quick, slow = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
         for each in (quick, slow):

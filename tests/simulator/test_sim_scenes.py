@@ -13,22 +13,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes import files as scene_files
 from woosh_robot_agent.simulator.scenes import library as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.maps import MarkKind
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
 from woosh_robot_agent.simulator.world.picture import draw
 from woosh_robot_agent.simulator.world.planner import Planner
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 SHIPPED = Path(scenes.__file__).parents[1] / "data"
 
@@ -78,7 +79,7 @@ def cells(file: Path) -> list[list[int]]:
 
 
 def test_default_scene_is_wooshmap() -> None:
-    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis = Chassis(quick_config(seed=1))
     assert list(chassis.scenes) == ["wooshmap", "scenex"]
     (area,) = chassis.scene.maps
     assert (area.id, area.name, area.floor, area.version) == (0, "wooshmap", "1F", 147)
@@ -99,7 +100,7 @@ def test_every_mark_of_the_shipped_scenes_is_reachable() -> None:
 
 
 def test_two_chassis_do_not_share_scenes() -> None:
-    one, two = Chassis(SimulatorConfig()), Chassis(SimulatorConfig())
+    one, two = Chassis(quick_config()), Chassis(quick_config())
     one.scene.files["a"] = b""
     one.scene.maps.clear()
     assert two.scene.files == {}
@@ -127,8 +128,8 @@ def test_shipped_picture_matches_the_walls() -> None:
 
 
 def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
-    walls = Chassis(SimulatorConfig(seed=1))
-    cells = Chassis(SimulatorConfig(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
+    walls = Chassis(quick_config(seed=1))
+    cells = Chassis(quick_config(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
     rng = random.Random(3)
     for _ in range(20):
         pose = Pose(rng.uniform(-11, 11), rng.uniform(-9, 9), rng.uniform(-3, 3))
@@ -260,7 +261,7 @@ def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
         (area,) = scene.maps
         assert (scene.name, area.name) == ("room" if path is file else tmp_path.name, "room")
         assert (area.low, area.high) == ((-1.0, -2.0), pytest.approx((5.0, 2.0)))
-    chassis = Chassis(SimulatorConfig(seed=1, scenes=(file,)))
+    chassis = Chassis(quick_config(seed=1, scenes=(file,)))
     # Without a start pose, the robot starts on free floor.
     assert chassis.gap(chassis.base.pose) > 0.0
     chassis.base.place(Pose(1.0, 0.0, 0.0))
@@ -273,7 +274,7 @@ def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
 def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
     greys = np.array(room_picture())
     greys[:, 30:40] = 205
-    chassis = Chassis(SimulatorConfig(scenes=(write_map(tmp_path, Image.fromarray(greys)),)))
+    chassis = Chassis(quick_config(scenes=(write_map(tmp_path, Image.fromarray(greys)),)))
     chassis.base.place(Pose(0.5, -1.0, 0.0))
     assert chassis.scan()[chassis.laser.rays // 2] == pytest.approx(4.15, abs=0.03)
     planner = Planner(chassis.map, 0.3)
@@ -287,7 +288,7 @@ def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
 
 def test_laser_sees_nothing_on_an_empty_grid(tmp_path: Path) -> None:
     file = write_map(tmp_path, Image.fromarray(np.full((80, 80), 254, np.uint8)))
-    chassis = Chassis(SimulatorConfig(scenes=(file,)))
+    chassis = Chassis(quick_config(scenes=(file,)))
     assert set(chassis.scan()) == {math.inf}
     assert chassis.clearance(1.0, 1.0) == math.inf
     assert Planner(chassis.map, 0.5).plan((0.0, 0.0), (4.0, 3.0)) == [(4.0, 3.0)]
@@ -350,7 +351,7 @@ def write_scene(folder: Path, text: str = SCENE) -> Path:
 
 
 def test_custom_scene_is_loaded(tmp_path: Path) -> None:
-    chassis = Chassis(SimulatorConfig(seed=1, scenes=(write_scene(tmp_path),)))
+    chassis = Chassis(quick_config(seed=1, scenes=(write_scene(tmp_path),)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "lab"]
     assert (chassis.scene.name, chassis.map.name) == ("lab", "upstairs")
     assert chassis.base.pose == Pose(1.0, 0.0, 0.5)
@@ -383,7 +384,7 @@ def test_robot_starts_in_the_first_scene(tmp_path: Path) -> None:
     (tmp_path / "two").mkdir()
     one = write_map(tmp_path / "one", room_picture())
     two = write_scene(tmp_path / "two", SCENE.replace("lab", "wooshmap"))
-    chassis = Chassis(SimulatorConfig(scenes=(one, two)))
+    chassis = Chassis(quick_config(scenes=(one, two)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "room"]
     assert chassis.scene.name == "room"
     assert [each.name for each in chassis.scenes["wooshmap"].maps] == ["ground", "upstairs"]
@@ -436,7 +437,7 @@ def test_invalid_scenes_are_refused_with_place_and_reason(
     tmp_path: Path, old: str, new: str, reason: str
 ) -> None:
     assert old in SCENE
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(DataFileError) as error:
         load_scene(write_scene(tmp_path, SCENE.replace(old, new)))
     assert reason in str(error.value)
     assert len(str(error.value)) < 600
@@ -466,7 +467,7 @@ def test_invalid_maps_are_refused_with_place_and_reason(
     text = file.read_text()
     assert old in text
     file.write_text(text.replace(old, new))
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(DataFileError) as error:
         load_scene(file)
     assert reason in str(error.value)
 
@@ -487,7 +488,7 @@ def test_invalid_pictures_are_refused_with_a_reason(tmp_path: Path) -> None:
         (jpeg.getvalue(), "not readable as a PNG or PGM"),
     ):
         file = write_map(tmp_path, data)
-        with pytest.raises(SceneError, match=r"room\.png: ") as error:
+        with pytest.raises(DataFileError, match=r"room\.png: ") as error:
             load_scene(file)
         assert reason in str(error.value)
 
@@ -497,16 +498,16 @@ def test_total_pixels_of_a_scene_are_limited(
 ) -> None:
     monkeypatch.setattr(scene_files, "_MAX_PIXELS", 2 * 60 * 40)
     maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
-    with pytest.raises(SceneError, match=r"maps\[2\]: the pictures of the scene have"):
+    with pytest.raises(DataFileError, match=r"maps\[2\]: the pictures of the scene have"):
         load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
 
 
 def test_start_inside_a_wall_is_refused(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, SCENE.replace("[1.0, 0.0, 0.5]", "[2.9, 0.0, 0.5]"))
     with pytest.raises(
-        SceneError, match=r"scene lab: the robot cannot start at .* on map upstairs"
+        DataFileError, match=r"scene lab: the robot cannot start at .* on map upstairs"
     ):
-        Chassis(SimulatorConfig(scenes=(scene,)))
+        Chassis(quick_config(scenes=(scene,)))
 
 
 def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -524,7 +525,7 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
+    config = quick_config(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
     with SimulatorThread(config) as simulator:
         client = JsonClient(simulator.port)
         easy = client.ask("woosh.map.SceneDataEasy")
@@ -559,7 +560,7 @@ def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
 
 
 def test_every_kind_of_mark_has_its_category() -> None:
-    body = dispatch(Chassis(SimulatorConfig()), SceneData()).body
+    body = dispatch(Chassis(quick_config()), SceneData()).body
     assert isinstance(body, SceneData)
     (area,) = body.maps
     kinds = {each.identity.no: each.WhichOneof("category") for each in area.mark_info.storages}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import (
     Outgoing,
     SimulatedChassis,
-    SimulatorConfig,
     SimulatorThread,
 )
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
@@ -101,7 +101,7 @@ def test_lost_localisation_pauses_the_task_until_a_pose_is_set(
 
 
 def test_uninitialised_chassis_needs_init_robot() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, initialised=False)
+    config = quick_config(port=0, tcp_port=0, speed=50, seed=1, initialised=False)
     with SimulatorThread(config) as simulator:
         client = JsonClient(simulator.port)
         client.subscribe(STATE, OPERATION)
@@ -257,7 +257,7 @@ def test_zero_twist_stops_and_is_pushed_at_once(
 
 @pytest.mark.parametrize("omnidirectional", [True, False])
 def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, omnidirectional=omnidirectional)
+    config = quick_config(port=0, tcp_port=0, speed=50, seed=1, omnidirectional=omnidirectional)
     lateral = {"mode": 3, "value": 0.5}
     diagonal = {"mode": 4, "value": 0.5, "angle": 0.5}
     with SimulatorThread(config) as simulator:

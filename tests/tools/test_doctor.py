@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.doctor import main
 from woosh_robot_agent.tools.doctor.examination import CHECKS
 
@@ -248,7 +249,7 @@ def test_an_empty_robot_info_gives_warnings(chassis, examine):
 
 
 def test_clocks_that_differ_are_a_warning(examine):
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as other_day:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other_day:
         report = examine(other_day.port, skew="1")
     assert (report.status, report.with_status("warn")) == (0, ["clock"])
     assert "behind" in report.text("clock")

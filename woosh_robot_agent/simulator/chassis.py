@@ -32,15 +32,16 @@ from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.scenes import library
 from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.collision import CollisionDetector
 from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map, MarkKind
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 TIME_STEP = 0.05
 """Simulated time per step, in seconds. A moving robot pushes PoseSpeed once per step."""
@@ -64,9 +65,10 @@ class Chassis:
         config: The options.
 
     Raises:
-        SceneError: A file of a scene cannot be used.
+        DataFileError: The file of the profile or of a scene cannot be used.
 
     Attributes:
+        profile: How a robot of this model behaves.
         elapsed: Simulated time since the start, in seconds.
         scenes: Known scenes, by name.
         scene: Current scene.
@@ -84,6 +86,7 @@ class Chassis:
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
+        self.profile = load_profile(config.profile)
         self.robot_id = config.robot_id
         self.omnidirectional = config.omnidirectional
         self.elapsed = 0.0
@@ -128,7 +131,7 @@ class Chassis:
         )
 
         if not self._can_stand(start):
-            raise SceneError(
+            raise DataFileError(
                 f"scene {self.scene.name}: the robot cannot start at {start} on map "
                 f"{self.map.name}, which is not free floor: name another pose under start"
             )

@@ -14,9 +14,10 @@ from typing import Any
 import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.profile import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.simulator.stop_signals import StopSignals
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.
@@ -68,7 +69,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         )
     try:
         asyncio.run(_serve(config, signals))
-    except SceneError as error:
+    except DataFileError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
@@ -87,6 +88,7 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
         tcp_port=options.tcp_port,
         speed=options.speed,
         seed=options.seed,
+        profile=options.profile,
         scenes=tuple(options.scene),
         robot_id=options.robot_id,
         omnidirectional=options.base == "omnidirectional",
@@ -174,6 +176,12 @@ def make_parser() -> argparse.ArgumentParser:
         type=int,
         default=default.seed,
         help="seed of laser noise, simulated clock and random faults, for repeatable runs",
+    )
+    parser.add_argument(
+        "--profile",
+        default=default.profile,
+        metavar="NAME_OR_FILE",
+        help=f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file like theirs",
     )
     parser.add_argument(
         "--scene",

@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from woosh_robot_agent.simulator.profile import DEFAULT_PROFILE, Profile
 from woosh_robot_agent.simulator.scenario import Scenario
 
 SEEDED_START = 1735689600.0
@@ -24,6 +25,8 @@ class SimulatorConfig:
         speed: Simulated seconds per real second, 1 to 100.
         seed: Makes runs repeatable: laser noise, random choices of faults, and the start of the
             simulated clock. Without a seed the clock starts at the current time.
+        profile: How the robot behaves: the name of a shipped profile (`tr200`, `instant`), the path
+            of a file, or a loaded profile.
         scenes: Paths of further scenes, as for `scenes.files.load_scene`. The robot starts in the
             first of them, or in the first shipped scene if there is none.
         robot_id: Number of the robot.
@@ -47,6 +50,7 @@ class SimulatorConfig:
     tcp_port: int = 5481
     speed: float = 1.0
     seed: int | None = None
+    profile: str | Path | Profile = DEFAULT_PROFILE
     scenes: tuple[Path, ...] = ()
     robot_id: int = 30001
     omnidirectional: bool = True

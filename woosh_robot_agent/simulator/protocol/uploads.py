@@ -15,8 +15,8 @@ from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.scenes.files import SCENE_FILE, read_scene
 from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
 _MAX_BYTES = 32 * 1024 * 1024
@@ -39,7 +39,7 @@ def updated_scene(name: str, before: Scene | None, files: dict[str, bytes]) -> S
     """
     try:
         scene = read_scene(name, files, _reader(files))
-    except SceneError as error:
+    except DataFileError as error:
         raise RefusedError(f"scene {name} is not changed: {error}") from error
     if before is None:
         return scene and dataclasses.replace(scene, files=files)
@@ -100,7 +100,7 @@ def _reader(files: Mapping[str, bytes]) -> Callable[[str], bytes]:
         try:
             return files[name]
         except KeyError:
-            raise SceneError(f"{name}: the file is missing: upload it too") from None
+            raise DataFileError(f"{name}: the file is missing: upload it too") from None
 
     return read
 
