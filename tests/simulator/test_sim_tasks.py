@@ -161,7 +161,7 @@ def test_wait_ends_after_its_time_or_by_order(
     client.ask("woosh.robot.ActionOrder", {"order": 6})
     assert client.next_push(PROC)["state"] == COMPLETED
     waiting = client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 2}
+    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
     end = client.next_push(PROC)
     assert end["state"] == COMPLETED
     assert 4 <= end["time"] - waiting["time"] <= 6

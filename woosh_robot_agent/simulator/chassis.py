@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import random
 from collections import deque
+from collections.abc import Callable
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.agenda import Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.following import Follower
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.behaviour.teleop import Teleop
-from woosh_robot_agent.simulator.body.base import Base
+from woosh_robot_agent.simulator.body.base import Base, displacement
 from woosh_robot_agent.simulator.body.battery import Battery
 from woosh_robot_agent.simulator.body.codes import (
     BATTERY_LOW,
@@ -44,7 +45,7 @@ from woosh_robot_agent.simulator.world.obstacles import Obstacles
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 TIME_STEP = 0.05
-"""Simulated time per step, in seconds. A moving robot pushes PoseSpeed once per step."""
+"""Simulated time per step of the motion, in seconds."""
 
 _CHARGER_DISTANCE = 0.3
 """Distance to a charger at which the robot can charge, in metres."""
@@ -58,8 +59,9 @@ _Level = robot_count_pb2.StatusCode
 class Chassis:
     """The model of the robot, without sockets and without a clock of its own.
 
-    `tick` advances the simulated time. Requests change the state between ticks. Events, which must
-    all be pushed, are collected until `take_events` returns them.
+    `tick` advances the simulated time by a step, and makes the calls that are due in it. Within a
+    step, `run_until` makes them at their exact times. Requests change the state at any time.
+    Events, which must all be pushed, are collected until `take_events` returns them.
 
     Args:
         config: The options.
@@ -70,6 +72,13 @@ class Chassis:
     Attributes:
         profile: How a robot of this model behaves.
         elapsed: Simulated time since the start, in seconds.
+        stepped: The time up to which the motion is computed, in seconds.
+        agenda: Calls that are due at later times.
+        on_change: Called after each of these calls.
+        chance: Random numbers for everything that is not always the same.
+        answer_delay: Time until the current request is answered, in seconds. Its handler may
+            change it.
+        state_first: The changes that the current request causes are pushed before its answer.
         scenes: Known scenes, by name.
         scene: Current scene.
         map: Current map.
@@ -79,6 +88,7 @@ class Chassis:
         column: The lift of LiftControl2 and LiftControl3.
         readiness: Modes and conditions.
         occupied: A client has reserved the robot.
+        scan_pose: Pose of the robot at the last scan of the laser.
         footprint: The `woosh.robot.FootPrint` in use.
         setting: Settings, as reported to clients.
         spoken: The last texts that the robot was told to say.
@@ -90,18 +100,31 @@ class Chassis:
         self.robot_id = config.robot_id
         self.omnidirectional = config.omnidirectional
         self.elapsed = 0.0
+        self.stepped = 0.0
+        self.agenda = Agenda()
+        self.on_change: Callable[[], object] = lambda: None
+        self.answer_delay = 0.0
+        self.state_first = False
+        self._initialisation = object()
         self._start_time = config.start_time()
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
         self._events: list[Message] = []
+        self.chance = random.Random(f"{self._seed}:chance")
 
         self.scenes, self.scene = library.known_scenes(config.scenes)
         self.map, start = library.start(self.scene)
         self.obstacles = Obstacles()
         self._collisions = CollisionDetector()
 
-        self.base = Base(start, odometer=1204.0)
+        driving = self.profile.driving
+        self.base = Base(
+            start, odometer=1204.0, rolls_for=driving.rolls_for, stops_below=driving.stops_below
+        )
         self.laser = Laser()
-        self.battery = Battery(93.0)
+        self.scan_pose = start
+        self._scan_time = 0.0
+        self._ranges: list[float] = []
+        self.battery = Battery(93.0, self.profile.battery)
         self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
         self.wifi = WiFi()
@@ -121,7 +144,7 @@ class Chassis:
         )
 
         self.codes = Codes(self._publish_code)
-        self.teleop = Teleop()
+        self.teleop = Teleop(driving.start_delay)
         self.follower = Follower()
         self.tasks = Tasks(self)
         self.actions = Actions(self)
@@ -159,19 +182,50 @@ class Chassis:
             return util_robot_pb2.kFault
         if not readiness.initialised:
             return util_robot_pb2.kUninit
-        if self.battery.charges:
+        until_full = self.profile.charging.confirmed_after is None
+        if self.battery.charges and (until_full or not self.tasks.state):
             return util_robot_pb2.kCharging
         if self.follower.active:
             return util_robot_pb2.kFollowing
-        if self.tasks.active:
-            parking = self.tasks.proc.type == util_task_pb2.kParking
-            return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
+        if self.tasks.state:
+            warns = self.tasks.impeded and self.profile.tasks.pause_at_obstacle
+            return util_robot_pb2.kWarning if warns else self.tasks.state
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
+    @property
+    def pose(self) -> Pose:
+        """Pose at this moment, also between two steps of the motion."""
+        base, dt = self.base, self.elapsed - self.stepped
+        return base.pose.moved(*displacement(base.velocity, dt)) if base.moving else base.pose
+
+    def after(self, delay: float, call: Callable[[], object]) -> None:
+        """Make a call after `delay` seconds of simulated time, or now if the delay is 0."""
+        if delay > 0.0:
+            self.agenda.add(self.elapsed + delay, call)
+        else:
+            call()
+
+    def begin_request(self, type_name: str) -> None:
+        """Choose how long the answer to a request takes, given the full name of its type."""
+        answers = self.profile.answers
+        times = answers.requests.get(type_name, answers.default)
+        self.answer_delay = times.at(self.chance.random())
+        self.state_first = self.chance.random() < self.profile.tasks.state_first
+
+    def run_until(self, time: float) -> None:
+        """Advance the simulated time within a step, and make the calls that are due."""
+        while self.agenda.next_time <= time:
+            self.elapsed = max(self.elapsed, self.agenda.next_time)
+            self.agenda.pop()()
+            self.on_change()
+        self.elapsed = max(self.elapsed, time)
+
     def tick(self, dt: float) -> None:
-        """Advance the simulated time by `dt` seconds."""
+        """Advance the simulated time to `dt` seconds after the last step."""
         # Rounded so that errors do not add up: whole seconds stay whole.
-        self.elapsed = round(self.elapsed + dt, 6)
+        end = round(self.stepped + dt, 6)
+        self.run_until(end)
+        self.elapsed = self.stepped = end
         self._check_conditions()
         self.auto_tasks.tick(dt)
         self.teleop.tick(self.base, dt)
@@ -183,6 +237,7 @@ class Chassis:
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
+        self._look()
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or obstacle, in metres."""
@@ -222,6 +277,19 @@ class Chassis:
         if navigation:
             navigation.replan()
 
+    def initialise(self) -> float:
+        """Initialise the robot, and return how long that takes, in seconds."""
+        duration = self.profile.answers.initialisation.at(self.chance.random())
+        self.readiness.initialised = False
+        self._initialisation = initialisation = object()
+
+        def finish() -> None:
+            if self._initialisation is initialisation:
+                self.readiness.initialised = True
+
+        self.after(duration, finish)
+        return duration
+
     def enter(self, scene: Scene, area: Map) -> None:
         """Switch to another scene or map while there is no task. The coordinates stay the same."""
         self.scenes[scene.name] = scene
@@ -257,9 +325,18 @@ class Chassis:
 
     def scan(self) -> list[float]:
         """Return the ranges of one scan of the laser, in metres."""
-        # The noise depends on the time, not on the number of scans: equal seeds give equal scans.
-        rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
-        return self.laser.scan(self.base.pose, self.walls, rng, self.map.grid)
+        self._look()
+        if not self._ranges:
+            # The noise depends on the time, not on the number of scans: equal seeds give equal
+            # scans.
+            rng = random.Random(f"{self._seed}:{self._scan_time:.3f}")
+            self._ranges = self.laser.scan(self.scan_pose, self.walls, rng, self.map.grid)
+        return self._ranges
+
+    def _look(self) -> None:
+        """Begin a new scan of the laser if it is due."""
+        if self.stepped - self._scan_time >= self.profile.rates.scan - 1e-9:
+            self._scan_time, self.scan_pose, self._ranges = self.stepped, self.base.pose, []
 
     def _can_stand(self, pose: Pose) -> bool:
         """Return True if the robot can stand at `pose`."""

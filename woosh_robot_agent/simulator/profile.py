@@ -46,7 +46,7 @@ class Spread(NamedTuple):
         if share <= 0.9:
             return self.median + (self.usual - self.median) * (share - 0.5) / 0.4
         # Times near the maximum are rare.
-        return self.usual + (self.longest - self.usual) * ((share - 0.9) / 0.1) ** 8
+        return self.usual + (self.longest - self.usual) * ((share - 0.9) / 0.1) ** 30
 
 
 class Range(NamedTuple):
@@ -75,11 +75,15 @@ class TaskProfile:
             others; empty for the next step of the simulation.
         between_jobs: Time from the end of a job to the start of the next one, in seconds.
         order_effect: Time from an order to the report that shows its effect.
-        state_first: Share of the tasks whose state of the robot is pushed before the answer.
+        state_first: Share of the tasks of which RobotState is pushed before the answer.
         empty_report: Time from the end of a task to an empty report; None to keep the last one.
+        report_last_action: The last state of an action is reported before that of its task.
         final_wait: A pick task ends with a wait of 0 s.
         leave_dock: A robot in a dock leaves it before it drives to another place.
         pause_at_obstacle: A task that an obstacle blocks is reported as paused.
+        obstacle_timeout: Time after which a task fails that finds no way round an obstacle, in
+            seconds; None to wait without end.
+        charge_as_parking: The robot's state is kParking while it drives to a charger by itself.
         messages: Reports have texts.
         own_id_factor: Factor of the time in the ids of the robot's own tasks.
         own_id_offset: Summand of these ids.
@@ -91,9 +95,12 @@ class TaskProfile:
     order_effect: Spread
     state_first: float
     empty_report: Range | None
+    report_last_action: bool
     final_wait: bool
     leave_dock: bool
     pause_at_obstacle: bool
+    obstacle_timeout: float | None
+    charge_as_parking: bool
     messages: bool
     own_id_factor: int
     own_id_offset: int
@@ -171,17 +178,23 @@ class BatteryProfile:
 
 @dataclass(frozen=True)
 class ChargingProfile:
-    """Charge tasks.
+    """Docking, and charge tasks.
 
     Attributes:
-        steps: Distances of the steps into the charger after docking, in metres.
+        docking_distance: Distance before a mark at which docking starts, in metres.
+        docking_speed: Speed of docking, in m/s.
+        steps: Distances of the steps into a charger after docking, in metres.
+        step_speed: Speed of these steps, in m/s.
         starts_after: Time from the start of charging until the battery charges, in seconds.
         confirmed_after: Time until the job ends while the battery charges on; None if it ends when
             the battery is full.
         completed_after: Time from the end of the job to the end of the task, in seconds.
     """
 
+    docking_distance: float
+    docking_speed: float
     steps: tuple[float, ...]
+    step_speed: float
     starts_after: float
     confirmed_after: float | None
     completed_after: float

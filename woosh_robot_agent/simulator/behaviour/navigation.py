@@ -45,8 +45,8 @@ _POSITION_TOLERANCE = 1e-3
 _ANGLE_TOLERANCE = 1e-4
 """Angle from a heading at which it counts as reached, in radians."""
 
-_OBSTACLE_TIMEOUT = 30.0
-"""Time after which a navigation fails if it finds no way round an obstacle, in seconds."""
+_WAIT_TIMEOUT = 30.0
+"""Time that a navigation waits in the modes with a timeout unless a client sets it, in seconds."""
 
 _WAITING_MODES = (
     navigation_pb2.kNavWait,
@@ -219,7 +219,7 @@ class Navigate:
     def _handle_obstacle(self, robot: Robot) -> Progress:
         """Go round an obstacle, wait or give up, as the mode says."""
         mode, base = self._mode.mode, robot.base
-        limit = float(self._mode.wait_timeout) or _OBSTACLE_TIMEOUT
+        limit = float(self._mode.wait_timeout) or _WAIT_TIMEOUT
         text = f"an obstacle stands in the way at {base.pose}"
         if mode in _WAITING_MODES:
             return Progress(text=text, impeded=True)
@@ -228,7 +228,8 @@ class Navigate:
             wait = limit if mode == navigation_pb2.kTimeout else 0.0
             if self._waited > wait and not base.moving and self._detour(robot):
                 return self._progress(base)
-            timeout = wait + _OBSTACLE_TIMEOUT
+            most = robot.profile.tasks.obstacle_timeout
+            timeout = math.inf if most is None else wait + most
         if self._waited > timeout:
             return failed(f"{text}: remove it or choose another goal")
         return Progress(text=text, impeded=True)

@@ -159,7 +159,7 @@ class Ownership:
             self._tasks.pause(reason)
         self._actions.pause_on(Device.WHEELS, reason)
         self._end_manual_driving()
-        self._robot.base.halt()
+        self._robot.base.brake()
 
     def end_driving(self, reason: str) -> None:
         """End remote control, following, and every action that drives or charges."""

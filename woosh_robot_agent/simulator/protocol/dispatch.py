@@ -57,6 +57,11 @@ HANDLERS: dict[str, Handler] = {**_QUERIES, **_COMMANDS}
 """Handlers by the full protobuf name of the request."""
 
 
+def is_query(name: str) -> bool:
+    """Return True if a request, given its full name, only reads values."""
+    return name in _QUERIES
+
+
 def dispatch(chassis: Chassis, request: Message) -> Answer:
     """Execute a request, whose type must be in `HANDLERS`, and return the answer."""
     name = request.DESCRIPTOR.full_name

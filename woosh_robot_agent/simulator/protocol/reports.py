@@ -66,7 +66,7 @@ def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
     return robot_pb2.PoseSpeed(
         robot_id=chassis.robot_id,
         twist=common_pb2.Twist(linear=base.velocity.forward, angular=base.velocity.turn),
-        pose=pose2d(base.pose),
+        pose=pose2d(chassis.pose),
         map_id=chassis.map.id,
         mileage=int(base.odometer),
     )
@@ -74,10 +74,15 @@ def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
 
 def battery(chassis: Chassis) -> robot_pb2.Battery:
     """Return charge and state of charging."""
+    values = chassis.battery.profile
     return robot_pb2.Battery(
         robot_id=chassis.robot_id,
         charge_state=chassis.battery.charging,
         power=chassis.battery.percent,
+        health=values.health,
+        charge_cycle=values.charge_cycle,
+        battery_cycle=values.battery_cycle,
+        temp_max=values.temp_max,
     )
 
 
@@ -100,9 +105,9 @@ def scene(chassis: Chassis) -> robot_pb2.Scene:
 
 
 def task_proc(chassis: Chassis) -> robot_pb2.TaskProc:
-    """Return the state of the current or last task."""
+    """Return the last report about a task."""
     proc = robot_pb2.TaskProc(robot_id=chassis.robot_id)
-    proc.MergeFrom(chassis.tasks.proc)
+    proc.MergeFrom(chassis.tasks.reported)
     return proc
 
 
@@ -229,7 +234,7 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
         range_min=laser.range_min,
         range_max=laser.range_max,
         ranges=chassis.scan(),
-        pose=pose2d(chassis.base.pose),
+        pose=pose2d(chassis.scan_pose),
         offset=common_pb2.Vector3(x=laser.forward),
     )
 

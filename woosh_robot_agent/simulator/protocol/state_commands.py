@@ -24,7 +24,8 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     chassis.base.halt()
     if chassis.tasks.active:
         chassis.tasks.cancel(reason)
-    chassis.readiness.initialised = True
+    # The answer comes when it is done.
+    chassis.answer_delay = chassis.initialise()
     return None
 
 

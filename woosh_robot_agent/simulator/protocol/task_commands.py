@@ -11,7 +11,7 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
-from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_jobs
+from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, leave_dock, work_jobs
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
@@ -43,13 +43,17 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
         jobs = jobs_at_mark(chassis, mark, kind, direction)
     elif request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
-        jobs = [Navigate(via.pop(), via, strict=strict), *work_jobs(chassis, kind, direction)]
+        drive = Navigate(via.pop(), via, strict=strict)
+        jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
     elif request.HasField("pose"):
-        jobs = [Navigate(pose(request.pose)), *work_jobs(chassis, kind, direction)]
+        drive = Navigate(pose(request.pose))
+        jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
     else:
         raise RefusedError("the task has no target: give mark_no, plan_path or pose")
     number = request.task_id or chassis.tasks.new_id()
-    chassis.ownership.start_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
+    own_id = not request.task_id
+    order = TaskOrder(number, kind, request.mark_no, jobs, own_id=own_id)
+    chassis.ownership.start_tasks([order])
     return None
 
 
@@ -104,17 +108,17 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
 def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     tasks, order = chassis.tasks, request.order
     if order == util_action_pb2.kPause:
-        tasks.pause("paused")
+        tasks.pause("paused", ordered=True)
     elif order in (util_action_pb2.kContinue, util_action_pb2.kReleaseCtrl):
         chassis.ownership.resume_task()
     elif order == util_action_pb2.kCancel:
-        tasks.cancel("cancelled")
+        tasks.cancel("cancelled", ordered=True)
     elif order == util_action_pb2.kRecover:
         chassis.ownership.recover_task()
     elif order == util_action_pb2.kWaitBreak:
         tasks.end_wait()
     elif order == util_action_pb2.kTmCtrl:
-        tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl)
+        tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl, ordered=True)
     elif order == util_action_pb2.kStart:
         raise RefusedError("order 1 (start) is not supported: a task starts by itself")
     else:
