@@ -77,9 +77,39 @@ def test_a_sideways_drive_has_a_speed_and_is_no_jump(speed: float) -> None:
     assert near(odometry.map_to_odom, Pose2D())
     assert near(odometry.pose, Pose2D(0.0, y))
     assert left == pytest.approx(speed)
-    assert odometry.velocity.left < 0.1, "the robot stops, and must not be predicted to go on"
+    assert odometry.velocity.left < 0.03, "the robot stops, and must not be predicted to go on"
+
+
+def test_without_reports_a_sideways_drive_has_ended() -> None:
+    odometry = Odometry()
+    for number in range(4):
+        odometry.update(Pose2D(0.0, 0.1 * number), 0.0, 0.0, 1, number * PERIOD)
+    assert odometry.velocity.left == pytest.approx(0.1 / PERIOD)
     odometry.silent()
     assert not odometry.velocity.moving
+
+
+def test_a_sideways_drive_in_a_curve_has_its_own_speed() -> None:
+    odometry, pose = Odometry(), Pose2D()
+    for number in range(4):
+        odometry.update(pose, 0.5, 1.0, 1, number * PERIOD)
+        pose *= Pose2D.from_arc(0.5 * PERIOD, 0.3 * PERIOD, 1.0 * PERIOD)
+    assert odometry.velocity.left == pytest.approx(0.3)
+
+
+def test_a_turn_that_begins_just_before_a_report_is_no_jump() -> None:
+    odometry = Odometry()
+    end = drive(odometry, 0.5, 0.0)
+    odometry.update(end * Pose2D.from_arc(0.5 * PERIOD, 0.0, 0.02), 0.5, 0.8, 1, 5 * PERIOD)
+    assert near(odometry.map_to_odom, Pose2D())
+
+
+def test_with_a_jump_odom_moves_by_the_mean_speeds() -> None:
+    odometry = Odometry()
+    end = drive(odometry, 0.5, 0.4)
+    odometry.update(Pose2D(3.0) * end, 0.3, 0.2, 1, 5 * PERIOD)
+    driven = Pose2D.from_arc(0.4 * PERIOD, 0.0, 0.3 * PERIOD)
+    assert near(odometry.pose, end * driven)
 
 
 def test_a_correction_of_a_standing_robot_has_no_speed() -> None:

@@ -178,6 +178,20 @@ def test_a_report_that_confirms_the_prediction_changes_nothing() -> None:
         assert_near(prediction.predict(time)[0], Pose2D(*_tuple(on_circle(time))))
 
 
+def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
+    prediction = Prediction()
+    for time in (0.0, 0.15, 0.3):
+        speed = max(0.0, 0.5 - time)
+        prediction.report(Pose2D((0.25 - speed * speed) / 2), Velocity(speed), time)
+        if time == 0.0:
+            continue
+        for later in (0.0, 0.05, 0.1):
+            speed = max(0.0, 0.5 - time - later)
+            pose, velocity = prediction.predict(time + later)
+            assert pose.x == pytest.approx((0.25 - speed * speed) / 2)
+            assert velocity.forward == pytest.approx(speed)
+
+
 def _tuple(pose: Pose2D) -> tuple[float, float, float]:
     return pose.x, pose.y, math.remainder(pose.theta, math.tau)
 

@@ -58,5 +58,5 @@ class ReportTime:
             delay = received - self._last - _TOLERANCE * max(duration, 0.0)
             if 0.0 < delay < _MAX_DELAY:
                 time -= _CORRECTION * delay
-        self._last = max(time, self._last)
-        return self._last
+        self._last = time
+        return time
