@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processes import running
-from benchmarks.report import links, pages, scale, speed
+from benchmarks.report import links, odom, pages, scale, speed
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -46,6 +46,14 @@ def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) ->
     for curves in found.values():
         assert curves
         assert all(points for points in curves.values()), found
+
+
+def test_odom_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert odom.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == [odom.ODOM, odom.REPORTS, odom.LAST, "times"]
+    for figures in found.values():
+        assert all(value > 0 for value in figures.values()), found
 
 
 def test_error_of_a_program_that_dies_holds_its_log() -> None:
