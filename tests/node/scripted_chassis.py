@@ -102,6 +102,10 @@ class ScriptedChassis:
         """Forget which tasks have ended."""
         self._call(self._ended.clear)
 
+    def at_once(self, function: Callable[[], None]) -> None:
+        """Call `function` in the chassis's thread, which receives nothing meanwhile."""
+        self._call(function)
+
     # Requests
 
     def wait_request(self, request: str, count: int = 1) -> Body:

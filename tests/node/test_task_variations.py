@@ -239,14 +239,17 @@ def test_an_end_that_was_not_seen_is_noticed(
     chassis.push(TASK_PROC, first)
     goal.feedback.wait_count(1)
 
-    chassis.keep(TASK_PROC, end)
-    if told == "by nobody":
-        chassis.forget_history()
-    now = report(task_id * 100 + 53, (3, NAV, RUNS)) if seen == "another task" else empty()
-    (chassis.push if seen in ("an empty report", "another task") else chassis.keep)(TASK_PROC, now)
-    if seen != "nothing":
-        chassis.push(ROBOT_STATE, IDLE)
+    def finish() -> None:
+        chassis.keep(TASK_PROC, end)
+        if told == "by nobody":
+            chassis.forget_history()
+        now = report(task_id * 100 + 53, (3, NAV, RUNS)) if seen == "another task" else empty()
+        tell = chassis.push if seen in ("an empty report", "another task") else chassis.keep
+        tell(TASK_PROC, now)
+        if seen != "nothing":
+            chassis.push(ROBOT_STATE, IDLE)
 
+    chassis.at_once(finish)
     if told == "by the history":
         assert_ended(goal, [first, end])
     else:
@@ -304,8 +307,12 @@ def test_a_late_empty_report_of_the_task_before_ends_nothing(
     goal = start(chassis, client, task_id)
     chassis.push(TASK_PROC, expected[0])
     goal.feedback.wait_count(1)
-    chassis.push(TASK_PROC, empty())
-    chassis.keep(TASK_PROC, expected[0])  # what the chassis answers
+
+    def disturb() -> None:
+        chassis.push(TASK_PROC, empty())
+        chassis.keep(TASK_PROC, expected[0])  # what the chassis answers
+
+    chassis.at_once(disturb)
     chassis.wait_request(TASK_PROC, chassis.count(TASK_PROC) + 5)
     assert not goal.done
     for body in expected[1:]:
