@@ -72,6 +72,7 @@ class ScriptedChassis:
         self.vanish()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(_TIMEOUT)
+        self._loop.close()
 
     # Frames
 
