@@ -122,6 +122,7 @@ async def test_an_answer_that_is_read_but_not_handled_yet_is_not_passed_on() -> 
 @aio
 async def test_the_farewell_is_sent_before_the_connection_ends() -> None:
     async with Peer() as one, Peer() as two, one.client() as client:
+        told = follow(client)
         wire = await one.wire()
         send = client.reserve(lambda _message: True)
         answers: list[bool] = []
@@ -135,10 +136,12 @@ async def test_the_farewell_is_sent_before_the_connection_ends() -> None:
         with pytest.raises(NotConnectedError):
             await send(Speak())
         assert not two.wires
+        await wire.push(POSE, {"mapId": 5})  # of the robot that has been left
         await wire.answer(frame)
         await changing
         await client.wait_ready(TIMEOUT)
         assert answers == [True]
+        assert 5 not in told
         await soon(wire.gone.wait())
 
 
