@@ -17,6 +17,8 @@ from woosh_robot_agent.participants import Place, is_possibly_own, place_of, pro
 
 _LOG = logging.getLogger(__name__)
 
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""Name of a node of which only a topic has been discovered yet."""
 PERIOD = 2.0
 """Period of looking into the graph, in seconds."""
 LEASE = 25.0
@@ -69,23 +71,29 @@ class SecondAgent:
         Args:
             certain: True if a process that was killed would have left the graph by now.
         """
-        others = self._other_publishers(certain=certain) + self._other_servers()
+        publishers, alive = self._other_publishers(certain=certain)
+        others = publishers + self._other_servers()
         if not others:
             return ""
-        runs = "runs" if certain else "runs, or has just ended,"
+        runs = "runs" if certain or alive else "runs, or has just ended,"
         return (
             f"another agent {runs} in the same namespace: {'; '.join(others)}. Both execute each "
             "command: end one of them, or start it in another namespace"
         )
 
-    def _other_publishers(self, *, certain: bool) -> list[str]:
-        """Return the names and places of other nodes that publish a topic of the agent."""
+    def _other_publishers(self, *, certain: bool) -> tuple[list[str], bool]:
+        """Return the other nodes that publish a topic of the agent, and if one of them surely runs.
+
+        Each node is returned as its name and its place.
+        """
         found = list(self._node.get_publishers_info_by_topic(self._topic))
         own = self._own(found)
         if own is not None:
             found.remove(own)
-        texts = []
+        texts, alive = [], False
         for each in found:
+            if each.node_name == _UNKNOWN_NODE:
+                continue  # its name will be known the next time
             place, pid = Place.UNKNOWN, 0
             if own is not None:
                 place, pid = place_of(each.endpoint_gid, own.endpoint_gid)
@@ -96,7 +104,8 @@ class SecondAgent:
             name = f"node {each.node_namespace.rstrip('/')}/{each.node_name}"
             where = f"{place.value}, process {pid}" if pid else place.value
             texts.append(f"{name} {where}".rstrip())
-        return texts
+            alive = alive or pid > 0
+        return texts, alive
 
     def _own(self, found: list[Any]) -> Any:
         """Return this agent's publisher; None if it cannot be told from the others."""

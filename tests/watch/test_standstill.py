@@ -10,10 +10,11 @@ import pytest
 
 from tests.link.link_peer import aio, eventually, turns
 from tests.watch.rig import READY, Rig
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Follow, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, MoveBase, StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
+from woosh_robot_agent.pb.util.action_pb2 import kContinue
 from woosh_robot_agent.watch import standstill
 from woosh_robot_agent.watch.causes import likely_causes
 
@@ -186,6 +187,16 @@ async def test_a_task_that_goes_on_after_a_pause_is_reported_if_it_stands():
         await warned(rig)
         await rig.push(TaskProc(), {**DRIVING, "state": 9})
         await eventually(lambda: not rig.watch.standstill.warning)
+
+
+@aio
+async def test_a_task_that_is_resumed_but_waits_is_not_reported():
+    async with Rig(READY).running() as rig:
+        await rig.send(ActionOrder(order=kContinue))
+        await rig.push(TaskProc(), {**DRIVING, "state": 4, "action": {"type": 1, "state": 2}})
+        await no_warning(rig)
+        await rig.push(TaskProc(), DRIVING)
+        await warned(rig)
 
 
 @aio

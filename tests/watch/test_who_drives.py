@@ -40,6 +40,14 @@ async def test_velocities(source: str) -> None:
         assert rig.watch.who_drives.now() == Driver("nobody")
 
 
+@aio
+async def test_velocities_that_override_a_task():
+    async with Rig(READY).running() as rig:
+        await rig.push(TaskProc(), NAVIGATING)
+        await rig.send(FORWARD, "cmd_vel")
+        assert rig.watch.who_drives.now() == Driver("cmd_vel")
+
+
 @pytest.mark.parametrize(
     ("task", "driver"),
     [

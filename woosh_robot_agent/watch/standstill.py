@@ -14,6 +14,7 @@ from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
     ExecPreTask,
     ExecTask,
     ExecTaskSet,
@@ -143,7 +144,8 @@ class Standstill:
                 self._give_up()
         elif takes_wheels(message) and not isinstance(message, Follow) and not _is_tiny(message):
             name = command.source or full_name(message).rpartition(".")[2]
-            self._expect(name, type_of(message), getattr(message, "task_id", 0))
+            kind = _TASKS[0] if isinstance(message, ActionOrder) else type_of(message)
+            self._expect(name, kind, getattr(message, "task_id", 0))
         elif not may_move(message):  # a pause or a cancel
             self._give_up()
 
@@ -186,6 +188,10 @@ class Standstill:
     def _pose_pushed(self, body: Body) -> None:
         demand = self._demand
         if demand is None:  # usually; then the body need not be decoded
+            return
+        now = asyncio.get_running_loop().time()
+        if demand.is_velocity and demand.since is None and now - demand.last > LIMIT:
+            self._demand = None  # the stream has ended
             return
         pose: PoseSpeed = body.message()
         if not _has_moved(demand.start, pose):

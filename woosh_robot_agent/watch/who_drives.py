@@ -95,6 +95,9 @@ class WhoDrives:
         info = self._last_known.get(full_name(RobotInfo))
         if not isinstance(info, RobotInfo):
             return Driver(UNKNOWN, "the robot has not reported its state yet")
+        # the gate knows whether something else has taken the wheels since
+        if self._gate.driving and self._velocities.driving(time.monotonic()):
+            return Driver(self._velocities.last)
         if is_running(info.task_proc):
             return self._task_driver(info.task_proc)
         if goals := self._goals():
@@ -103,8 +106,6 @@ class WhoDrives:
             return Driver(self._follower or OTHER_CLIENT, "the robot is following somebody")
         if action := self._gate.reported_owner:
             return Driver(OTHER_CLIENT, action)
-        if self._gate.driving:
-            return Driver(self._velocities.last)
         return self._unexplained(info)
 
     def _task_driver(self, task: TaskProc) -> Driver:
