@@ -9,10 +9,14 @@ from typing import Any
 import pytest
 import yaml
 
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
 from woosh_robot_agent.simulator.profile import SHIPPED, load_profile
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.reports import robot_info
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 SHIPPED_FILE = Path(load_profile.__code__.co_filename).parent / "data" / "profiles" / "tr200.yaml"
@@ -54,6 +58,22 @@ def test_own_profile_is_used(tmp_path: Path, data: Any) -> None:
         assert simulator.call(lambda running: running.chassis.profile) == profile
 
 
+def test_sizes_of_the_robot_are_those_of_the_profile(tmp_path: Path, data: Any) -> None:
+    data["model"]["outline"] = [[0.5, 0.3], [0.5, -0.3], [-0.5, -0.3], [-0.5, 0.3]]
+    data["model"]["length"] = 1000
+    chassis = Chassis(SimulatorConfig(profile=write(tmp_path, data)))
+    info = robot_info(chassis)
+    assert info.genral.model_data.length == 1000
+    corners = [(round(each.x, 3), round(each.y, 3)) for each in info.model.model]
+    assert corners == [(0.5, 0.3), (0.5, -0.3), (-0.5, -0.3), (-0.5, 0.3)]
+    east_wall = 12.0
+    chassis.localise(Pose(10.0, 8.0, 0.0))
+    for _ in range(200):
+        dispatch(chassis, Twist(linear=0.5))
+        chassis.tick(TIME_STEP)
+    assert east_wall - 0.55 < chassis.base.pose.x < east_wall - 0.5
+
+
 def test_missing_key_is_named(tmp_path: Path, data: Any) -> None:
     del data["rates"]["scan"]
     with pytest.raises(DataFileError, match=re.escape("own.yaml: rates: scan is missing")):
@@ -82,6 +102,8 @@ def test_unknown_key_is_named(tmp_path: Path, data: Any) -> None:
         ("answers", "requests", {"woosh.robot.Mod": [0, 0, 0]}, "no such request"),
         ("battery", "health", 1.5, "must be a whole number"),
         ("rates", "pose_speed", None, "is missing"),
+        ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 corners, less than 3"),
+        ("model", "outline", [[0.0], [1.0], [2.0]], "must be [x, y]"),
     ],
 )
 def test_invalid_value_is_named(

@@ -31,7 +31,7 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.collision import CollisionDetector
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.footprints import Outline, footprints
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map, MarkKind
@@ -83,6 +83,7 @@ class Chassis:
         occupied: A client has reserved the robot.
         scan_pose: Pose of the robot at the last scan of the laser.
         footprint: The `woosh.robot.FootPrint` in use.
+        footprints: Outlines of the robot by `woosh.robot.FootPrint`.
         setting: Settings, as reported to clients.
         spoken: The last texts that the robot was told to say.
         ownership: Starts and resumes jobs.
@@ -127,6 +128,7 @@ class Chassis:
         self.call_muted = False
         self.program_muted = False
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
+        self.footprints = footprints(self.profile.model.outline)
         self.spoken: deque[str] = deque(maxlen=_MAX_SPOKEN)
         self.setting = robot_pb2.Setting(
             robot_id=self.robot_id,
@@ -159,6 +161,11 @@ class Chassis:
     def time(self) -> float:
         """Clock of the robot: simulated Unix time, in seconds."""
         return self._start_time + self.clock_offset + self.elapsed
+
+    @property
+    def outline(self) -> Outline:
+        """Outline of the robot with the footprint in use."""
+        return self.footprints[self.footprint]
 
     @property
     def impeded(self) -> bool:
@@ -246,7 +253,7 @@ class Chassis:
 
         It is negative if they overlap.
         """
-        return self._collisions.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
+        return self._collisions.gap(self.outline, pose, self.map, self.obstacles)
 
     def emit(self, event: Message) -> None:
         """Send a message to all its subscribers. It must not be modified afterwards."""

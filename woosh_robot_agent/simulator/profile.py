@@ -72,6 +72,42 @@ class Range(NamedTuple):
         return self.least + (self.most - self.least) * share
 
 
+class Corner(NamedTuple):
+    """A corner of the robot in the frame of its base, in metres. In a file it is a list: [x, y]."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class ModelProfile:
+    """Model and sizes.
+
+    Attributes:
+        display_model: Name for people.
+        urdf_name: Name of the robot's description.
+        length: Length in millimetres, as reported; likewise width and height.
+        width: Width, in millimetres.
+        height: Height, in millimetres.
+        weight: Weight, in kg.
+        load: Maximum load, in kg.
+        outline: Corners of the robot on the floor.
+    """
+
+    display_model: str
+    urdf_name: str
+    length: int
+    width: int
+    height: int
+    weight: int
+    load: int
+    outline: tuple[Corner, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.outline) < 3:
+            raise ValueError(f"outline has {len(self.outline)} corners, less than 3")
+
+
 @dataclass(frozen=True)
 class TaskProfile:
     """Tasks: their reports, and the time between these.
@@ -256,6 +292,7 @@ class Profile:
 
     Attributes:
         name: Name of the file without its suffix.
+        model: Model and sizes.
         tasks: Tasks.
         answers: Answers.
         rates: Rates of reports.
@@ -267,6 +304,7 @@ class Profile:
     """
 
     name: str
+    model: ModelProfile
     tasks: TaskProfile
     answers: AnswerProfile
     rates: RateProfile
@@ -344,6 +382,8 @@ def _value(section: Node, name: str, kind: Any) -> Any:
 def _converted(node: Node, kind: Any) -> Any:
     if dataclasses.is_dataclass(kind) and isinstance(kind, type):
         return _section(node, kind)
+    if kind is Corner:
+        return Corner(*node.numbers("x, y"))
     if kind in (Spread, Range):
         numbers = [_converted(item, float) for item in node.items(len(kind._fields))]
         if len(numbers) < len(kind._fields) or numbers != sorted(numbers):

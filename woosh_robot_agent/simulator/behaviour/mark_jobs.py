@@ -10,7 +10,7 @@ from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
 from woosh_robot_agent.simulator.behaviour.navigation import PATH_MARGIN, Navigate
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS, outer_radius
+from woosh_robot_agent.simulator.world.footprints import outer_radius
 from woosh_robot_agent.simulator.world.maps import Mark
 
 
@@ -27,7 +27,7 @@ def jobs_at_mark(
     steps = profile.steps if charge else ()
     distance = profile.docking_distance
     start = mark.pose.moved(-distance - sum(steps), 0.0, 0.0)
-    clearance = outer_radius(FOOTPRINTS[robot.footprint]) + PATH_MARGIN
+    clearance = outer_radius(robot.outline) + PATH_MARGIN
     docks = (
         kind in (util_task_pb2.kCharge, util_task_pb2.kCarry)
         and robot.map.contains(*start.point)

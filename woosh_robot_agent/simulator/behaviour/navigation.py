@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.status_codes import (
     NEW_NAVIGATION,
     OBSTACLE_AVOIDED,
 )
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS, outer_radius
+from woosh_robot_agent.simulator.world.footprints import outer_radius
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, wrap
 from woosh_robot_agent.simulator.world.planner import SearchBudget, SearchBudgetError, planner
 
@@ -178,7 +178,7 @@ class Navigate:
         Returns:
             The reason if there is no path, with its remedy; else an empty text.
         """
-        radius = outer_radius(FOOTPRINTS[robot.footprint]) + PATH_MARGIN
+        radius = outer_radius(robot.outline) + PATH_MARGIN
         routes = planner(robot.map, radius)
         here = robot.base.pose.point
         legs: deque[deque[Point]] = deque()

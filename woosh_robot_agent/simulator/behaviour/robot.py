@@ -9,13 +9,13 @@ from typing import Protocol
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.body.base import Base
 from woosh_robot_agent.simulator.body.battery import Battery
 from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.profile import Profile
+from woosh_robot_agent.simulator.world.footprints import Outline
 from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
@@ -76,8 +76,8 @@ class Robot(Protocol):
         """Current settings."""
 
     @property
-    def footprint(self) -> util_robot_pb2.FootPrint:
-        """Footprint in use."""
+    def outline(self) -> Outline:
+        """Outline of the robot with the footprint in use."""
 
     @property
     def map(self) -> Map:

@@ -12,7 +12,6 @@ from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
@@ -27,14 +26,19 @@ def pose2d(pose: Pose) -> common_pb2.Pose2D:
 
 def general(chassis: Chassis) -> robot_pb2.General:
     """Return the model and the versions of the robot."""
+    model = chassis.profile.model
     return robot_pb2.General(
         robot_id=chassis.robot_id,
         type=util_robot_pb2.kBaseRobot_200,
         model_data=robot_pb2.General.ModelData(
-            length=1250, width=670, height=1550, weight=50, load=150
+            length=model.length,
+            width=model.width,
+            height=model.height,
+            weight=model.weight,
+            load=model.load,
         ),
-        urdf_name="wooshmodel_robase200_cp_y",
-        display_model="Robase200",
+        urdf_name=model.urdf_name,
+        display_model=model.display_model,
         serial_number=chassis.robot_id,
         service_id="RB2000030100000000Z",
         driver_method=1 if chassis.omnidirectional else 0,
@@ -160,10 +164,9 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
 
 def model(chassis: Chassis) -> robot_pb2.Model:
     """Return the current footprint."""
-    outline = FOOTPRINTS[chassis.footprint]
     return robot_pb2.Model(
         robot_id=chassis.robot_id,
-        model=[common_pb2.Point(x=x, y=y) for x, y in outline],
+        model=[common_pb2.Point(x=x, y=y) for x, y in chassis.outline],
         type=chassis.footprint,
     )
 

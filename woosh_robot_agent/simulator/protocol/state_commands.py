@@ -10,7 +10,6 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, pose
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 
 _MAX_SPEECH = 1000
 """Number of characters of a spoken text that are kept."""
@@ -78,9 +77,9 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
 
 
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
-    if request.type not in FOOTPRINTS:
+    if request.type not in chassis.footprints:
         raise RefusedError(
-            refusals.UNKNOWN_FOOTPRINT, footprint=request.type, footprints=list(FOOTPRINTS)
+            refusals.UNKNOWN_FOOTPRINT, footprint=request.type, footprints=list(chassis.footprints)
         )
     chassis.footprint = request.type
     if chassis.ownership.navigation:
