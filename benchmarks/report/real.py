@@ -35,7 +35,7 @@ from tests.simulator.real_tasks import (
 )
 from tests.simulator.recorded_chassis import Frame, SteppedChassis, ask, wait_frame
 
-SEEDS = range(4)
+SEEDS = range(8)
 """Seeds of the simulated runs."""
 
 ANSWERS = 300
@@ -50,6 +50,9 @@ RESOLUTION = 0.016
 _NEXT_TASK = "kIdle to first report of the next task"
 _FACTS = {_NEXT_TASK: "answer to first report"}
 """Names of times in the figures of the real robot, if they differ."""
+
+_EFFECTS = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "continue"}
+"""Orders by the action state in the report that shows their effect."""
 
 _IDLE = 2
 
@@ -118,9 +121,8 @@ def times_of_task(events: Sequence[Event]) -> Times:
             _, kind, state = triple(event.body)
             if task_id(event.body) and before is None:
                 add("answer to first report", answer if order is None else None, event)
-            if order and state in ("kSuspend", "kRosCancel", "kRosExecuting"):
-                names = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "continue"}
-                add(f"order to its effect, {names[state]}", order, event)
+            if order and state in _EFFECTS:
+                add(f"order to its effect, {_EFFECTS[state]}", order, event)
                 order = None
             if before:
                 _, last_kind, last_state = triple(before.body)
@@ -267,7 +269,7 @@ def drive_figures(facts: Any) -> list[Figure]:
     for seed in SEEDS:
         chassis = SteppedChassis(seed=seed)
         model = chassis.chassis
-        model.run_until(0.01 * seed)
+        model.run_until(0.006 * seed)
         begin, seen = model.elapsed, ""
         for _ in range(100):
             chassis.request("woosh.robot.Twist", linear=0.1)
@@ -276,7 +278,7 @@ def drive_figures(facts: Any) -> list[Figure]:
             if str(scan) != seen:
                 scans.append((seed, model.elapsed))
                 seen = str(scan)
-        model.run_until(model.elapsed + 0.012 * seed)
+        model.run_until(model.elapsed + 0.006 * seed)
         stop, place = model.elapsed, model.pose
         chassis.request("woosh.robot.Twist")
         chassis.run(3.0)

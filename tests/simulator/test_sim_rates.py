@@ -104,6 +104,14 @@ def test_roll_is_limited_by_the_brakes_at_high_speed(chassis: SteppedChassis) ->
     assert speed - chassis.chassis.base.velocity.forward == pytest.approx(0.05)
 
 
+def test_measured_step_ends_without_rolling_on(chassis: SteppedChassis) -> None:
+    place = chassis.chassis.pose
+    steps = [{"mode": 1, "value": 0.5, "speed": 0.3}]
+    ask(chassis, "woosh.ros.CallAction", stepControl={"action": 1, "steps": steps})
+    chassis.run(6.0)
+    assert place.distance(chassis.chassis.pose.point) == pytest.approx(0.5, abs=2e-3)
+
+
 def test_scans_are_new_at_their_rate(chassis: SteppedChassis) -> None:
     exec_task(chassis)
     chassis.run(4.0)

@@ -38,7 +38,7 @@ class Teleop:
             return
         self._waiting = 0.0 if base.moving else self._waiting - dt
         if self._waiting <= 1e-9:
-            base.drive(self._velocity)
+            base.drive(self._velocity, rolls_on=True)
         self._left -= dt
         if self._left <= 1e-9:
             self.release()

@@ -58,8 +58,8 @@ class Base:
     Args:
         pose: Pose at the start.
         odometer: Total distance driven so far, in metres.
-        rolls_for: Time constant of the exponential slowdown of a base that is not driven, in
-            seconds; 0 for one that slows down evenly.
+        rolls_for: Time constant of the exponential slowdown after remote control, in seconds; 0
+            to slow down evenly.
         stops_below: Speed at which this slowdown ends, in m/s or rad/s.
 
     Attributes:
@@ -75,6 +75,7 @@ class Base:
     ) -> None:
         self._rolls_for = rolls_for
         self._stops_below = stops_below
+        self._rolls_on = False
         self.pose = pose
         self.odometry = Pose()
         self.velocity = STANDSTILL
@@ -87,9 +88,15 @@ class Base:
         """True if the velocity is not zero."""
         return self.velocity != STANDSTILL
 
-    def drive(self, velocity: Velocity) -> None:
-        """Accelerate towards `velocity` in the next step. Without this call the base slows down."""
+    def drive(self, velocity: Velocity, *, rolls_on: bool = False) -> None:
+        """Accelerate towards `velocity` in the next step. Without this call the base slows down.
+
+        Args:
+            velocity: Wanted velocity.
+            rolls_on: Roll on afterwards, as after remote control, instead of slowing down evenly.
+        """
         self._wanted = velocity.limited()
+        self._rolls_on = rolls_on
 
     def halt(self) -> None:
         """Stop at once."""
@@ -98,7 +105,7 @@ class Base:
     def brake(self) -> None:
         """Stop as after a velocity of zero: at once, or by rolling on from the next step."""
         if self._rolls_for:
-            self._wanted = self.velocity
+            self.drive(self.velocity, rolls_on=True)
         else:
             self.halt()
 
@@ -137,9 +144,12 @@ class Base:
         self.odometer += velocity.speed * dt
 
     def _rolling(self, dt: float) -> Velocity:
-        """Return the velocity after `dt` seconds of a base that is not driven."""
+        """Return the velocity after `dt` seconds of a base that is not driven any more."""
         now = self.velocity
-        if not self._rolls_for or max(now.speed, abs(now.turn)) <= self._stops_below:
+        if (
+            not (self._rolls_on and self._rolls_for)
+            or max(now.speed, abs(now.turn)) <= self._stops_below
+        ):
             return STANDSTILL
         share = math.exp(-dt / self._rolls_for)
         return Velocity(share * now.forward, share * now.left, share * now.turn)
