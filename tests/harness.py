@@ -125,11 +125,11 @@ def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
 class Client:
     """A ROS node that uses the agent, with its own context and executor thread."""
 
-    def __init__(self, domain: int, namespace: str = NAMESPACE) -> None:
+    def __init__(self, domain: int, namespace: str = NAMESPACE, name: str = "client") -> None:
         self.namespace = namespace
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node("client", context=self.context)
+        self.node = Node(name, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._spinner = Spinner(self.executor)

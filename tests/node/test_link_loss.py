@@ -135,7 +135,7 @@ def test_end_of_a_task_before_the_current_one_is_found_in_the_history(
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     switch_off(simulator)
     simulator.call(lambda sim: sim.chassis.tasks.cancel("at the screen"))
-    simulator.call(lambda sim: setattr(sim.chassis.tasks, "proc", proc(6, EXECUTING)))
+    simulator.call(lambda sim: setattr(sim.chassis.tasks, "reported", proc(6, EXECUTING)))
     simulator.listen()
     status, ret = goal.result()
     assert (status, ret.robot_task_id, ret.msg) == (ABORTED, 5, "at the screen")

@@ -36,14 +36,14 @@ def test_agent_and_client_leave_the_graph_when_they_are_closed(
     user.call(PoseSpeed, "robot/PoseSpeed")
     goal = user.send_goal(StepControl, "ros/StepControl", StepControl.Goal())
     goal.result()
-    observer = Client(domain)
+    observer = Client(domain, name="observer")
 
     def names() -> list[str]:
         return sorted(observer.node.get_node_names())
 
-    wait_until(lambda: names() == ["agent", "client", "client"], "all nodes in the graph")
+    wait_until(lambda: names() == ["agent", "client", "observer"], "all nodes in the graph")
     user.close()
-    wait_until(lambda: names() == ["agent", "client"], "the end of the client")
+    wait_until(lambda: names() == ["agent", "observer"], "the end of the client")
     agent.close()
-    wait_until(lambda: names() == ["client"], "the end of the agent")
+    wait_until(lambda: names() == ["observer"], "the end of the agent")
     observer.close()

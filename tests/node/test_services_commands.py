@@ -84,9 +84,10 @@ def test_call_without_a_link_fails_with_the_reason(start_agent, client):
 
 def test_call_without_an_answer_fails_after_the_timeout(simulator, start_agent, client):
     start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=500).wait_connected()
-    for command in COMMANDS:
+    quick = [command for command in COMMANDS if not command.timeout]
+    for command in quick:
         simulator.mute(command.request)
-    calls = {c: client.call_async(srv_of(c), c.name) for c in COMMANDS}
+    calls = {c: client.call_async(srv_of(c), c.name) for c in quick}
     for command, call in calls.items():
         response = wait_future(call)
         assert not response.ok

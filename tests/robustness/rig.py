@@ -28,6 +28,7 @@ from woosh_robot_agent.link.transport.tcp import TcpTransport
 from woosh_robot_agent.link.transport.websocket import WebSocketTransport
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentInProcess, own_domain
+from woosh_robot_agent.watch import code_log
 
 SPEED = 20
 """Speed of the simulated chassis, as a multiple of real time."""
@@ -195,8 +196,10 @@ class Rig:
 
     # Recording
 
+    # Faults that the robot reports are logged as errors, but they are no errors of the agent.
+
     def _record_rosout(self, log: Any) -> None:
-        if log.level >= LoggingSeverity.ERROR:
+        if log.level >= LoggingSeverity.ERROR and not log.file.endswith(code_log.__file__):
             self._errors.append(f"{log.name}: {log.msg}")
 
     @contextlib.contextmanager
@@ -213,6 +216,7 @@ class Rig:
     def _record_errors(self) -> Iterator[None]:
         """Record what Python code logs as an error."""
         handler = logging.Handler(logging.ERROR)
+        handler.addFilter(lambda record: record.name != code_log.__name__)
         handler.emit = lambda record: self._errors.append(  # type: ignore[method-assign]
             logging.Formatter("%(name)s: %(message)s").format(record)
         )

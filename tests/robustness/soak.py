@@ -28,11 +28,11 @@ from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent
 from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.faults import FAULTS
 from woosh_robot_agent.testing import own_domain, wait_until
-from woosh_robot_agent.topics import latched
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
