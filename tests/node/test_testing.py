@@ -139,6 +139,12 @@ def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool)
         pass
 
 
+@pytest.mark.parametrize(("options", "name"), [({}, "instant"), ({"profile": "tr200"}, "tr200")])
+def test_chassis_answers_without_delay_by_default(options: dict[str, str], name: str) -> None:
+    with running_chassis(**options) as chassis:
+        assert chassis.call(lambda simulator: simulator.chassis.profile.name) == name
+
+
 def test_two_robots_can_share_a_domain() -> None:
     with (
         own_domain() as domain,
