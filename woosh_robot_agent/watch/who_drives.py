@@ -86,6 +86,7 @@ class WhoDrives:
         self._moved = -math.inf
         """Monotonic time of the last PoseSpeed."""
         gate.on_answered(self._answered)
+        chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
@@ -144,6 +145,13 @@ class WhoDrives:
             _remember(self._sets, message.task_set_id, source)
         elif isinstance(message, Follow):
             self._follower = source if message.type else ""
+
+    def _forget(self) -> None:
+        self._tasks.clear()
+        self._sets.clear()
+        self._follower = ""
+        self._task = TaskProc()
+        self._moved = -math.inf
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._task_changed(info.task_proc)
