@@ -291,7 +291,7 @@ def test_the_end_of_a_goal_is_found_in_the_history_of_a_robot_with_an_earlier_cl
 ) -> None:
     """The time of the former robot's report on the id must not count."""
     assert short_task(client, 0.3, task_id=7).result()[0] == SUCCEEDED
-    with running_chassis(robot_id=NEW, speed=20, clock_offset=-9 * 3600.0) as late:
+    with running_chassis(robot_id=NEW, speed=20, profile="tr200", clock_offset=-9 * 3600.0) as late:
         late.intercept(losing(TASK_PROC, state=COMPLETED))
         switch(client, late.port)
         agent.wait_connected(2)

@@ -46,8 +46,7 @@ async def test_its_own_task_is_told_by_its_own_report() -> None:
     async with Rig(READY).running() as rig:
         await rig.push(TaskProc(), {**own, "time": 1727247402})
         assert rig.watch.who_drives.now().name == "the robot itself"
-        await rig.turn_to_another_robot()
-        await rig.push(TaskProc(), {**own, "time": 1727257402})
+        await rig.turn_to_another_robot({**READY, "taskProc": {**own, "time": 1727257402}})
         assert rig.watch.who_drives.now().name == OTHER_CLIENT
 
 
