@@ -180,7 +180,7 @@ class Standstill:
         """Warn if the robot has not moved since `since`, and should have."""
         if demand is self._demand and demand.since == since and not demand.reported:
             demand.reported = True
-            self._log.warn("standstill", self.warning)
+            self._log.warn(demand.name, self.warning)
 
     # What the robot does
 

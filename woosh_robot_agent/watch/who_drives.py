@@ -114,6 +114,8 @@ class WhoDrives:
         if detail in self._goals():
             return Driver(GOAL, detail)
         source = self._tasks.get(number) or self._sets.get(number // _TASKS_PER_SET)
+        if source == GOAL:
+            return Driver(GOAL, f"{detail}; the goal has ended, but the robot continues")
         if source:
             return Driver(source, detail)
         kind = _OWN_TASKS.get(task.type)
@@ -137,10 +139,10 @@ class WhoDrives:
 
     def _answered(self, command: AnsweredCommand) -> None:
         message, source = command.message, command.source
-        if not command.answer.ok or not source:
+        if not command.answer.ok:
             return
-        if isinstance(message, ExecTask):
-            _remember(self._tasks, message.task_id, source)
+        if isinstance(message, ExecTask):  # only goals have no source
+            _remember(self._tasks, message.task_id, source or GOAL)
         elif isinstance(message, ExecPreTask):
             _remember(self._sets, message.task_set_id, source)
         elif isinstance(message, Follow):
