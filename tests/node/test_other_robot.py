@@ -237,7 +237,8 @@ def test_diagnostics_do_not_show_the_former_robot(
     seen.wait(lambda m: m.status[0].hardware_id == str(FORMER))
     leave(client)
     gone = seen.wait(lambda m: not m.status[0].hardware_id)
-    assert [s.name for s in gone.status] == ["woosh_robot/agent: link"]
+    names = [f"woosh_robot/agent: {name}" for name in ("link", "agents")]
+    assert [s.name for s in gone.status] == names
     assert {v.key: v.value for v in gone.status[0].values}["round trip"] == "unknown"
     switch(client, other.port)
     seen.wait(lambda m: m.status[0].hardware_id == str(NEW))
