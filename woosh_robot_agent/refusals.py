@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 from google.protobuf.message import Message
 
@@ -61,6 +62,8 @@ class RefusalExplainer:
         self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
         """The refusals of the last `CODE_DELAY` seconds, oldest first."""
         self._noted = asyncio.Event()
+        """Set when a refusal is noted, and when the robot changes; replaced then."""
+        chassis.on_robot_changed(self._forget)
         chassis.on_refused(self._refused)
         chassis.subscribe_raw(StatusCode, self._pushed)
 
@@ -76,23 +79,33 @@ class RefusalExplainer:
         """
         return "; ".join(each.reason for each in await self.reasons(request_type))
 
-    async def reasons(self, request_type: str) -> list[Objection]:
+    def reasons(self, request_type: str) -> Coroutine[Any, Any, list[Objection]]:
         """Return what `reason` returns as text, with the known remedies."""
+        return self._reasons(request_type, self._noted)  # of the robot at the time of the call
+
+    async def _reasons(self, request_type: str, noted: asyncio.Event) -> list[Objection]:
         try:
-            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
+            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type, noted))
         except TimeoutError:
+            return []
+        if refusal is None:
             return []
         code = await asyncio.shield(refusal.code)  # others may wait for it too
         return [*refusal.state, code] if code else list(refusal.state)
 
-    async def _latest(self, request_type: str) -> _Refusal:
-        """Return the latest refusal of a type; wait if it is still in the queue of pushes."""
-        while True:
+    async def _latest(self, request_type: str, noted: asyncio.Event) -> _Refusal | None:
+        """Return the latest refusal of a type; wait if it is still in the queue of pushes.
+
+        Returns:
+            None if the link turns to another robot, which replaces `noted`.
+        """
+        while self._noted is noted:
             for refusal in reversed(self._refusals):
                 if refusal.type == request_type:
                     return refusal
-            self._noted.clear()
-            await self._noted.wait()
+            noted.clear()
+            await noted.wait()
+        return None
 
     def _refused(self, request: Message) -> None:
         """Note the state of the robot at a refusal, and expect a status code."""
@@ -108,6 +121,13 @@ class RefusalExplainer:
         self._refusals.append(refusal)
         self._noted.set()
         loop.call_later(CODE_DELAY, self._end, refusal)
+
+    def _forget(self) -> None:
+        for refusal in self._refusals:
+            refusal.end()
+        self._refusals.clear()
+        self._noted.set()  # nothing more comes from the former robot
+        self._noted = asyncio.Event()
 
     def _end(self, refusal: _Refusal) -> None:
         """Expect no status code any more."""

@@ -224,3 +224,20 @@ async def test_pushes_of_a_failed_handshake_are_discarded() -> None:
         async with client:
             await eventually(lambda: told)
             assert told == ["robot 0"]
+
+
+@aio
+async def test_the_farewell_leaves_no_times_of_the_robot_that_is_left() -> None:
+    async with Peer() as one, one.client() as client:
+        wire = await one.wire()
+        send = client.reserve(lambda _message: True)
+
+        async def farewell() -> None:
+            await send(Speak(), TIMEOUT, farewell=True)
+
+        changing = asyncio.ensure_future(
+            client.reconfigure(replace(client.config, port=1), farewell)
+        )
+        await wire.answer(await wire.next(SPEAK), timestamp=1000)
+        await changing
+        assert (client.stats.round_trip, client.stats.clock_offset) == (None, None)

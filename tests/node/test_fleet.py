@@ -12,8 +12,11 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from tests.harness import Client, Program, Spinner, wait_until
 from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, slow_down, stop_time, task
@@ -21,10 +24,11 @@ from tests.node.test_process import LONG, TWIST, drive
 from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.fleet import Fleet, namespaces
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import running_chassis
 from woosh_robot_msgs.msg import PoseSpeed
-from woosh_robot_msgs.srv import Speak
+from woosh_robot_msgs.srv import RobotInfo, Speak
 
 NAMES = ["/r1", "hall/r2"]
 ROBOTS = ("/r1", "/woosh_robot/hall/r2")
@@ -130,6 +134,39 @@ def test_each_agent_has_its_own_frames_and_parameters(
 def _agents(client: Client) -> set[str]:
     nodes = client.node.get_node_names_and_namespaces()
     return {f"{space}/{name}" for name, space in nodes if name == "agent"}
+
+
+def test_each_robot_has_its_own_observers(
+    fleet: Program,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    domain: int,
+) -> None:
+    one, other = ROBOTS
+    arrays = clients[one].echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+
+    def wait_message(namespace: str, name: str, text: str) -> None:
+        full = f"{namespace.strip('/')}/agent: {name}"
+        arrays.wait(lambda a: any(s.name == full and text in s.message for s in a.status))
+
+    for name in ROBOTS:
+        wait_message(name, "agents", "OK")
+        wait_message(name, "motion", "nobody")
+    chassis[one].push(TaskProc(robot_task_id=5, state=EXECUTING))
+    wait_message(one, "motion", "another client: task 5")
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    impostor = Node("impostor", namespace=one, context=context)
+    impostor.create_service(RobotInfo, "robot/RobotInfo", lambda _, response: response)
+    wait_message(one, "agents", f"node {one}/impostor")
+    impostor.destroy_node()
+    rclpy.try_shutdown(context=context)
+    statuses = [s for a in arrays.messages for s in a.status if other.strip("/") in s.name]
+    found = {s.message for s in statuses if s.name.endswith((": motion", ": agents"))}
+    assert found == {"nobody", "OK"}
+    told = [line for line in fleet.lines if "another agent" in line]
+    assert len(told) == 1
+    assert logger_of(one) in told[0]
 
 
 def test_a_lost_link_affects_only_one_robot(

@@ -17,10 +17,12 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
-from tests.node.goals import ABORTED, stop_time, task
+from tests.node.goals import ABORTED, EXECUTING, stop_time, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES, TOPICS
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
@@ -164,6 +166,31 @@ def test_diagnostics_show_it(observer: RunningAgent, client: Client) -> None:
     assert {v.key: v.value for v in status.values}["observe only"] == "yes"
     assert change(client, observe_only=False) == (True, "")
     seen.wait(lambda m: {v.key: v.value for v in link(m).values}["observe only"] == "no")
+
+
+def test_what_others_do_is_observed(
+    observer: RunningAgent, client: Client, simulator: SimulatorThread, logs: Collector
+) -> None:
+    seen = diagnostics(client)
+    simulator.push(StatusCode(code=110301000042, level=StatusCode.kWarn))
+    logs.wait(lambda r: "left motor is too hot" in r.getMessage())
+    simulator.push(TaskProc(robot_task_id=5, state=EXECUTING))
+    motion = seen.wait(lambda m: "another client: task 5" in [s.message for s in m.status])
+    assert all(s.level == s.OK for s in motion.status if s.name.endswith((": motion", ": agents")))
+    observer.close()
+    assert received(simulator) <= READS
+
+
+def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.call(lambda sim: setattr(sim, "speed", 1.0))
+    goal = task(client, task_id=7)
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    assert change(client, observe_only=True) == (True, "")
+    goal.result()
+    text = "a goal: task 7; the goal has ended, but the robot continues"
+    diagnostics(client).wait(lambda m: text in [s.message for s in m.status])
 
 
 def test_commands_are_sent_again_when_it_is_turned_off(

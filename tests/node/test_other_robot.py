@@ -16,7 +16,18 @@ from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, GoalClient, RunningAgent, wait_until
-from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, short_task, step, stop_time, task
+from tests.node.goals import (
+    ABORTED,
+    COMPLETED,
+    EXECUTING,
+    SUCCEEDED,
+    TASK_PROC,
+    short_task,
+    step,
+    stop_time,
+    task,
+)
+from tests.node.test_cancel import losing
 from tests.node.test_parameters import change
 from tests.node.test_services_queries import ask
 from tests.node.test_states import diagnostics
@@ -226,7 +237,8 @@ def test_diagnostics_do_not_show_the_former_robot(
     seen.wait(lambda m: m.status[0].hardware_id == str(FORMER))
     leave(client)
     gone = seen.wait(lambda m: not m.status[0].hardware_id)
-    assert [s.name for s in gone.status] == ["woosh_robot/agent: link"]
+    names = [f"woosh_robot/agent: {name}" for name in ("link", "agents")]
+    assert [s.name for s in gone.status] == names
     assert {v.key: v.value for v in gone.status[0].values}["round trip"] == "unknown"
     switch(client, other.port)
     seen.wait(lambda m: m.status[0].hardware_id == str(NEW))
@@ -273,6 +285,19 @@ def test_a_goal_of_the_same_id_on_the_new_robot_succeeds(
     agent.wait_connected(2)
     assert short_task(client, 0.3, task_id=7).result()[0] == SUCCEEDED
     assert other.counts[EXEC_TASK] == 1
+
+
+def test_the_end_of_a_goal_is_found_in_the_history_of_a_robot_with_an_earlier_clock(
+    agent: RunningAgent, client: Client
+) -> None:
+    """The time of the former robot's report on the id must not count."""
+    assert short_task(client, 0.3, task_id=7).result()[0] == SUCCEEDED
+    with running_chassis(robot_id=NEW, speed=20, profile="tr200", clock_offset=-9 * 3600.0) as late:
+        late.intercept(losing(TASK_PROC, state=COMPLETED))
+        switch(client, late.port)
+        agent.wait_connected(2)
+        status, ret = short_task(client, 0.3, task_id=7).result()
+    assert status == SUCCEEDED, ret
 
 
 def test_pending_commands_fail_and_name_the_former_address(

@@ -71,6 +71,15 @@ async def test_tasks(task: str, driver: Driver) -> None:
         assert rig.watch.who_drives.now() == Driver("nobody")
 
 
+@aio
+async def test_a_task_that_outlives_its_goal_is_not_of_another_client() -> None:
+    async with Rig(READY).running() as rig:
+        await rig.send(ExecTask(task_id=17))
+        await rig.push(TaskProc(), NAVIGATING)
+        driver = rig.watch.who_drives.now()
+        assert driver == Driver("a goal", "task 17; the goal has ended, but the robot continues")
+
+
 @pytest.mark.parametrize(
     ("number", "kind", "driver"),
     [

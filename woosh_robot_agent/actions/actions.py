@@ -191,6 +191,7 @@ class Actions:
     def _robot_changed(self) -> None:
         self.give_up(_OTHER_ROBOT)
         self._last_feedback.clear()
+        self._last_reports.clear()
 
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals:

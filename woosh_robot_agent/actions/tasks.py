@@ -60,6 +60,10 @@ class LastReports:
         if len(self._reports) > _MAX_REPORTS:
             self._reports.popitem(last=False)
 
+    def clear(self) -> None:
+        """Forget all reports: they are those of another robot."""
+        self._reports.clear()
+
     def get(self, task_id: int) -> TaskProc | None:
         """Return the last report on a task; None if there is none."""
         return self._reports.get(task_id)

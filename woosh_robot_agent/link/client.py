@@ -409,7 +409,8 @@ class ChassisClient:
                 first=first,
                 urgent=urgent or first,
                 send_within=send_within,
-                tap=self._queued_tap(message, tap),
+                # nobody expects what the robot that is left answers
+                tap=None if farewell else self._queued_tap(message, tap),
             )
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)

@@ -137,7 +137,7 @@ class ReconnectLoop:
         if self.connection is not None:
             self.connection.retire(cause)
         self._status.lost(cause)
-        self._stats.round_trip = None
+        self._forget_times()
         self._log.clear()
         self._subscriptions.forget_robot()
 
@@ -150,7 +150,11 @@ class ReconnectLoop:
         except Exception:  # the new link must not depend on it
             _LOG.exception("the last requests to the former robot failed")
         finally:
+            self._forget_times()  # of the answer to the last request
             task.cancel()
+
+    def _forget_times(self) -> None:
+        self._stats.round_trip = self._stats.clock_offset = None
 
     def _add_task(self, work: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work, name=name)

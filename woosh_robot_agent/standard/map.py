@@ -81,6 +81,7 @@ class Map(Part):
     def _forget(self) -> None:
         self._wanted = self._published = None
         self._robot = object()
+        self._log.clear()
 
     def _scene(self, scene: Scene) -> None:
         self._wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)

@@ -83,7 +83,10 @@ class Odom(Part):
 
     def _forget(self) -> None:
         self._odometry = Odometry()
+        self._prediction = Prediction()
+        self._received = self._forwarded = -math.inf
         self._known = False
+        self._log.clear()
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):

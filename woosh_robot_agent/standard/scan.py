@@ -52,6 +52,7 @@ class Scan(Part):
 
     def _forget(self) -> None:
         self._laser_pose = None
+        self._log.clear()
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:

@@ -37,9 +37,14 @@ class CodeLog:
         self._logged: OrderedDict[int, float] = OrderedDict()
         """Monotonic times at which the logged codes were last sent."""
         self._abnormal: frozenset[int] = frozenset()
+        chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe_raw(StatusCode, self._pushed)
         chassis.subscribe(AbnormalCodes, self._abnormal_changed)
+
+    def _forget(self) -> None:
+        self._logged.clear()
+        self._abnormal = frozenset()
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._abnormal_changed(info.abnormal_codes)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Container
+from collections.abc import Container, Coroutine
+from typing import Any
 
 from woosh_robot_agent.endpoints import ACTIONS
+from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.readiness import Objection
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
 
 _LOG = logging.getLogger(__name__)
@@ -19,13 +22,18 @@ class RefusalLog:
     """Logs each refusal once, until a command of the same kind succeeds.
 
     Args:
+        chassis: the link.
         gate: sender of the commands.
         explainer: finds the reasons.
         silent: sources that log their refusals themselves.
     """
 
     def __init__(
-        self, gate: MotionGate, explainer: RefusalExplainer, silent: Container[str] = ()
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        explainer: RefusalExplainer,
+        silent: Container[str] = (),
     ) -> None:
         self._explainer = explainer
         self._silent = silent
@@ -33,6 +41,7 @@ class RefusalLog:
         """Logs of the commands whose last answer was a refusal, by name."""
         self._pending: dict[str, asyncio.Task[None]] = {}
         """Tasks that wait for a reason, by name of the command."""
+        chassis.on_robot_changed(self._logs.clear)
         gate.on_answered(self._answered)
 
     @property
@@ -48,17 +57,22 @@ class RefusalLog:
         if command.answer.ok:
             self._logs.pop(name, None)
         elif name not in self._silent and name not in self._pending:
-            work = self._explain(name, request_type, command.answer.msg)
+            # both of the robot that refused it, which may be left before the task runs
+            log = self._logs.setdefault(name, LogOnce(_LOG))
+            reasons = self._explainer.reasons(request_type)
+            work = self._explain(name, command.answer.msg, reasons, log)
             task = asyncio.get_running_loop().create_task(work, name="reason of a refusal")
             self._pending[name] = task
             task.add_done_callback(lambda _: self._pending.pop(name))
 
-    async def _explain(self, name: str, request_type: str, msg: str) -> None:
-        reasons = await self._explainer.reasons(request_type)
+    @staticmethod
+    async def _explain(
+        name: str, msg: str, reasons: Coroutine[Any, Any, list[Objection]], log: LogOnce
+    ) -> None:
         why = "; ".join(
-            f"{each.reason}: {each.remedy}" if each.remedy else each.reason for each in reasons
+            f"{each.reason}: {each.remedy}" if each.remedy else each.reason
+            for each in await reasons
         )
-        log = self._logs.setdefault(name, LogOnce(_LOG))
         log.warn(
             f"{msg}: {why}", f"the chassis refused {name}: {msg}" + (f" ({why})" if why else "")
         )

@@ -114,6 +114,7 @@ class Standstill:
         self._log = LogOnce(_LOG)
         gate.on_answered(self._answered)
         gate.on_stop(self._give_up)
+        chassis.on_robot_changed(self._forget)
         chassis.on_state(self._link_changed)
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
         chassis.subscribe(TaskProc, self._task_changed)
@@ -181,7 +182,7 @@ class Standstill:
         """Warn if the robot has not moved since `since`, and should have."""
         if demand is self._demand and demand.since == since and not demand.reported:
             demand.reported = True
-            self._log.warn("standstill", self.warning)
+            self._log.warn(demand.name, self.warning)
 
     # What the robot does
 
@@ -237,6 +238,10 @@ class Standstill:
             demand.since = None
         elif demand.since is None:
             self._may_not_stand(demand)
+
+    def _forget(self) -> None:
+        self._demand = None
+        self._log.clear()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:

@@ -9,6 +9,7 @@ import logging
 import math
 import time
 
+from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
@@ -28,6 +29,7 @@ class VelocitySources:
     A source drives from its velocity until its own zero, or until it has been silent for `OVERLAP`.
 
     Args:
+        chassis: the link.
         gate: the gate.
 
     Attributes:
@@ -35,7 +37,7 @@ class VelocitySources:
         last_time: monotonic time of that velocity.
     """
 
-    def __init__(self, gate: MotionGate) -> None:
+    def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
         self.last = ""
         self.last_time = -math.inf
         self._driving: dict[str, float] = {}
@@ -43,6 +45,7 @@ class VelocitySources:
         self._simultaneous: tuple[str, ...] = ()
         self._simultaneous_until = -math.inf
         self._log = LogOnce(_LOG)
+        chassis.on_robot_changed(self._forget)
         gate.on_answered(self._answered)
 
     @property
@@ -61,6 +64,12 @@ class VelocitySources:
         self._simultaneous = tuple(sorted(sources))
         self._simultaneous_until = time.monotonic() + SHOWN
         self._log.warn(str(self._simultaneous), warning(self._simultaneous))
+
+    def _forget(self) -> None:
+        self.last, self.last_time = "", -math.inf
+        self._driving.clear()
+        self._simultaneous, self._simultaneous_until = (), -math.inf
+        self._log.clear()
 
     def _answered(self, command: AnsweredCommand) -> None:
         source = command.source

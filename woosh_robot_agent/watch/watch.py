@@ -41,7 +41,7 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)
-        self.refusal_log = RefusalLog(gate, explainer)
-        self.velocities = VelocitySources(gate)
+        self.refusal_log = RefusalLog(chassis, gate, explainer)
+        self.velocities = VelocitySources(chassis, gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

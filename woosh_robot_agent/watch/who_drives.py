@@ -86,6 +86,7 @@ class WhoDrives:
         self._moved = -math.inf
         """Monotonic time of the last PoseSpeed."""
         gate.on_answered(self._answered)
+        chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
@@ -114,6 +115,8 @@ class WhoDrives:
         if detail in self._goals():
             return Driver(GOAL, detail)
         source = self._tasks.get(number) or self._sets.get(number // _TASKS_PER_SET)
+        if source == GOAL:
+            return Driver(GOAL, f"{detail}; the goal has ended, but the robot continues")
         if source:
             return Driver(source, detail)
         kind = _OWN_TASKS.get(task.type)
@@ -137,14 +140,21 @@ class WhoDrives:
 
     def _answered(self, command: AnsweredCommand) -> None:
         message, source = command.message, command.source
-        if not command.answer.ok or not source:
+        if not command.answer.ok:
             return
-        if isinstance(message, ExecTask):
-            _remember(self._tasks, message.task_id, source)
+        if isinstance(message, ExecTask):  # only goals have no source
+            _remember(self._tasks, message.task_id, source or GOAL)
         elif isinstance(message, ExecPreTask):
             _remember(self._sets, message.task_set_id, source)
         elif isinstance(message, Follow):
             self._follower = source if message.type else ""
+
+    def _forget(self) -> None:
+        self._tasks.clear()
+        self._sets.clear()
+        self._follower = ""
+        self._task = TaskProc()
+        self._moved = -math.inf
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._task_changed(info.task_proc)
