@@ -67,8 +67,8 @@ class RefusalExplainer:
     async def reason(self, request_type: str) -> str:
         """Return why the chassis has just refused a request; empty if that is not known.
 
-        Call it within `CODE_DELAY` of the answer. It returns that long after the answer at the
-        latest.
+        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
+        soon as the status code has come.
 
         Args:
             request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
@@ -77,7 +77,7 @@ class RefusalExplainer:
         return "; ".join(each.reason for each in await self.reasons(request_type))
 
     async def reasons(self, request_type: str) -> list[Objection]:
-        """Return what `reason` returns as text, with the known remedies."""
+        """Return the reasons as in `reason`, with the known remedies."""
         try:
             refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
         except TimeoutError:
@@ -110,7 +110,7 @@ class RefusalExplainer:
         loop.call_later(CODE_DELAY, self._end, refusal)
 
     def _end(self, refusal: _Refusal) -> None:
-        """Expect no status code any more."""
+        """Stop waiting for the status code of a refusal."""
         refusal.end()
         if refusal in self._refusals:
             self._refusals.remove(refusal)
@@ -140,7 +140,7 @@ class _Refusal:
     code: asyncio.Future[Objection | None]
 
     def end(self, code: Objection | None = None) -> None:
-        """Set the status code, unless that is done."""
+        """Set the status code, unless it is already set."""
         if not self.code.done():
             self.code.set_result(code)
 
