@@ -61,7 +61,7 @@ class VelocityDriver:
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
-        log_refusals: log what the chassis refuses, and its answer.
+        log_refusals: log velocities that the chassis refuses, with its answer.
     """
 
     def __init__(
