@@ -164,7 +164,7 @@ class MotionGate:
                 raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
 
     def farewell(self, timeout: float) -> Callable[[], Coroutine[Any, Any, None]] | None:
-        """Return a function that stops a robot which the agent will not command any more.
+        """Return a function that stops a robot that the agent will no longer command.
 
         Call this before the link leaves the robot, and the function afterwards. After this call,
         the robot does not count as driving. If the function cannot stop the robot, it logs an error.

@@ -52,8 +52,8 @@ class Chassis:
     """The model of the robot, without sockets and without a clock of its own.
 
     `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
-    Within a step, `run_until` makes them at their exact times. Requests change the state at any time.
-    Events, which must all be pushed, are collected until `take_events` returns them.
+    Within a step, `run_until` makes them at their exact times. Requests change the state at any
+    time. Events, which must all be pushed, are collected until `take_events` returns them.
 
     Args:
         config: The options.
@@ -202,7 +202,7 @@ class Chassis:
         return base.pose.moved(*displacement(base.velocity, dt)) if base.moving else base.pose
 
     def after(self, delay: float, call: Callable[[], object]) -> None:
-        """Schedule a call after `delay` seconds of simulated time, or call now if the delay is 0."""
+        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
         if delay > 0.0:
             self.agenda.add(self.elapsed + delay, call)
         else:

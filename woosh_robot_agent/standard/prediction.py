@@ -39,7 +39,7 @@ class Prediction:
         self._before = STANDSTILL
         """Velocity at the report before the last one."""
         self._interval = math.inf
-        """Time between these two reports."""
+        """Time between these two reports, in seconds."""
         self._acceleration = STANDSTILL
         """Mean acceleration in this interval, in m/s² and rad/s²."""
         self._is_new = False

@@ -95,7 +95,7 @@ class Robot(Protocol):
         """Return True if the robot stands at a charger."""
 
     def after(self, delay: float, call: Callable[[], object]) -> None:
-        """Schedule a call after `delay` seconds of simulated time, or call now if the delay is 0."""
+        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
 
     def emit(self, event: Message) -> None:
         """Send a message to all its subscribers. It must not be modified afterwards."""
