@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from woosh_robot_agent.parameters import EXECUTORS
 
 TURNS = 5
-"""Number of turns of agent and floor in one repetition. Turns are needed because a machine's speed
-drifts."""
+"""Number of times that agent and floor are measured alternately in one repetition.
+
+The speed of a machine drifts, which measuring in turn cancels out."""
 _SMOKE_SCALE = 0.01
 
 

@@ -61,7 +61,7 @@ class LastKnown:
     def remember(self, value: Message | Body) -> None:
         """Store an answer or push of the chassis. It is decoded lazily, in `get`."""
         name = value.type if isinstance(value, Body) else full_name(value)
-        if name == _INFO:  # it may lack parts that an unread value holds
+        if name == _INFO:  # first apply the unread values: a RobotInfo may lack these parts
             self._read()
         self._unread.pop(name, None)
         self._unread[name] = value

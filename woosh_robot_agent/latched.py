@@ -135,7 +135,7 @@ class LatchedPublisher:
             self._destroy(publisher)
 
     def forget(self) -> None:
-        """Forget what was published, and what waits to be; in the link thread."""
+        """Forget the published and the waiting messages; in the link thread."""
         self._waiting.clear()
         if self._used and self._publisher is not None:
             self._withdrawn.append(self._publisher)

@@ -2,8 +2,8 @@
 
 The first 8 bytes of a GID of Fast DDS, the default middleware of ROS 2, are: 2 bytes for the
 vendor, 2 for the computer (from its network addresses), the lower 2 of the process id, and 2 random
-ones of the process. Nothing is concluded from a GID unless that of this process has this form,
-because the form is not documented, and other middleware uses another one.
+ones of the process. This form is not documented, and other middleware uses another one. So a GID is
+interpreted only if that of this process has this form.
 """
 
 from __future__ import annotations

@@ -70,8 +70,8 @@ class RefusalExplainer:
     async def reason(self, request_type: str) -> str:
         """Return why the chassis has just refused a request; empty if that is not known.
 
-        Call it within `CODE_DELAY` of the answer. It returns that long after the answer at the
-        latest.
+        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
+        soon as the status code has come.
 
         Args:
             request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
@@ -80,7 +80,7 @@ class RefusalExplainer:
         return "; ".join(each.reason for each in await self.reasons(request_type))
 
     def reasons(self, request_type: str) -> Coroutine[Any, Any, list[Objection]]:
-        """Return what `reason` returns as text, with the known remedies."""
+        """Return the reasons as in `reason`, with the known remedies."""
         return self._reasons(request_type, self._noted)  # of the robot at the time of the call
 
     async def _reasons(self, request_type: str, noted: asyncio.Event) -> list[Objection]:
@@ -130,7 +130,7 @@ class RefusalExplainer:
         self._noted = asyncio.Event()
 
     def _end(self, refusal: _Refusal) -> None:
-        """Expect no status code any more."""
+        """Stop waiting for the status code of a refusal."""
         refusal.end()
         if refusal in self._refusals:
             self._refusals.remove(refusal)
@@ -160,7 +160,7 @@ class _Refusal:
     code: asyncio.Future[Objection | None]
 
     def end(self, code: Objection | None = None) -> None:
-        """Set the status code, unless that is done."""
+        """Set the status code, unless it is already set."""
         if not self.code.done():
             self.code.set_result(code)
 

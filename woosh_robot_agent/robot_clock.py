@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 TOLERANCE = 1.0
-"""Difference of the clocks that is not worth a warning, in seconds."""
+"""Maximum difference of the clocks without a warning, in seconds."""
 _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
 
 

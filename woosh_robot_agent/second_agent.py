@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """Name of a node of which only a topic has been discovered yet."""
 PERIOD = 2.0
-"""Period of looking into the graph, in seconds."""
+"""Period of the checks of the ROS graph, in seconds."""
 LEASE = 25.0
 """Time after which a process that was killed has certainly left the graph, in seconds.
 
@@ -47,15 +47,15 @@ class SecondAgent:
         """Monotonic time at which another agent was first seen; 0 while there is none."""
 
     async def run(self) -> None:
-        """Look into the graph once in a while, until cancelled."""
+        """Check the ROS graph periodically, until cancelled."""
         while True:
             self.look()
             await asyncio.sleep(PERIOD)
 
     def look(self) -> None:
-        """Look into the graph now, and log a second agent that was not there the last time."""
+        """Check the ROS graph now, and log a second agent that was not there at the last check."""
         before, self.warning = self.warning, ""
-        # these counts are cheap; finding out which nodes it are is not
+        # counting is cheap; finding the nodes is not
         publishers = self._node.count_publishers(self._topic)
         if max(publishers, self._node.count_services(self._service)) < 2:
             self._seen = 0.0
@@ -100,7 +100,7 @@ class SecondAgent:
             if place is Place.ENDED:
                 if not certain:
                     continue  # the rest of an agent that was killed
-                place = Place.THIS_COMPUTER  # it runs, in a container with its own process ids
+                place = Place.THIS_COMPUTER  # in a container with its own process ids
             name = f"node {each.node_namespace.rstrip('/')}/{each.node_name}"
             where = f"{place.value}, process {pid}" if pid else place.value
             texts.append(f"{name} {where}".rstrip())

@@ -21,8 +21,8 @@ def meaning(code: int) -> str:
     """Return the meaning of a status code, or an empty string if it is unknown.
 
     Real robots report some codes with another level digit than the table has. Such a code gets the
-    meaning of the only code that is equal but for the level; if there are several, it has none,
-    because their meanings are often opposite.
+    meaning of the code in the table that differs only in the level. If there are several of them,
+    its meaning is unknown, because they often have opposite meanings.
     """
     exact, by_function = _tables()
     return exact.get(code) or by_function.get(code // 10, "")

@@ -50,7 +50,7 @@ def exit_on_stdout_error(main: Callable[_P, int]) -> Callable[_P, int]:
 class _StdoutError(Exception):
     """Writing to stdout failed.
 
-    It is no OSError, so that a program does not take it for an error of its files or sockets.
+    It is not an OSError, because programs would handle that as an error of a file or socket.
 
     Attributes:
         reason: the error of the operating system.

@@ -84,7 +84,7 @@ def _value(field: Any) -> Any:
 
 
 def measure(_domain: int, options: Options) -> Measured:
-    """Measure both ways in turn, from the output of `json.loads` to the ROS message."""
+    """Measure compiled conversion and conversion by reflection, alternately, from JSON to ROS."""
     figures = {}
     for name, (message, ros_name) in samples().items():
         body = json.loads(json.dumps(to_json(message, defaults=True)))

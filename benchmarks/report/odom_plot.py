@@ -19,7 +19,7 @@ _SHOWN = 12.0
 
 
 def draw(path: Path, drive: Drive) -> None:
-    """Write an SVG with two panels: the way, and the error by time."""
+    """Write an SVG with two panels: the driven path, and the error over time."""
     # with a fixed salt, the same figures give the same file
     matplotlib.rcParams["svg.hashsalt"] = path.name
     odom, last = drive.errors["odom"], drive.errors["the last report"]

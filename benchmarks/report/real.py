@@ -64,7 +64,7 @@ Runs = dict[str, list[list[Triple]]]
 
 
 class Event(NamedTuple):
-    """Something that was seen of a task.
+    """An observed event of a task.
 
     Attributes:
         time: Time, in seconds.
@@ -78,7 +78,7 @@ class Event(NamedTuple):
 
 
 def events_of_log(task: Any) -> list[Event]:
-    """Return what the logs tell of a task of the real robot."""
+    """Return the events of a task in the logs of the real robot."""
     sources = {"answer": "answer", "order by another client": "order"}
     pushes = {TASK_PROC: "report", STATE: "state"}
     found = []
@@ -90,7 +90,7 @@ def events_of_log(task: Any) -> list[Event]:
 
 
 def events_of_run(frames: Iterable[Frame]) -> list[Event]:
-    """Return what the frames of a simulated run tell of its task."""
+    """Return the events of the task in the frames of a simulated run."""
     found = []
     for frame in frames:
         if frame.sn:
@@ -211,7 +211,7 @@ def time_figures(facts: Any, simulated: Times) -> list[Figure]:
 def _figure(
     part: str, name: str, limits: Sequence[float], real: Sequence[float], ours: Sequence[float]
 ) -> Figure:
-    """Return a figure that is right if the median of `ours` is within `limits`, or nearly."""
+    """Return a figure that passes if the median of `ours` is within `limits`, with a tolerance."""
     least, most = limits
     median = statistics.median(ours)
     ok = (1 - TOLERANCE) * least - RESOLUTION <= median <= (1 + TOLERANCE) * most + RESOLUTION
@@ -229,7 +229,7 @@ def _spread(values: Sequence[float]) -> str:
 
 
 def answer_figures(facts: Any) -> list[Figure]:
-    """Return a figure for the answers to each request."""
+    """Return a figure for each type of request: the delays of its answers."""
     found = []
     for name, (median, usual, longest) in facts["answers"].items():
         times = answer_times(name, ANSWERS)

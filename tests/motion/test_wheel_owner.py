@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
 @aio
 async def test_no_zero_follows_an_accepted_task() -> None:
-    """The zero at the end would stop the task."""
+    """A zero on closing the gate would stop the task."""
     taking = ("ExecTask", "ExecPreTask", "ActionOrder", "Follow")
     tasks = [each for each in MOVING if each.DESCRIPTOR.name in taking]
     assert len(tasks) == len(taking)

@@ -119,7 +119,7 @@ def test_endpoint_outside_the_manual_works(name, simulator, agent, client):
 
 
 def test_every_endpoint_has_a_test():
-    """test_documented_commands calls those in the vendor's manual, the tests above the others."""
+    """`test_documented_commands` tests the endpoints in the manual, `MORE` the others."""
     shown = {(command.verb, command.name) for command in documented()}
     shown |= {("service call", name) for name in MORE}
     table = {("service call", e.name) for e in (*QUERIES, *COMMANDS)}

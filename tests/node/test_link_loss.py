@@ -244,7 +244,7 @@ def test_unanswered_goal_without_pushes_is_found_by_polling(
     simulator.mute(EXEC_TASK)
     simulator.mute(CALL_ACTION)
     simulator.intercept(lambda out: [out] if out.sn else [])
-    slow_down(simulator)  # an end found by the first poll might be that of an earlier goal
+    slow_down(simulator)  # if the first poll found an end, it might be that of an earlier goal
     goal = task(client) if kind == "task" else step(client, 8.0)
     simulator.wait_received(TASK_PROC if kind == "task" else FEEDBACKS)
     hurry(simulator)

@@ -167,7 +167,7 @@ def test_a_moving_robot_has_several_messages_for_each_report(
 def test_the_pose_moves_by_the_velocity(
     reports: Reports, start: Callable[..., Any], client: Client
 ) -> None:
-    """Along an arc, judged by the stamps of the messages."""
+    """Between two messages, the pose moves along the arc that their stamps give."""
     start(odom_rate=100.0)
     odom = odoms(client)
     reports.push(Pose2D(), 0.5, 1.0)
@@ -261,7 +261,7 @@ def test_prediction_can_be_switched_off(
         reports.push(Pose2D(0.1 * number), 0.5)
         wait_until(lambda: sum(map(moving, odom.messages)) == number)  # noqa: B023
         reports.push(Pose2D(0.1 * number))
-        # several periods later, the next report is not too early to be published
+        # wait several periods, so that the rate does not suppress the next report
         odom.wait_count(len(odom.messages) + 5)
     reports.push(Pose2D(0.4), 0.5)
     pass_two_seconds(client)

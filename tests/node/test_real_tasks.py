@@ -28,7 +28,7 @@ NO_ID = "None"
 EXEC_PRE_TASK = "woosh.robot.ExecPreTask"
 ENDS = {
     "kCompleted": (SUCCEEDED, COMPLETED),
-    "kCanceled": (ABORTED, TASK_CANCELED),  # another client did it
+    "kCanceled": (ABORTED, TASK_CANCELED),  # by another client
     "kFailed": (ABORTED, FAILED),
 }
 """Status of the goal and state of the task in its result, by the recorded end."""

@@ -283,7 +283,7 @@ def test_an_end_that_was_not_seen_is_noticed_if_polls_are_refused(
     chassis.push(TASK_PROC, empty())
     status, ret = goal.result()
     assert status == ABORTED
-    assert "stopped executing the goal, and does not say how it ended" in ret.msg
+    assert "stopped executing the goal, but did not report how it ended" in ret.msg
 
 
 def test_a_goal_goes_on_if_polls_are_refused(chassis: ScriptedChassis, client: Client) -> None:

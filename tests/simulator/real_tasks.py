@@ -1,4 +1,4 @@
-"""The tasks of a real robot, made by the simulator, and figures about both."""
+"""Tasks of the real robot, the same tasks in the simulator, and the figures about both."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class RealTask(NamedTuple):
 
 
 def is_empty(frame: Frame) -> bool:
-    """Return True for a TaskProc that tells that there is no task."""
+    """Return True for a TaskProc without a task."""
     return frame.type == TASK_PROC and not task_id(frame.body)
 
 
@@ -166,7 +166,7 @@ def order(chassis: RecordedChassis, number: int, after: float = 6.0) -> None:
 
 
 def cancelled(chassis: RecordedChassis) -> RealTask:
-    """Cancel a task on its way."""
+    """Cancel a task while the robot drives."""
     return pick(chassis, lambda: order(chassis, CANCEL))
 
 
@@ -219,7 +219,7 @@ def failed(chassis: RecordedChassis) -> RealTask:
 
 
 def obstacle(chassis: RecordedChassis) -> RealTask:
-    """Wait for an obstacle in the way to go away."""
+    """Wait until an obstacle in the way has gone."""
 
     def put(model: Chassis) -> None:
         assert model.ownership.navigation

@@ -119,7 +119,7 @@ def test_uninitialised_chassis_needs_init_robot() -> None:
 
 @pytest.fixture
 def following_client(simulator: SimulatorThread, client: JsonClient) -> JsonClient:
-    """A client whose robot follows an obstacle, its leader."""
+    """Client of a robot that follows an obstacle named `leader`."""
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
     move_leader(simulator, 2.5, 0.0)
     client.subscribe(STATE, "woosh.robot.PoseSpeed")

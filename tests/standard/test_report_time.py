@@ -1,4 +1,4 @@
-"""The times of delayed reports, with times of receipt given by the test."""
+"""Estimated times of reports that are delayed by known amounts."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def chassis() -> Iterator[SimulatorThread]:
 
 @pytest.fixture
 def set_state(chassis: SimulatorThread) -> Callable[..., None]:
-    """Function that sets attributes of the chassis that decide if it accepts tasks."""
+    """Function that sets attributes of the chassis's readiness for tasks."""
 
     def change(**values: object) -> None:
         def do(simulator: object) -> None:

@@ -35,7 +35,7 @@ async def test_velocities(source: str) -> None:
         assert rig.watch.who_drives.now() == Driver(source)
         await rig.push(PoseSpeed(), MOVING)
         await rig.send(ZERO, source)
-        assert rig.watch.who_drives.now() == Driver(source, "the robot is rolling out")
+        assert rig.watch.who_drives.now() == Driver(source, "the robot is rolling to a stop")
         await rig.push(PoseSpeed(), {**MOVING, "twist": {}})
         assert rig.watch.who_drives.now() == Driver("nobody")
 

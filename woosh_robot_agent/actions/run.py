@@ -40,12 +40,12 @@ _LOG = logging.getLogger(__name__)
 
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
-_DISPLACED = "the chassis stopped executing the goal, and does not say how it ended"
+_DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
 _NO_REASON = "the chassis refused the goal without giving a reason"
 
 
 class _RefusedError(Exception):
-    """The chassis refused the goal; the text is the chassis's word."""
+    """The chassis refused the goal; the text is that of its answer."""
 
 
 class GoalRun:

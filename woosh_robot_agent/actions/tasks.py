@@ -99,7 +99,7 @@ class TaskGoal:
         self._previous = last_reports.get(self._id)
         """The last report on an earlier task of this id."""
         self._since = 0
-        """Time of the last report on another task or on none, by the robot's clock."""
+        """Time of the last report that was not on this task, by the robot's clock."""
         last = last_known.get(full_name(TaskProc))
         is_current = isinstance(last, TaskProc) and last.robot_task_id == self._id
         if isinstance(last, TaskProc) and is_current:
@@ -108,7 +108,7 @@ class TaskGoal:
             predecessors = max(predecessors, int(last.state not in _OUTCOMES))
         elif isinstance(last, TaskProc):
             self._since = last.time
-        # after the empty report that follows an end, nothing more comes on an earlier task
+        # after an empty report, no more reports on an earlier task come
         is_reused = predecessors > 0 or is_current
         self.attribution = Attribution(predecessors, Outcome if is_reused else ())
 

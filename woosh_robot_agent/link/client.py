@@ -49,8 +49,8 @@ class ChassisClient:
     Args:
         ip: address of the chassis; None takes the one of `config`.
         config: configuration of the link; None takes the defaults.
-        minimum_timeouts: for slow requests, by protobuf full name, the time to wait for the answer,
-            in seconds, if the configured `request_timeout` is shorter.
+        minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name. They
+            apply where the configured `request_timeout` is shorter.
 
     Attributes:
         stats: counters of the link.
@@ -95,7 +95,7 @@ class ChassisClient:
 
     @property
     def since(self) -> float:
-        """Unix time at which the link last became ready or ceased to be, in seconds."""
+        """Unix time at which the link last became ready or was lost, in seconds."""
         return self._status.since
 
     @property
@@ -181,9 +181,9 @@ class ChassisClient:
 
         Args:
             config: the configuration.
-            farewell: called if `config` addresses another robot. The connection to the former one
-                is closed when it has ended. It can send requests with the function that `reserve`
-                returned, with `farewell=True`.
+            farewell: called if `config` addresses another robot, to send last requests to the
+                former one. The connection to the former robot is closed afterwards. To send, call
+                the function that `reserve` returned, with `farewell=True`.
         """
         self._subscriptions.set_depth(config.push_queue)
         await self._reconnect.reconfigure(config, farewell)
@@ -259,7 +259,7 @@ class ChassisClient:
         return max(self.config.request_timeout, self._minimum_timeouts.get(name, 0.0))
 
     def permit_only(self, which: Callable[[Message], bool] | None, reason: str = "") -> None:
-        """Refuse to send any other requests from now on; those that wait are withdrawn.
+        """Limit which requests are sent; withdraw others that wait to be sent.
 
         The link's own requests, for RobotInfo and RobotState, only read and are always sent.
 
@@ -365,7 +365,8 @@ class ChassisClient:
     def on_snapshot(self, callback: Callable[[RobotInfo], None]) -> None:
         """Call `callback` in the event loop with the first RobotInfo of each link.
 
-        The calls are in order with the pushes: those delivered before are older, those after newer.
+        The calls are in order with the pushes: pushes before the call are older than the RobotInfo,
+        and pushes after it are newer.
         """
         self._subscriptions.on_snapshot(callback)
 

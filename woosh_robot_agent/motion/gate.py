@@ -164,10 +164,10 @@ class MotionGate:
                 raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
 
     def farewell(self, timeout: float) -> Callable[[], Coroutine[Any, Any, None]] | None:
-        """Return a function that stops a robot which the agent will not command any more.
+        """Return a function that stops a robot that the agent will no longer command.
 
-        Call it before the robot is left, and the function after that. From then on, the robot does
-        not count as driving. If the function cannot stop the robot, it logs an error.
+        Call this before the link leaves the robot, and the function afterwards. After this call,
+        the robot does not count as driving. If the function cannot stop the robot, it logs an error.
 
         Args:
             timeout: time to wait for the answer to the zero, in seconds.
@@ -202,9 +202,9 @@ class MotionGate:
         self._stop_callbacks.append(callback)
 
     def on_answered(self, callback: Callable[[AnsweredCommand], None]) -> None:
-        """Call `callback` with each command of `request` that the chassis answers, to observe it.
+        """Call `callback` with each command sent by `request`, once the chassis has answered it.
 
-        The requests of a stop are not among them.
+        The requests of a stop are not included.
         """
         self._answered_callbacks.append(callback)
 
@@ -279,7 +279,7 @@ class MotionGate:
 
     def _start_reported(self) -> None:
         """Forget the last velocity, because a task or an action has taken the wheels after it."""
-        # the velocity may be later than the start if it is unanswered yet, or if this gate
+        # the velocity may have been sent after the start if it is unanswered, or if this gate
         # commanded the start, which is reported some time after it was accepted
         own_start = time.monotonic() < self._wheels_taken + DRIVING
         if not self._velocities.in_flight and not own_start:  # rule 6

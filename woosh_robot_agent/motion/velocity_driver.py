@@ -61,7 +61,7 @@ class VelocityDriver:
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
-        log_refusals: log what the chassis refuses, and its answer.
+        log_refusals: log velocities that the chassis refuses, with its answer.
     """
 
     def __init__(
@@ -137,7 +137,9 @@ class VelocityDriver:
                 self._silence("velocities were not permitted until now")
             self.refuse("not permitted", reason)
         elif moves and self._silenced:  # rule 3
-            self.refuse("silenced", f"{self._silenced}; send a zero, or nothing for {_PAUSE:g} s")
+            self.refuse(
+                "silenced", f"{self._silenced}; send a zero velocity, or nothing for {_PAUSE:g} s"
+            )
         elif moves and not self._limits().override and (owner := self._gate.owner):  # rule 2
             self.refuse(
                 "owner",

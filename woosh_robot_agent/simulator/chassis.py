@@ -51,9 +51,9 @@ _MAX_SPOKEN = 50
 class Chassis:
     """The model of the robot, without sockets and without a clock of its own.
 
-    `tick` advances the simulated time by a step, and makes the calls that are due in it. Within a
-    step, `run_until` makes them at their exact times. Requests change the state at any time.
-    Events, which must all be pushed, are collected until `take_events` returns them.
+    `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
+    Within a step, `run_until` makes them at their exact times. Requests change the state at any
+    time. Events, which must all be pushed, are collected until `take_events` returns them.
 
     Args:
         config: The options.
@@ -66,9 +66,9 @@ class Chassis:
         elapsed: Simulated time since the start, in seconds.
         clock_offset: Difference between the clock of the robot and the real one, in seconds.
         stepped: The time up to which the motion is computed, in seconds.
-        agenda: Calls that are due at later times.
+        agenda: Scheduled calls.
         on_change: Called after each of these calls.
-        chance: Random numbers for everything that is not always the same.
+        chance: Random number generator for everything that varies.
         answer_delay: Time until the current request is answered, in seconds. Its handler may
             change it.
         state_first: The changes that the current request causes are pushed before its answer.
@@ -202,7 +202,7 @@ class Chassis:
         return base.pose.moved(*displacement(base.velocity, dt)) if base.moving else base.pose
 
     def after(self, delay: float, call: Callable[[], object]) -> None:
-        """Make a call after `delay` seconds of simulated time, or now if the delay is 0."""
+        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
         if delay > 0.0:
             self.agenda.add(self.elapsed + delay, call)
         else:
@@ -216,7 +216,7 @@ class Chassis:
         self.state_first = self.chance.random() < self.profile.tasks.state_first
 
     def run_until(self, time: float) -> None:
-        """Advance the simulated time within a step, and make the calls that are due."""
+        """Advance the simulated time within a step, and make the scheduled calls that are due."""
         while self.agenda.next_time <= time:
             self.elapsed = max(self.elapsed, self.agenda.next_time)
             self.agenda.pop()()
@@ -320,8 +320,8 @@ class Chassis:
         At manual it overrides the control mode and switches the motors off.
 
         Args:
-            manual: Turn it to manual.
-            accept: Accept requests nevertheless. They have no effect on the motors.
+            manual: True for manual, False for automatic.
+            accept: At manual, accept requests instead of refusing them. The motors stay off.
         """
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept

@@ -29,7 +29,7 @@ The same Ctrl-C may end an agent, which stops the robot before it disconnects.
 """
 
 _REPEAT_TIME = 0.3
-"""Time for which further signals count as repeats of the first one, in seconds.
+"""Time within which further signals count as repeats of the first one, in seconds.
 
 Without a terminal, `ros2 launch` sends a second SIGINT after that of the process group.
 """
@@ -39,8 +39,8 @@ Without a terminal, `ros2 launch` sends a second SIGINT after that of the proces
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     """Run a simulated chassis until a signal arrives.
 
-    After the signal, it still serves its clients until they have disconnected, for a second at
-    most. Another signal ends it at once, unless it is a mere repeat of the first one.
+    After the signal, it serves its clients until they have disconnected, for a second at most.
+    Another signal ends it at once. Signals within `_REPEAT_TIME` of the first one are ignored.
 
     Args:
         arguments: Command-line arguments; None for those of this process.
@@ -137,7 +137,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
 
 
 async def _wait_second(signal: asyncio.Event) -> None:
-    """Wait for another signal that is no repeat of the first one."""
+    """Wait for another signal, except within `_REPEAT_TIME` of the first one."""
     await asyncio.sleep(_REPEAT_TIME)
     signal.clear()
     await signal.wait()
@@ -192,7 +192,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--profile",
         default=default.profile,
         metavar="NAME_OR_FILE",
-        help=f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file like theirs",
+        help=f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file",
     )
     parser.add_argument(
         "--clock-offset",
@@ -204,7 +204,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--code-language",
         choices=LANGUAGES,
-        help="language of the texts of status codes, none: no texts; default: as in the profile",
+        help="language of the texts of status codes; none: no texts; default: that of the profile",
     )
     parser.add_argument(
         "--scene",

@@ -18,7 +18,7 @@ from woosh_robot_agent.simulator.status_codes import Language
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 
 DEFAULT_PROFILE = "tr200"
-"""Profile of a simulator that is told nothing else."""
+"""Profile of a simulator that is started without the option `profile`."""
 
 _FOLDER = Path(__file__).parent / "data" / "profiles"
 
@@ -37,8 +37,8 @@ class Spread(NamedTuple):
     """A distribution of times, in seconds. In a file it is a list of these three numbers.
 
     Attributes:
-        median: Half of the times are shorter.
-        usual: 90 % of the times are shorter.
+        median: Median.
+        usual: 90 % quantile.
         longest: Maximum.
     """
 
@@ -47,7 +47,7 @@ class Spread(NamedTuple):
     longest: float
 
     def at(self, share: float) -> float:
-        """Return the time than which `share` of all times, from 0 to 1, are shorter."""
+        """Return the quantile of the times at `share`, from 0 to 1."""
         if share <= 0.5:
             return self.median * (0.9 + 0.2 * share)
         if share <= 0.9:
@@ -68,7 +68,7 @@ class Range(NamedTuple):
     most: float
 
     def at(self, share: float) -> float:
-        """Return the time than which `share` of all times, from 0 to 1, are shorter."""
+        """Return the quantile of the times at `share`, from 0 to 1."""
         return self.least + (self.most - self.least) * share
 
 
@@ -86,12 +86,12 @@ class ModelProfile:
     Attributes:
         display_model: Name for people.
         urdf_name: Name of the robot's description.
-        length: Length in millimetres, as reported; likewise width and height.
-        width: Width, in millimetres.
-        height: Height, in millimetres.
-        weight: Weight, in kg.
-        load: Maximum load, in kg.
-        outline: Corners of the robot on the floor.
+        length: Reported length, in millimetres.
+        width: Reported width, in millimetres.
+        height: Reported height, in millimetres.
+        weight: Reported weight, in kg.
+        load: Reported maximum load, in kg.
+        outline: Corners of the real outline on the floor.
     """
 
     display_model: str
@@ -110,26 +110,28 @@ class ModelProfile:
 
 @dataclass(frozen=True)
 class TaskProfile:
-    """Tasks: their reports, and the time between these.
+    """Tasks: the steps that they have, and the times between their reports.
 
     Attributes:
         starting_states: States reported before the task is executed, in order.
-        first_report: Times from the answer to the first report, in seconds, each as likely as the
-            others; empty for the next step of the simulation.
+        first_report: Possible times from the answer to the first report, in seconds, all equally
+            likely; empty for the next step of the simulation.
         between_jobs: Time from the end of a job to the start of the next one, in seconds.
         order_effect: Time from an order to the report that shows its effect.
-        state_first: Share of the tasks of which RobotState is pushed before the answer.
+        state_first: Share of the tasks, from 0 to 1, for which RobotState is pushed before the
+            answer.
         empty_report: Time from the end of a task to an empty report; None to keep the last one.
         report_last_action: The last state of an action is reported before that of its task.
         final_wait: A pick task ends with a wait of 0 s.
         leave_dock: A robot in a dock leaves it before it drives to another place.
         pause_at_obstacle: A task that an obstacle blocks is reported as paused.
-        obstacle_timeout: Time after which a task fails that finds no way round an obstacle, in
-            seconds; None to wait without end.
+        obstacle_timeout: Time after which a task without a way round an obstacle fails, in
+            seconds; None to wait without a timeout.
         charge_as_parking: The robot's state is kParking while it drives to a charger by itself.
         messages: Reports have texts.
-        own_id_factor: Factor of the time in the ids of the robot's own tasks.
-        own_id_offset: Summand of these ids.
+        own_id_factor: Factor in the ids that the robot chooses: Unix time in seconds * factor +
+            offset.
+        own_id_offset: Offset in these ids.
     """
 
     starting_states: tuple[str, ...]
@@ -222,7 +224,7 @@ class BatteryProfile:
         charging_rate: Charge with time at a charger, in percent per second.
         health: Remaining capacity, as reported.
         charge_cycle: Number of charge cycles.
-        battery_cycle: Number of charge cycles for which it is made.
+        battery_cycle: Number of charge cycles for which the battery is rated.
         temp_max: Maximum temperature of the cells, in degrees Celsius.
     """
 
@@ -244,9 +246,9 @@ class ChargingProfile:
         docking_speed: Speed of docking, in m/s.
         steps: Distances of the steps into a charger after docking, in metres.
         step_speed: Speed of these steps, in m/s.
-        starts_after: Time from the start of charging until the battery charges, in seconds.
-        confirmed_after: Time until the job ends while the battery charges on; None if it ends when
-            the battery is full.
+        starts_after: Time from the start of the charging job until current flows, in seconds.
+        confirmed_after: Time from the start of the job to its end, in seconds. The battery goes on
+            charging. None to end the job when the battery is full.
         completed_after: Time from the end of the job to the end of the task, in seconds.
     """
 
@@ -266,8 +268,8 @@ class RefusalProfile:
     Attributes:
         explained: Answers explain a refusal, instead of using the words of the real robot.
         codes: A status code follows the answer where the real robot sends one.
-        while_busy: A task is refused while another one runs, steps while others run, and InitRobot
-            while a task runs. Otherwise the new one takes the place of the old one.
+        while_busy: True to refuse a task while another one runs, steps while other steps run, and
+            InitRobot while a task runs. False to replace what is running.
     """
 
     explained: bool

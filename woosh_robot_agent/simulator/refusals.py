@@ -12,10 +12,10 @@ from woosh_robot_agent.simulator import status_codes as codes
 from woosh_robot_agent.simulator.status_codes import Code
 
 REQUEST_FAILED = "Request failed"
-"""Words for nearly everything. They give no reason."""
+"""Words for most refusals. They give no reason."""
 
 TASK_IS_EXECUTING = "Task is excuting,request failed"
-"""Words for a request that a running task forbids. The real robot spells it so."""
+"""Words for a request that a running task forbids. The misspelling is that of the real robot."""
 
 NOT_AUTO_MODE = "It is not auto mode,request failed"
 """Words for a request that needs automatic mode."""

@@ -24,10 +24,12 @@ from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 _LOG = logging.getLogger(__name__)
 
 _MIN_STEP = 0.005
-"""Shortest step within which the simulated time advances, in seconds of real time."""
+"""Minimum real duration of a step within which the simulated time advances, in seconds.
+
+At a higher speed, it advances only by whole steps."""
 
 _END_OF_STEP = 0.999 * TIME_STEP
-"""Simulated time within a step that only `Chassis.tick` exceeds, in seconds."""
+"""Maximum simulated time within a step, in seconds. `Chassis.tick` completes the step."""
 
 _MAX_LAG = 1.0
 """Real time that the simulation may lag behind before it skips steps, in seconds."""
@@ -40,8 +42,8 @@ class SimulatedChassis:
         async with SimulatedChassis(SimulatorConfig(port=0, tcp_port=0)) as simulator:
             ...  # connect to simulator.port
 
-    Call all methods from the thread of the event loop. `SimulatorThread` has them for other
-    threads.
+    Call all methods from the thread of the event loop. `SimulatorThread` offers them to
+    other threads.
 
     Attributes:
         config: The options.
@@ -201,11 +203,11 @@ class SimulatedChassis:
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
         """Turn the key switch to manual, or to automatic.
 
-        At manual it overrides the control mode and switches the motors off.
+        At manual, it overrides the control mode and switches the motors off.
 
         Args:
-            manual: Turn it to manual.
-            accept: Accept requests nevertheless. They have no effect on the motors.
+            manual: True for manual, False for automatic.
+            accept: At manual, accept requests instead of refusing them. The motors stay off.
         """
         self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()
@@ -295,7 +297,7 @@ class SimulatedChassis:
         self._replace_fault("lose_answer", type_name)
 
     def answer_as(self, type_name: str, other: str) -> None:
-        """Give all answers to requests of a type the wrong type `other`."""
+        """Answer all requests of a type with the wrong message type `other`."""
         self._replace_fault("wrong_type", type_name, other=other)
 
     def accept(self, type_name: str) -> None:
@@ -342,7 +344,7 @@ class SimulatedChassis:
         return bool(self._ticker) and not self._frozen and TIME_STEP / self.speed >= _MIN_STEP
 
     def _wake_for(self, time: float) -> None:
-        """Make a call of the chassis on time, if it is due before the next step."""
+        """Wake up for a call of the chassis that is due before the next step."""
         into_step = time - self.chassis.stepped
         if self._runs_within_steps and into_step < TIME_STEP:
             loop = asyncio.get_running_loop()
@@ -356,4 +358,4 @@ class SimulatedChassis:
         try:
             self.chassis.run_until(self.chassis.stepped + min(into_step, _END_OF_STEP))
         except Exception:  # the clock must not stop
-            _LOG.exception("cannot make a call of the simulated robot")
+            _LOG.exception("a scheduled call of the simulated robot failed")

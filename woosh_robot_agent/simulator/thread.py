@@ -251,8 +251,8 @@ class SimulatorThread:
         At manual it overrides the control mode and switches the motors off.
 
         Args:
-            manual: Turn it to manual.
-            accept: Accept requests nevertheless. They have no effect on the motors.
+            manual: True for manual, False for automatic.
+            accept: At manual, accept requests instead of refusing them. The motors stay off.
         """
         self.call(lambda simulator: simulator.set_key_switch(manual, accept=accept))
 

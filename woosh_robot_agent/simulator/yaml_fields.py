@@ -60,7 +60,7 @@ class Node:
         """Check that this is a mapping with no other keys than these, and return it.
 
         Raises:
-            DataFileError: It is not.
+            DataFileError: This is not a mapping, or it has another key.
         """
         self._mapping()
         for key in self.value:
@@ -157,7 +157,7 @@ class Node:
         """Return this text, which must be one of `choices`.
 
         Raises:
-            DataFileError: It is not.
+            DataFileError: This is not one of them.
         """
         if not isinstance(self.value, str) or self.value not in choices:
             raise self.error(f"{self.preview()} is not one of {', '.join(choices)}")

@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class GoalPose(Part):
-    """Client of the agent's own MoveBase action; a new goal_pose replaces the one before.
+    """Client of the agent's own MoveBase action; a new goal_pose replaces the previous one.
 
     The goal is an ordinary one, visible in the action's status. Its outcome is logged, because the
     sender of a topic gets no answer. All methods run in the executor thread.

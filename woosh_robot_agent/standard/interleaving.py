@@ -7,24 +7,24 @@ from collections import deque
 WINDOW = 2.5
 """Time within which several publishers count as simultaneous, in seconds.
 
-Publishers of 1 Hz are noticed too.
+Long enough to detect publishers at 1 Hz.
 """
 _UNKNOWN = (None, 0, 2**64 - 1)
-"""Sequence numbers of middleware that does not number messages."""
+"""Sequence numbers that mean that the middleware does not number messages."""
 
 
 class Interleaving:
-    """Notices by the sequence numbers of messages that they come from several publishers.
+    """Detects several publishers of a topic by the sequence numbers of their messages.
 
-    Each publisher numbers its messages in ascending order. A number that is not above the last one
-    comes from another publisher, or from one that was restarted. Twice within `WINDOW` it is no
-    restart.
+    Each publisher numbers its messages in ascending order. A number that is not above the previous
+    one comes from another publisher, or from one that was restarted. If this happens twice within
+    `WINDOW`, it was no restart.
     """
 
     def __init__(self) -> None:
         self._last = 0
         self._returns: deque[float] = deque(maxlen=2)
-        """Times at which the number did not rise, the last ones."""
+        """The last times at which the number did not rise."""
 
     def notice(self, number: int | None, now: float) -> bool:
         """Process the number of a message.

@@ -37,7 +37,7 @@ class Odom(Part):
 
     Otherwise, each report is published once, at up to `odom_rate`, and the pose of a standing robot
     is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each message.
-    The stamp is the time at which the pose is true, or that of the receipt of the report.
+    The stamp is always the current time.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -75,7 +75,7 @@ class Odom(Part):
             if now - self._received > _SILENCE:
                 self._silent()
             if self._context.settings().odom_prediction:
-                # two messages that follow each other at once are of no use
+                # skip a message right after another one
                 if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
                     self._publish_predicted()
             elif not self._odometry.velocity.moving and self._due(now, self._sent, 0.9):

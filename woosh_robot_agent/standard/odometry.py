@@ -2,9 +2,9 @@
 
 The chassis reports one pose, in its map, corrected by its localisation. REP 105 requires two
 transforms: `odom` -> `base_link`, which never jumps, and `map` -> `odom`, which takes the jumps.
-Therefore each report is compared with the one before. Movement that fits the speeds in both reports
-changes `odom` -> `base_link`. Any other movement, such as a pose set by a user, changes `map` ->
-`odom`. Small corrections of the localisation look like driving, and become part of `odom`.
+Therefore each report is compared with the previous one. Movement that fits the speeds in both
+reports changes `odom` -> `base_link`. Any other movement, such as a pose set by a user, changes
+`map` -> `odom`. Small corrections of the localisation look like driving, and become part of `odom`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _MAX_SPEED = 3.0
 _MAX_TURN = math.tau
 """Upper bound of the robot's angular speed, in rad/s."""
 _MAX_SPEED_GAIN = 1.0
-"""Maximum of a reported speed minus the mean speed since the report before, in m/s."""
+"""Maximum excess of a reported speed over the mean speed since the previous report, in m/s."""
 _MAX_TURN_GAIN = 2.0
 """The same for the angular speed, in rad/s."""
 _MAX_DELAY = 0.3
-"""Maximum delay of a report relative to the one before, in seconds."""
+"""Maximum delay of a report relative to the previous one, in seconds."""
 _MIN_INTERVAL = 0.02
-"""Minimum interval between two reports by which a movement is divided, in seconds."""
+"""Lower bound of the interval by which a movement is divided, in seconds."""
 _MAX_INTERVAL = 0.5
-"""Maximum interval between two reports of a moving robot, in seconds."""
+"""Upper bound of the interval between two reports of a moving robot, in seconds."""
 _POSITION_TOLERANCE = 0.03
 """Maximum forward difference between reported pose and prediction from speeds, in metres."""
 _HEADING_TOLERANCE = 0.03
@@ -38,13 +38,13 @@ _SIDEWAYS_TOLERANCE = 0.1
 _POSE_SET_INTERVAL = 0.5
 """Time after setting the robot's pose in which it may still report the old one, in seconds."""
 _POSE_SET_TOLERANCE = 0.01
-"""Tolerance within `_POSE_SET_INTERVAL` while the robot moves, in metres or radians."""
+"""Tolerance of pose and heading within `_POSE_SET_INTERVAL` for a moving robot, in m and rad."""
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
-"""Tolerance within `_POSE_SET_INTERVAL` while the robot stands, in metres or radians."""
+"""The same for a standing robot."""
 _LEVER = 0.3
-"""Distance from the robot's centre at which turning counts as much as driving, in metres."""
+"""Radius that converts angles to lengths, to compare turning with driving, in metres."""
 _MIN_SIDEWAYS = 0.004
-"""Minimum sideways movement, in metres; a smaller one is an error of the curve."""
+"""Minimum sideways movement that is not taken for an inexact curve, in metres."""
 
 
 class Odometry:
@@ -55,7 +55,7 @@ class Odometry:
         map_to_odom: pose of `odom` in `map`.
         velocity: velocity of the robot at the last report. The speed to the left is derived from
             the poses, as reports do not have it.
-        time: time at which the last report was true, by the clock of `update`.
+        time: time of the last reported pose, by the clock of `update`.
     """
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class Odometry:
         self._pose_set_until = time + _POSE_SET_INTERVAL
 
     def silent(self) -> None:
-        """Note that there was no report for so long that the robot does not move sideways."""
+        """Note that the robot does not move sideways, because no report has come for a while."""
         self._sideways = 0.0
         if self.velocity.left:
             self.velocity = Velocity(self.velocity.forward, 0.0, self.velocity.turn)
@@ -105,7 +105,7 @@ class Odometry:
             received: time of receipt by a monotonic clock, in seconds.
 
         Returns:
-            False if the speeds are impossible. Those of the movement take their place.
+            False if the reported speeds are impossible. They are then derived from the movement.
         """
         moved = reported.seen_from(self._reported)
         arc, before = moved.arc, self.velocity
@@ -128,7 +128,7 @@ class Odometry:
             last = self.time
             self.time = self._report_time.next(received, arc, before, after)
             self.pose *= moved
-            # a standing robot that reports was corrected by its localisation
+            # a report after a long interval is a correction of the localisation
             if abs(arc[1]) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
                 sideways = arc[1] / max(self.time - last, _MIN_INTERVAL)
                 sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))
@@ -139,7 +139,7 @@ class Odometry:
         return possible
 
     def _left(self, sideways: float) -> float:
-        """Return the speed to the left at a report from the mean speed since the one before."""
+        """Return the speed to the left at a report, from the mean since the previous report."""
         slower = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
         if not slower:
             return sideways
@@ -176,7 +176,7 @@ class Odometry:
         interval: float,
         time: float,
     ) -> bool:
-        """Return True if the robot cannot have driven the movement since the last report."""
+        """Return True if the movement since the last report cannot have been driven."""
         before = self.velocity
         forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
         # the duration follows from the movement, because the times of receipt are inexact

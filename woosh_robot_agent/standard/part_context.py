@@ -74,7 +74,7 @@ class PartContext:
         Args:
             name: name of the topic.
             callbacks: event callbacks, called in the executor thread.
-            about_robot: take the messages of a latched topic back when the link turns to another
+            about_robot: withdraw the messages of a latched topic when the link turns to another
                 robot.
 
         Raises:

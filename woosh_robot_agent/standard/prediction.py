@@ -2,11 +2,11 @@
 
 A robot reports about five times a second while it moves. Between the reports, its pose is predicted
 from the last one: the robot drives on at the reported velocity, along an exact arc. If it slowed
-down between the last two reports, it continues to slow down until it stands. If it became faster,
-it keeps its speed, because it may have reached the speed that it was told to drive at.
+down between the last two reports, it continues to slow down until it stands. If it accelerated, it
+keeps its speed, because it may have reached the commanded one.
 
-Each report starts a new prediction. The difference between the old and the new one is not added at
-once, because the pose must not jump, but within 0.15 s.
+Each report starts a new prediction. The pose must not jump, so the difference between the old and
+the new prediction is blended in over 0.15 s.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
 HORIZON = 0.3
 """Maximum time between a report and a pose that is predicted from it, in seconds."""
 _BLEND = 0.15
-"""Time in which the error of a prediction disappears, in seconds."""
+"""Time over which the error of a prediction is blended out, in seconds."""
 _MIN_INTERVAL = 0.01
 """Minimum interval between two reports from which an acceleration is derived, in seconds."""
 _MAX_INTERVAL = 0.5
@@ -39,7 +39,7 @@ class Prediction:
         self._before = STANDSTILL
         """Velocity at the report before the last one."""
         self._interval = math.inf
-        """Time between these two reports."""
+        """Time between these two reports, in seconds."""
         self._acceleration = STANDSTILL
         """Mean acceleration in this interval, in m/s² and rad/s²."""
         self._is_new = False
@@ -61,9 +61,9 @@ class Prediction:
         """Start a new prediction.
 
         Args:
-            pose: pose of the robot at `time`.
-            velocity: velocity of the robot at `time`.
-            time: time at which both were true; may be before that of the last prediction.
+            pose: reported pose.
+            velocity: reported velocity.
+            time: time of the pose and the velocity; may be before that of the last prediction.
         """
         self._before, self._interval = self._velocity, time - self._time
         self._pose, self._velocity, self._time = pose, velocity, time
@@ -82,7 +82,7 @@ class Prediction:
         """Return the pose and the velocity of the robot.
 
         Args:
-            time: time of the pose, not before that of the call before.
+            time: time of the pose; must not be before that of the previous call.
         """
         if self._is_new:
             self._start()
@@ -122,13 +122,13 @@ class Prediction:
         self._error_time = self._last_time
 
     def _at(self, time: float) -> Pose2D:
-        """Return the pose at a time by the last report alone."""
+        """Return the pose at a time as predicted from the last report, without blending."""
         elapsed = max(-HORIZON, min(time - self._time, HORIZON))
         velocity, change = self._velocity, self._acceleration
         if elapsed > 0.0:
             if not velocity.moving:
                 return self._pose
-            # a mean velocity makes an exact arc of a constant one
+            # `from_arc` is exact for a constant velocity
             forward = _mean(velocity.forward, change.forward, elapsed)
             left = _mean(velocity.left, change.left, elapsed)
             turn = _mean(velocity.turn, change.turn, elapsed)
@@ -141,7 +141,7 @@ class Prediction:
 
 
 def _slowed(speed: float, acceleration: float, seconds: float) -> float:
-    """Return the speed after some time: of a robot that slows down, a smaller one or zero."""
+    """Return the speed after some time. Only a robot that slows down changes it, down to zero."""
     if speed * acceleration >= 0.0:
         return speed
     slowed = speed + acceleration * seconds

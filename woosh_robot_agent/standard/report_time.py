@@ -1,4 +1,4 @@
-"""The time at which a report of a moving robot was true."""
+"""Estimation of the time at which a moving robot measured the pose in a report."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ import math
 from woosh_robot_agent.standard.velocity import Velocity
 
 _LEVER = 0.3
-"""Distance from the robot's centre at which turning counts as much as driving, in metres."""
+"""Radius that converts angles to lengths, to add turning and driving, in metres."""
 _MIN_SPEED = 0.1
-"""Minimum mean speed at which the duration of a movement is derived from it, in m/s."""
+"""Minimum mean speed from which the duration of a movement is derived, in m/s."""
 _TOLERANCE = 1.1
 """Factor on that duration, because the reported speeds are inexact."""
 _MAX_DELAY = 0.25
 """Maximum delay that is corrected, in seconds."""
 _CORRECTION = 0.7
-"""Share of a delay that is corrected; the rest counts as lasting, so that the clocks converge."""
+"""Share of a delay that is corrected. The rest is not, so that a lasting delay is adopted."""
 
 
 class ReportTime:
-    """Estimates when each report was true, without the changing delays of the network.
+    """Estimates when the pose in each report was measured, without the jitter of the network.
 
-    If a delayed report counted as true at its time of receipt, the pose would fall behind and the
-    next report would make it hurry. The movement between two reports, divided by the speeds in
-    them, gives the time between them. A report that comes later than that was delayed.
+    If the time of receipt were used for a delayed report, the pose would fall behind, and would
+    have to catch up with the next report. The movement between two reports, divided by the
+    reported speeds, gives the time between them. A report that comes later was delayed.
     """
 
     def __init__(self) -> None:
         self._last = -math.inf
 
     def first(self, received: float) -> float:
-        """Return the time of a report that cannot be compared with the one before.
+        """Return the time of a report that cannot be compared with the previous one.
 
         Args:
             received: time of receipt, in seconds.
@@ -45,8 +45,8 @@ class ReportTime:
 
         Args:
             received: time of receipt, in seconds.
-            arc: movement since the report before, as in `Pose2D.arc`.
-            before: velocity in the report before.
+            arc: movement since the previous report, as in `Pose2D.arc`.
+            before: velocity in the previous report.
             after: velocity in this report.
         """
         time = received

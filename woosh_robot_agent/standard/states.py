@@ -55,7 +55,7 @@ def battery_state(context: PartContext, battery: Battery) -> BatteryState:
 
 
 def unknown_battery(context: PartContext) -> BatteryState:
-    """Return the state of a battery of which nothing is known."""
+    """Return the state of a battery that has not been reported."""
     message = battery_state(context, Battery())
     message.percentage = math.nan
     message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
@@ -87,14 +87,14 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 class _State(Part):
     """Publishes a value of the chassis as a ROS message: the first value, and each push.
 
-    When the link turns to another robot, it publishes once that nothing is known.
+    When the link turns to another robot, it publishes once the message for an unknown value.
 
     Args:
         context: the context of the part.
         name: name of the topic.
         cls: protobuf class of the value.
         convert: converts the value into a ROS message.
-        unknown: returns the message that nothing is known.
+        unknown: returns the message for an unknown value.
         rate: rate at which the last value is repeated with a new stamp while there are
             subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
     """

@@ -11,7 +11,7 @@ from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeErr
 from woosh_robot_agent.standard.part_context import PartContext
 
 _POLL_PERIOD = 0.1
-"""Period of looking for subscribers if the middleware has no events for them, in seconds."""
+"""Period of the checks for subscribers if the middleware has no events for them, in seconds."""
 
 
 class Subscribers:

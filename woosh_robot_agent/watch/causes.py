@@ -17,7 +17,7 @@ _LOST = "the robot does not know its position"
 
 
 def likely_causes(info: RobotInfo) -> str:
-    """Return the likely causes, those that the robot reports first and what it rules out last."""
+    """Return the likely causes: first those that the robot reports, last those it rules out."""
     reported: list[str] = []
     possible: list[str] = []
     excluded: list[str] = []

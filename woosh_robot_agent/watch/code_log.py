@@ -26,8 +26,8 @@ _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
 class CodeLog:
     """Logs warnings and faults of the chassis, each once while it lasts.
 
-    A code lasts as long as AbnormalCodes has it. A code that AbnormalCodes does not have lasts
-    until it has not been sent for `QUIET` seconds.
+    A code lasts while AbnormalCodes contains it. Any other code lasts until it has not been sent
+    for `QUIET` seconds.
 
     Args:
         chassis: the link; used in its event loop only.
@@ -72,7 +72,7 @@ class CodeLog:
 
 
 def _is_logged_json(value: Any) -> bool:
-    """Return True if the JSON of a status code is of a level that is logged."""
+    """Return True if a status code in JSON has a level that is logged."""
     return isinstance(value, dict) and value.get("level") not in _UNLOGGED_JSON
 
 
@@ -81,4 +81,4 @@ def _is_logged(code: Message) -> bool:
 
 
 _UNLOGGED_JSON = (None, StatusCode.kNormal, StatusCode.kTips, "kNormal", "kTips")
-"""Levels that are not logged, as JSON has them."""
+"""Levels that are not logged, as written in JSON."""

@@ -43,7 +43,7 @@ _LOG = logging.getLogger(__name__)
 LIMIT = 2.0
 """Time after which a robot that has not moved is reported, in seconds.
 
-A real robot first moves 0.31 s after a velocity, and in 90 % of all cases after less than 0.66 s.
+A real robot usually starts 0.31 s after a velocity, and in 90 % of all cases within 0.66 s.
 """
 KEPT = 30.0
 """Time for which the warning remains after the last velocity if nothing moves, in seconds."""
@@ -73,7 +73,7 @@ class _Demand:
         name: name of the command, for texts.
         type: protobuf full name of the command.
         task_id: id of the task; 0 if it is not known.
-        start: pose of the robot when it was accepted.
+        start: pose of the robot when the command was accepted.
         since: loop time since which the robot should have moved; None while it may stand.
         last: loop time of the last velocity.
         begun: True if the chassis has reported that it executes the task.
@@ -169,7 +169,7 @@ class Standstill:
         return self._demand
 
     def _give_up(self) -> None:
-        """Expect no movement any more; a warning that was given remains until the robot moves."""
+        """Stop expecting movement; a warning that was given remains until the robot moves."""
         if self._demand is not None and not self._demand.reported:
             self._demand = None
 
@@ -200,7 +200,7 @@ class Standstill:
         if demand.reported:
             _LOG.info("the robot moves after %s", demand.name)
         self._log.clear()
-        if demand.is_velocity:  # a stream of velocities may come to nothing later
+        if demand.is_velocity:  # later velocities of the stream may move nothing
             demand.start, demand.since, demand.reported = pose, None, False
         else:
             self._demand = None

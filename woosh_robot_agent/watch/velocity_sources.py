@@ -26,7 +26,7 @@ SHOWN = 5.0
 class VelocitySources:
     """Observes the velocities that pass the motion gate. Used in the event loop of the link.
 
-    A source drives from its velocity until its own zero, or until it has been silent for `OVERLAP`.
+    A source drives from its first velocity until it sends a zero, or nothing for `OVERLAP`.
 
     Args:
         chassis: the link.
@@ -41,7 +41,7 @@ class VelocitySources:
         self.last = ""
         self.last_time = -math.inf
         self._driving: dict[str, float] = {}
-        """Monotonic times of the last velocity of each source that drives."""
+        """Monotonic time of the last velocity of each driving source, by name."""
         self._simultaneous: tuple[str, ...] = ()
         self._simultaneous_until = -math.inf
         self._log = LogOnce(_LOG)
@@ -50,7 +50,7 @@ class VelocitySources:
 
     @property
     def simultaneous(self) -> tuple[str, ...]:
-        """Names of the sources that lately commanded velocities at the same time; often none."""
+        """Names of the sources that recently commanded velocities at the same time; or empty."""
         return self._simultaneous if time.monotonic() < self._simultaneous_until else ()
 
     def driving(self, now: float) -> bool:

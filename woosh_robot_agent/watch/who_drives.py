@@ -25,14 +25,16 @@ ROBOT = "the robot itself"
 UNKNOWN = "unknown"
 
 OWN_TASK_AGE = 5.0
-"""Maximum age of a task of the robot itself when it is first reported, in seconds.
+"""Maximum age of a task that the robot started by itself when it is first reported, in seconds.
 
-The robot numbers such a task by its own clock: Unix time in seconds * 100 + 53 or the like.
+The id of such a task contains its start by the robot's clock: Unix time in seconds * 100 + 53.
 """
 ROLL_OUT = 2.0
 """Maximum time for which the robot rolls after its last velocity, in seconds."""
 REPORT_GAP = 1.0
-"""Time without a PoseSpeed after which the robot stands, in seconds; it sends 5 per second."""
+"""Time without a PoseSpeed after which the robot counts as standing, in seconds.
+
+A moving robot sends five per second."""
 _OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
 _TASKS_PER_SET = 100
 _MAX_TASKS = 50
@@ -96,7 +98,7 @@ class WhoDrives:
         info = self._last_known.get(full_name(RobotInfo))
         if not isinstance(info, RobotInfo):
             return Driver(UNKNOWN, "the robot has not reported its state yet")
-        # the gate knows whether something else has taken the wheels since
+        # the gate knows whether something else has taken over since
         if self._gate.driving and self._velocities.driving(time.monotonic()):
             return Driver(self._velocities.last)
         if is_running(info.task_proc):
@@ -131,12 +133,10 @@ class WhoDrives:
         if now - self._moved > REPORT_GAP or not (twist.linear or twist.angular):
             return Driver(NOBODY)
         if now - self._velocities.last_time < ROLL_OUT:
-            return Driver(self._velocities.last, "the robot is rolling out")
+            return Driver(self._velocities.last, "the robot is rolling to a stop")
         if info.state in (robot.kTask, robot.kParking):
             return Driver(UNKNOWN, "the robot is executing a task that it has not reported yet")
-        return Driver(
-            UNKNOWN, "the robot moves, but not by this agent: another client may drive it"
-        )
+        return Driver(UNKNOWN, "this agent does not move the robot: another client may drive it")
 
     def _answered(self, command: AnsweredCommand) -> None:
         message, source = command.message, command.source

@@ -13,7 +13,7 @@ class Charge:
     """Charges at a charger.
 
     Depending on the profile, the job ends when the battery is full as defined by the settings, or
-    soon, while the battery charges on.
+    some seconds after its start, although the battery goes on charging.
     """
 
     device = Device.CHARGER

@@ -152,7 +152,7 @@ class Navigate:
         else:
             self._waited = 0.0
             self._tried_obstacles = None
-        # A base that is blocked by something not ahead, such as a wall beside it, keeps trying.
+        # Keep driving if the base is blocked but the way ahead is free, e.g. by a wall beside it.
         while self._corners:
             corners, stop = self._corners[0], self._stops[0]
             if corners:
@@ -215,7 +215,7 @@ class Navigate:
         return is_clear(robot, 0.0, robot.base.pose.distance(self._corners[0][0]))
 
     def _handle_obstacle(self, robot: Robot) -> Progress:
-        """Go round an obstacle, wait or give up, as the mode says."""
+        """Drive round an obstacle, wait or give up, depending on the mode."""
         mode, base = self._mode.mode, robot.base
         limit = float(self._mode.wait_timeout) or _WAIT_TIMEOUT
         text = f"an obstacle stands in the way at {base.pose}"

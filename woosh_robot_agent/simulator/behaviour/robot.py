@@ -29,7 +29,7 @@ class Robot(Protocol):
 
     @property
     def chance(self) -> random.Random:
-        """Random numbers for everything that is not always the same."""
+        """Random number generator for everything that varies."""
 
     @property
     def answer_delay(self) -> float:
@@ -95,7 +95,7 @@ class Robot(Protocol):
         """Return True if the robot stands at a charger."""
 
     def after(self, delay: float, call: Callable[[], object]) -> None:
-        """Make a call after `delay` seconds of simulated time, or now if the delay is 0."""
+        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
 
     def emit(self, event: Message) -> None:
         """Send a message to all its subscribers. It must not be modified afterwards."""

@@ -29,7 +29,7 @@ _NO_STATE = util_robot_pb2.kStateUndefined
 """State of the robot without a task."""
 
 _PUSH_GAP = 0.003
-"""Time between two pushes of which one causes the other, in seconds."""
+"""Time between a push and another one that it causes, in seconds."""
 
 
 @dataclass
@@ -392,7 +392,7 @@ class Tasks:
         return self._profile.order_effect.at(self._robot.chance.random())
 
     def _later(self, delay: float, call: Callable[[], object]) -> None:
-        """Make a call after `delay` seconds, unless the task takes another course before."""
+        """Schedule a call after `delay` seconds. A change of the task's course cancels it."""
         phase = self._phase
 
         def if_planned() -> None:

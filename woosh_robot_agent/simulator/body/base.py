@@ -59,7 +59,7 @@ class Base:
         pose: Pose at the start.
         odometer: Total distance driven so far, in metres.
         rolls_for: Time constant of the exponential slowdown after remote control, in seconds; 0
-            to slow down evenly.
+            to slow down at a constant rate.
         stops_below: Speed at which this slowdown ends, in m/s or rad/s.
 
     Attributes:
@@ -93,7 +93,7 @@ class Base:
 
         Args:
             velocity: Wanted velocity.
-            rolls_on: Roll on afterwards, as after remote control, instead of slowing down evenly.
+            rolls_on: Roll on afterwards, as after remote control, instead of a constant slowdown.
         """
         self._wanted = velocity.limited()
         self._rolls_on = rolls_on

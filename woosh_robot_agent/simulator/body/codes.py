@@ -48,7 +48,7 @@ class Codes:
 
         Args:
             code: The code.
-            kind: The kind of action that it is about.
+            kind: Kind of the action that the code is about.
             detail: Further text, in English; it is left out in other languages.
         """
         text = code.text(self._language)

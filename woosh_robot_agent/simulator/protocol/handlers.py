@@ -15,7 +15,7 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 Result = Message | str | None
-"""Body of the answer, or the text of an answer with an empty body, or None for neither."""
+"""Content of the answer: its body, a text for an answer with an empty body, or None."""
 
 Handler = Callable[[Chassis, Any], Result]
 """Executes a request of the type for which it is registered. Raises `RefusedError` to refuse."""

@@ -37,10 +37,10 @@ class SearchBudgetError(Exception):
 
 
 class SearchBudget:
-    """Limit of the computation for one path, which blocks the simulator.
+    """Limit of the computation for one path. Planning blocks the simulator.
 
     Args:
-        units: Units to spend. The search of one place costs one unit, some microseconds.
+        units: Units to spend. Visiting one place costs one unit, which is some microseconds.
     """
 
     def __init__(self, units: int = _DEFAULT_BUDGET) -> None:
@@ -285,10 +285,10 @@ class Planner:
 
 
 def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
-    """Return a number from `good` to `last` that fits, usually the last one.
+    """Return a number from `good` to `last` that fits, usually the largest.
 
-    It is the last one if all fitting numbers are contiguous. The search doubles its steps until
-    one does not fit, then bisects. `good` must fit.
+    It is the largest if all fitting numbers are contiguous. The search doubles its steps until
+    a number does not fit, then bisects. `good` must fit.
     """
     step = 1
     bad = last + 1

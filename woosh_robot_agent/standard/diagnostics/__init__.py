@@ -1,6 +1,6 @@
 """/diagnostics: the state of link, robot and agent, from data that the agent already has.
 
-Each module makes the statuses of one matter; `diagnostics` publishes them.
+Each module builds the status of one subject; `diagnostics` publishes them.
 """
 
 from woosh_robot_agent.standard.diagnostics.diagnostics import Diagnostics

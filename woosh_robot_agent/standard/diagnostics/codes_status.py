@@ -1,4 +1,4 @@
-"""Status of the status codes that are not resolved."""
+"""Status of the unresolved status codes."""
 
 from __future__ import annotations
 

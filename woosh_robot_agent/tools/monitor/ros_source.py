@@ -194,7 +194,7 @@ class RosSource:
                 f"the agent has not answered for {silent:.0f} s"
                 if self._agent_answered_at
                 else "the agent has not answered yet",
-                "it hangs, was killed, or the network is down",
+                "restart the agent, or check the network between it and this computer",
             )
         address = self._address or "the robot"
         if self._connected is False:
