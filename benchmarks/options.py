@@ -11,7 +11,8 @@ from woosh_robot_agent.parameters import EXECUTORS
 TURNS = 5
 """Number of times that agent and floor are measured alternately in one repetition.
 
-The speed of a machine drifts, which measuring in turn cancels out."""
+The speed of a machine drifts, and measuring alternately cancels that out.
+"""
 _SMOKE_SCALE = 0.01
 
 

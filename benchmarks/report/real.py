@@ -49,7 +49,7 @@ RESOLUTION = 0.016
 
 _NEXT_TASK = "kIdle to first report of the next task"
 _FACTS = {_NEXT_TASK: "answer to first report"}
-"""Names of times in the figures of the real robot, if they differ."""
+"""Names of times in the figures of the real robot, where they differ from the names here."""
 
 _EFFECTS = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "continue"}
 """Orders by the action state in the report that shows their effect."""
@@ -57,7 +57,7 @@ _EFFECTS = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "conti
 _IDLE = 2
 
 Times = dict[str, list[float]]
-"""Times in seconds, by what they are the times of."""
+"""Times in seconds, by name."""
 
 Runs = dict[str, list[list[Triple]]]
 """Reports of each run of each scenario."""
@@ -139,7 +139,7 @@ def times_of_task(events: Sequence[Event]) -> Times:
 
 
 def merged(times: Iterable[Times]) -> Times:
-    """Return all times together."""
+    """Return the times of all runs, merged by name."""
     found: Times = {}
     for each in times:
         for name, values in each.items():

@@ -27,7 +27,7 @@ class Rig:
 
     Attributes:
         goals: names of the goals that count as accepted.
-        refusal: the chassis's word to all further requests; empty to accept them.
+        refusal: text with which the chassis refuses all further requests; empty to accept them.
     """
 
     def __init__(self, info: Any) -> None:

@@ -166,9 +166,9 @@ class MotionGate:
     def farewell(self, timeout: float) -> Callable[[], Coroutine[Any, Any, None]] | None:
         """Return a function that stops a robot that the agent will no longer command.
 
-        Call this before the link leaves the robot, and the function afterwards. After this call,
-        the robot does not count as driving. If the function cannot stop the robot, it logs an
-        error.
+        Call this before the link leaves the robot, and the returned function afterwards. From this
+        call on, the robot does not count as driving. If the function cannot stop the robot, it logs
+        an error.
 
         Args:
             timeout: time to wait for the answer to the zero, in seconds.

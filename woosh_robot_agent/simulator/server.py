@@ -26,7 +26,8 @@ _LOG = logging.getLogger(__name__)
 _MIN_STEP = 0.005
 """Minimum real duration of a step within which the simulated time advances, in seconds.
 
-At a higher speed, it advances only by whole steps."""
+At a higher speed, it advances only by whole steps.
+"""
 
 _END_OF_STEP = 0.999 * TIME_STEP
 """Maximum simulated time within a step, in seconds. `Chassis.tick` completes the step."""

@@ -34,7 +34,8 @@ ROLL_OUT = 2.0
 REPORT_GAP = 1.0
 """Time without a PoseSpeed after which the robot counts as standing, in seconds.
 
-A moving robot sends five per second."""
+A moving robot sends five per second.
+"""
 _OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
 _TASKS_PER_SET = 100
 _MAX_TASKS = 50
@@ -136,7 +137,9 @@ class WhoDrives:
             return Driver(self._velocities.last, "the robot is rolling to a stop")
         if info.state in (robot.kTask, robot.kParking):
             return Driver(UNKNOWN, "the robot is executing a task that it has not reported yet")
-        return Driver(UNKNOWN, "this agent does not move the robot: another client may drive it")
+        return Driver(
+            UNKNOWN, "the robot moves without a command of this agent: another client may drive it"
+        )
 
     def _answered(self, command: AnsweredCommand) -> None:
         message, source = command.message, command.source

@@ -85,7 +85,7 @@ class StateWatch:
             self._repeat_battery = self._wake_after(period.at(self._chassis.chance.random()))
 
     def _wake_after(self, delay: float) -> float:
-        """Look for changes again after `delay` seconds, and return that time."""
+        """Schedule another check for changes after `delay` seconds; return its time."""
         if delay > 0.0:
             self._chassis.after(delay, lambda: None)  # the chassis reports the end of each call
         return self._chassis.elapsed + delay
