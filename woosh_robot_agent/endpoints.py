@@ -21,11 +21,15 @@ class Query:
         name: name of the service.
         srv: ROS type of the service; the response has exactly one field.
         request: protobuf full name of the request and of the answer.
+        field: name of the response's field.
+        takes_arg: True if the request has the field `arg`; otherwise it has no fields.
     """
 
     name: str
     srv: str
     request: str
+    field: str = "info"
+    takes_arg: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,9 +87,15 @@ class Action:
     member: str = ""
 
 
-def _query(name: str, package: str = "woosh_robot_msgs", request: str = "") -> Query:
+def _query(
+    name: str,
+    package: str = "woosh_robot_msgs",
+    request: str = "",
+    field: str = "info",
+    takes_arg: bool = False,
+) -> Query:
     short = name.split("/")[1]
-    return Query(name, f"{package}/{short}", request or f"woosh.robot.{short}")
+    return Query(name, f"{package}/{short}", request or f"woosh.robot.{short}", field, takes_arg)
 
 
 def _command(name: str, answer: str = "") -> Command:
@@ -122,7 +132,7 @@ QUERIES = (
     _query("robot/Battery"),
     _query("robot/Network"),
     _query("robot/Scene"),
-    _query("robot/TaskProc"),
+    _query("robot/TaskProc", takes_arg=True),
     _query("robot/TaskHistory"),
     _query("robot/DeviceState"),
     _query("robot/HardwareState"),
@@ -130,8 +140,8 @@ QUERIES = (
     _query("robot/Model"),
     _query("robot/AbnormalCodes", request="woosh.robot.count.AbnormalCodes"),
     _query("robot/StatusCodes", request="woosh.robot.count.StatusCodes"),
-    _query("robot/NavPath"),
-    _query("robot/PlanPath"),
+    _query("robot/NavPath", field="nav_path"),
+    _query("robot/PlanPath", field="plan_path"),
     _query("map/SceneDataEasy", "woosh_map_msgs", "woosh.map.SceneDataEasy"),
     _query("task/RepeatTasks", "woosh_task_msgs", "woosh.task.RepeatTasks"),
     _query("task/CallTasks", "woosh_task_msgs", "woosh.task.CallTasks"),
