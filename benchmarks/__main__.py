@@ -11,11 +11,11 @@ BENCHMARKS = {
     "faults": ("tests.robustness.faults", "every fault, alone and in pairs, amid traffic"),
     "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
     "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
-    "links": ("benchmarks.measurements.links", "WebSocket and TCP, JSON and protobuf, compared"),
-    "scale": ("benchmarks.measurements.scale", "cost by number of robots, push rate and scan size"),
+    "links": ("benchmarks.report.links", "WebSocket and TCP, JSON and protobuf, compared"),
+    "scale": ("benchmarks.report.scale", "cost by number of robots, push rate and scan size"),
     "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
     "speed": (
-        "benchmarks.measurements.speed",
+        "benchmarks.report.speed",
         "cost of the agent relative to bare rclpy and sockets",
     ),
 }

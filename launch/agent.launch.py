@@ -7,58 +7,19 @@ parameters). Arguments override the file. If the file has a list of robots, as c
 does, one process serves all of them.
 """
 
-from pathlib import Path
-
-from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch.actions import OpaqueFunction
 
-CONFIG = Path(get_package_share_directory("woosh_robot_agent"), "config")
+from woosh_robot_agent import launch_arguments
+
+ARGUMENTS = ("ip", "port", "namespace", "params_file")
 
 
 def generate_launch_description():
     return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "ip",
-                default_value="",
-                description="Address of the chassis; default: from params_file",
-            ),
-            DeclareLaunchArgument(
-                "port",
-                default_value="",
-                description="Port of the chassis (0: standard port); default: from params_file",
-            ),
-            DeclareLaunchArgument(
-                "namespace", default_value="woosh_robot", description="Namespace of the agent"
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value=str(CONFIG / "agent.yaml"),
-                description="Parameter file",
-            ),
-            OpaqueFunction(function=_agent),
-        ]
+        [*launch_arguments.declare(*ARGUMENTS), OpaqueFunction(function=_agent)]
     )
 
 
 def _agent(context):
-    def given(name):
-        return LaunchConfiguration(name).perform(context)
-
-    kinds = {"ip": str, "port": int}
-    return [
-        Node(
-            package="woosh_robot_agent",
-            executable="agent",
-            namespace=given("namespace"),
-            parameters=[
-                given("params_file"),
-                {name: kind(given(name)) for name, kind in kinds.items() if given(name)},
-            ],
-            output="screen",
-            emulate_tty=True,
-        )
-    ]
+    return [launch_arguments.agent(launch_arguments.given(context, *ARGUMENTS))]

@@ -12,80 +12,32 @@ import re
 from pathlib import Path
 
 import yaml
-from ament_index_python.packages import (
-    PackageNotFoundError,
-    get_package_prefix,
-    get_package_share_directory,
-)
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
-CONFIG = Path(get_package_share_directory("woosh_robot_agent"), "config")
+from woosh_robot_agent import launch_arguments
+
+ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "params_file", "urdf")
 WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
 """Wildcards in the node names of a parameter file, as regular expressions."""
 
 
 def generate_launch_description():
     return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "ip",
-                default_value="",
-                description="Address of the chassis; default: from params_file",
-            ),
-            DeclareLaunchArgument(
-                "port",
-                default_value="",
-                description="Port of the chassis (0: standard port); default: from params_file",
-            ),
-            DeclareLaunchArgument(
-                "namespace", default_value="woosh_robot", description="Namespace of the robot"
-            ),
-            DeclareLaunchArgument(
-                "frame_prefix",
-                default_value="",
-                description="Prefix of every frame, e.g. r1/; default: from params_file",
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value=str(CONFIG / "agent.yaml"),
-                description="Parameter file of the agent",
-            ),
-            DeclareLaunchArgument(
-                "urdf",
-                default_value=str(CONFIG / "woosh_base.urdf"),
-                description="Robot model",
-            ),
-            OpaqueFunction(function=_nodes),
-        ]
+        [*launch_arguments.declare(*ARGUMENTS), OpaqueFunction(function=_nodes)]
     )
 
 
 def _nodes(context):
-    given = {
-        name: LaunchConfiguration(name).perform(context)
-        for name in ("ip", "port", "namespace", "frame_prefix", "params_file", "urdf")
-    }
+    given = launch_arguments.given(context, *ARGUMENTS)
     node = f"/{given['namespace'].strip('/')}/agent".replace("//", "/")
-    kinds = {"ip": str, "port": int, "frame_prefix": str}
     with_model = _is_installed("robot_state_publisher")
-    agent = Node(
-        package="woosh_robot_agent",
-        executable="agent",
-        namespace=given["namespace"],
-        parameters=[
-            given["params_file"],
-            {
-                **{name: kind(given[name]) for name, kind in kinds.items() if given[name]},
-                "publish_tf": True,
-                # the model contains the pose of the laser
-                "publish_laser_tf": not with_model,
-            },
-        ],
-        output="screen",
-        emulate_tty=True,
+    agent = launch_arguments.agent(
+        given,
+        publish_tf=True,
+        publish_laser_tf=not with_model,  # the model contains the pose of the laser
     )
     if not with_model:
         return [agent]

@@ -9,17 +9,17 @@ namespace (default: the name), frame_prefix (default: the name and a slash), par
 from pathlib import Path
 
 import yaml
-from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
-SHARE = Path(get_package_share_directory("woosh_robot_agent"))
+from woosh_robot_agent import launch_arguments
+
 DEFAULTS = {
-    "port": "",
-    "params_file": str(SHARE / "config" / "agent.yaml"),
-    "urdf": str(SHARE / "config" / "woosh_base.urdf"),
+    name: default
+    for name, default in launch_arguments.defaults().items()
+    if name in ("port", "params_file", "urdf")
 }
 """Passed for each robot, because an included file inherits the arguments of the previous one."""
 KEYS = {"name", "ip", "namespace", "frame_prefix", *DEFAULTS}
@@ -30,7 +30,7 @@ def generate_launch_description():
         [
             DeclareLaunchArgument(
                 "robots",
-                default_value=str(SHARE / "config" / "fleet.yaml"),
+                default_value=str(launch_arguments.share("config", "fleet.yaml")),
                 description="File with the list of robots",
             ),
             OpaqueFunction(function=_robots),
@@ -41,7 +41,9 @@ def generate_launch_description():
 def _robots(context):
     return [
         IncludeLaunchDescription(
-            PythonLaunchDescriptionSource(str(SHARE / "launch" / "bringup.launch.py")),
+            PythonLaunchDescriptionSource(
+                str(launch_arguments.share("launch", "bringup.launch.py"))
+            ),
             launch_arguments=[(key, str(value)) for key, value in arguments.items()],
         )
         for arguments in fleet(Path(LaunchConfiguration("robots").perform(context)))

@@ -8,20 +8,21 @@ the simulated chassis, which overrides params_file; speed, the simulation speed 
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from ament_index_python.packages import get_package_prefix
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
-PACKAGE = "woosh_robot_agent"
+from woosh_robot_agent import launch_arguments
+
+PACKAGE = launch_arguments.PACKAGE
 SIMULATOR = Path(get_package_prefix(PACKAGE), "lib", PACKAGE, "simulator")
-LAUNCH = Path(get_package_share_directory(PACKAGE), "launch")
-CONFIG = Path(get_package_share_directory(PACKAGE), "config")
+BRINGUP = launch_arguments.share("launch", "bringup.launch.py")
+ARGUMENTS = ("namespace", "frame_prefix", "params_file", "urdf")
 
 
 def generate_launch_description():
-    passed_on = ("namespace", "frame_prefix", "params_file", "urdf", "port")
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -30,24 +31,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "speed", default_value="1", description="Simulation speed, 1 to 100; 1 is real time"
             ),
-            DeclareLaunchArgument(
-                "namespace", default_value="woosh_robot", description="Namespace of the robot"
-            ),
-            DeclareLaunchArgument(
-                "frame_prefix",
-                default_value="",
-                description="Prefix of every frame, e.g. r1/; default: from params_file",
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value=str(CONFIG / "agent.yaml"),
-                description="Parameter file of the agent",
-            ),
-            DeclareLaunchArgument(
-                "urdf",
-                default_value=str(CONFIG / "woosh_base.urdf"),
-                description="Robot model",
-            ),
+            *launch_arguments.declare(*ARGUMENTS),
             # a plain process: the simulator does not understand ROS arguments
             ExecuteProcess(
                 cmd=[
@@ -63,10 +47,10 @@ def generate_launch_description():
                 output="screen",
             ),
             IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(LAUNCH / "bringup.launch.py")),
+                PythonLaunchDescriptionSource(str(BRINGUP)),
                 launch_arguments=[
                     ("ip", "127.0.0.1"),
-                    *((name, LaunchConfiguration(name)) for name in passed_on),
+                    *((name, LaunchConfiguration(name)) for name in (*ARGUMENTS, "port")),
                 ],
             ),
         ]

@@ -135,6 +135,8 @@ class Client:
         self._spinner = Spinner(self.executor)
         self._clients: dict[Any, Any] = {}
         """Clients by type and name; a service and an action may share a name."""
+        self._lock = threading.Lock()
+        """Held while an action client is created, so that each action gets one only."""
 
     def close(self) -> None:
         self._spinner.stop()
@@ -224,18 +226,21 @@ class Client:
 
     def action(self, action: Any, name: str) -> ActionClient:
         """Return the client of an action, once both ends have discovered each other."""
-        if (action, name) not in self._clients:
-            client = ActionClient(
-                self.node,
-                action,
-                self.path(name),
-                # with the default depth of 10, feedback is lost when this process is slow
-                feedback_sub_qos_profile=QoSProfile(depth=1000),
-            )
-            client._feedback_callbacks = _Callbacks()
-            self._wait_known(action.Impl.GetResultService, f"{self.path(name)}/_action/get_result")
-            wait_until(client.server_is_ready, f"the action {name}")
-            self._clients[action, name] = client
+        with self._lock:
+            if (action, name) not in self._clients:
+                client = ActionClient(
+                    self.node,
+                    action,
+                    self.path(name),
+                    # with the default depth of 10, feedback is lost when this process is slow
+                    feedback_sub_qos_profile=QoSProfile(depth=1000),
+                )
+                client._feedback_callbacks = _Callbacks()
+                self._wait_known(
+                    action.Impl.GetResultService, f"{self.path(name)}/_action/get_result"
+                )
+                wait_until(client.server_is_ready, f"the action {name}")
+                self._clients[action, name] = client
         return self._clients[action, name]
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:

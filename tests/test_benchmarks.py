@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.measurements import links, scale, speed
 from benchmarks.processes import running
-from benchmarks.report import pages
+from benchmarks.report import links, pages, scale, speed
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)

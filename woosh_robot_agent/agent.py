@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-# Import nothing else here: a signal before `Signals` is in place ends in a traceback.
-import os
-import signal
+# Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
+
+from woosh_robot_agent.stop_signals import StopSignals
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -14,36 +14,11 @@ if TYPE_CHECKING:
 _SPIN_TIMEOUT = 0.2
 """Maximum delay before the executor thread notices a signal, in seconds.
 
-A signal does not interrupt rclpy's wait. The link thread is notified at once, through `Signals.fd`.
+A signal does not interrupt rclpy's wait. The link thread is notified at once, through
+`StopSignals.fd`.
 """
 _CLOSE_SPIN_TIMEOUT = 0.05
 """Duration of one executor turn while the agents close, in seconds."""
-
-
-class Signals:
-    """Handler of SIGINT and SIGTERM that sets a flag instead of ending the program.
-
-    Attributes:
-        stop: True once a signal has arrived.
-        fd: a file descriptor that becomes readable with the first signal.
-    """
-
-    def __init__(self) -> None:
-        self.stop = False
-        self.fd, write_end = os.pipe()
-        os.set_blocking(self.fd, False)
-        os.set_blocking(write_end, False)
-        signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._handle)
-
-    def ignore(self) -> None:
-        """Ignore further signals, which would change the exit status of an ending program."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-
-    def _handle(self, _signal: int, _frame: object) -> None:
-        self.stop = True
 
 
 def make_executor(name: str, context: Any = None) -> Any:
@@ -79,14 +54,14 @@ def main(args: list[str] | None = None) -> int:
 
     Further signals are ignored from then on, because the process is about to end.
     """
-    signals = Signals()
+    signals = StopSignals()
     try:
         return _run(args, signals)
     finally:
         signals.ignore()
 
 
-def _run(args: list[str] | None, signals: Signals) -> int:
+def _run(args: list[str] | None, signals: StopSignals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
     from woosh_robot_agent.memory import (
         disable_collection,
@@ -103,7 +78,7 @@ def _run(args: list[str] | None, signals: Signals) -> int:
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
 
     return_large_blocks()
-    if signals.stop:
+    if signals.received:
         return 0
     try:
         try:
@@ -124,7 +99,7 @@ def _run(args: list[str] | None, signals: Signals) -> int:
             executor.add_node(agent.node)
         fleet.begin_close_on(signals.fd)
         enable_collection_of_new_objects()
-        while not signals.stop and rclpy.ok():
+        while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT))
         executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then

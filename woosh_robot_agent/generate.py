@@ -26,6 +26,7 @@ from woosh_robot_agent.interfaces import InterfaceError, interface_files, superf
 from woosh_robot_agent.simulator import faults
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.standard import endpoints as standard_endpoints
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 
 ROOT = Path(__file__).resolve().parents[1]
 """Root of the source checkout."""
@@ -115,6 +116,7 @@ def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str | None]]:
             yield path, wanted
 
 
+@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Regenerate or check all files; return the exit status."""
     parser = argparse.ArgumentParser(

@@ -17,6 +17,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, NAMESPACE, QUERIES, TOPICS
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 
 CLIENT_NODE = "/client"
 """Default name of the client's node."""
@@ -165,6 +166,7 @@ def _checked(name: str) -> str:
     return name
 
 
+@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a policy.
 

@@ -1,1 +1,1 @@
-"""The benchmarks of speed (`speed`, `links`, `scale`), and a module for each group of figures."""
+"""The measurements of speed, a module for each group of figures."""

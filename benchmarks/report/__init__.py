@@ -1,1 +1,1 @@
-"""Presentation of results: tables, plots, and the pages in `docs/` that contain them."""
+"""The benchmarks of speed: `speed`, `links`, `scale`, with tables, plots and pages in `docs/`."""

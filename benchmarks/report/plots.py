@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-if TYPE_CHECKING:
-    from benchmarks.measurements.scale import Curves, Sweep
+from benchmarks.report.curves import Curves, Sweep
 
 
 def draw(path: Path, sweep: Sweep, curves: Curves, machine: str) -> None:

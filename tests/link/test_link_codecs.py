@@ -21,6 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerDa
 from woosh_robot_agent.protos import message_types
 
 TYPES = message_types()
+LARGEST = float.fromhex("0x1.fffffep+127")
 CODECS = [JsonCodec(), JsonCodec(defaults=True), ProtobufCodec()]
 quick = settings(
     max_examples=25, deadline=None, suppress_health_check=list(HealthCheck), database=None
@@ -63,6 +64,12 @@ def test_protobufs_own_reader_accepts_our_json(data: Any, name: str) -> None:
         text = codec.encode(name, message)
         other = json_format.ParseDict(json.loads(text)["body"], TYPES[name]())
         assert raw(other) == raw(message)
+
+
+@pytest.mark.parametrize("x", [LARGEST, -LARGEST])
+def test_protobufs_own_reader_accepts_the_largest_float(x: float) -> None:
+    body = json.loads(JsonCodec().encode("woosh.robot.PoseSpeed", PoseSpeed(pose={"x": x})))["body"]
+    assert json_format.ParseDict(body, PoseSpeed()).pose.x == x
 
 
 def test_no_json_name_is_ambiguous() -> None:

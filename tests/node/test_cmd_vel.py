@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import threading
 import time
@@ -12,7 +13,7 @@ import pytest
 from geometry_msgs.msg import Twist, TwistStamped
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, wait_until
+from tests.harness import TIMEOUT, Client, wait_until
 from tests.node.goals import CANCELED, SUCCEEDED, short_task, step
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
@@ -20,7 +21,9 @@ from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
 from woosh_robot_agent.pb.util import task_pb2 as util_task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.standard.settings import StandardSettings
 from woosh_robot_msgs.msg import TaskProc
+from woosh_robot_msgs.srv import Speak
 
 TWIST = "woosh.robot.Twist"
 
@@ -113,6 +116,21 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return speeds
 
 
+@pytest.fixture
+def all_sent(agent: Any, client: Client) -> Callable[[], None]:
+    """Function that returns when cmd_vel has sent to the chassis what it had to send.
+
+    Then a timer that is due after its watchdog has fired in the same thread, and the chassis has
+    answered a request that was sent after that.
+    """
+
+    def wait() -> None:
+        agent.agent._thread.run(asyncio.sleep(StandardSettings().cmd_vel_timeout), TIMEOUT)
+        assert client.call(Speak, "robot/Speak").ok
+
+    return wait
+
+
 def last_twist(simulator: SimulatorThread) -> Any:
     return simulator._simulator.last(TWIST)  # called in the simulator's thread
 
@@ -129,7 +147,7 @@ def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
     assert twists()[0] == pytest.approx((0.2, -0.1, 0.3))
 
 
-def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals):
+def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals, all_sent):
     delays = []
     # repeated, because a busy machine may note the end of the sender too late
     for times in range(1, 4):
@@ -140,19 +158,19 @@ def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arriv
         wait_until(lambda: arrivals[-1][1], "the zero")
         delays.append(arrivals[-1][0] - end)
         count = len(arrivals)
-        threading.Event().wait(0.8)
+        all_sent()
         assert len(arrivals) == count
         assert twists().count((0.0, 0.0, 0.0)) == times
     assert max(delays) > 0.3, "only after cmd_vel_timeout"
 
 
-def test_a_zero_is_sent_once(simulator, agent, sender, twists):
+def test_a_zero_is_sent_once(simulator, agent, sender, twists, all_sent):
     sender.send(x=0.3)
     simulator.wait_received(TWIST)
     sender.send()
     wait_until(lambda: not agent.agent._gate.driving, "the answer to the zero")
     count = len(twists())  # 3 if the watchdog sent a zero too, on a busy machine
-    threading.Event().wait(0.8)
+    all_sent()
     assert len(twists()) == count
 
 
@@ -305,7 +323,7 @@ class TestRefused:
 
 class TestLinkLoss:
     def test_a_driving_robot_gets_a_zero_when_the_link_is_back(
-        self, simulator, agent, sender, twists
+        self, simulator, agent, sender, twists, all_sent
     ):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
@@ -315,11 +333,11 @@ class TestLinkLoss:
         simulator.listen()
         agent.wait_connected(2)
         simulator.wait_received(TWIST, 2)
-        threading.Event().wait(0.8)
+        all_sent()
         assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
 
     def test_no_zero_is_sent_if_another_client_drives_by_then(
-        self, simulator, agent, sender, twists
+        self, simulator, agent, sender, twists, all_sent
     ):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
@@ -328,11 +346,11 @@ class TestLinkLoss:
         simulator.call(start_task)
         simulator.listen()
         agent.wait_connected(2)
-        threading.Event().wait(0.8)
+        all_sent()
         assert twists() == [pytest.approx((0.3, 0.0, 0.0))]
         assert simulator.state.info.task_proc.state == util_task.kExecuting
 
-    def test_a_standing_robot_gets_nothing(self, simulator, agent, sender, twists):
+    def test_a_standing_robot_gets_nothing(self, simulator, agent, sender, twists, all_sent):
         sender.send(x=0.3)
         simulator.wait_received(TWIST)
         sender.send()
@@ -340,13 +358,13 @@ class TestLinkLoss:
         count = len(twists())
         simulator.drop()
         agent.wait_connected(2)
-        threading.Event().wait(0.8)
+        all_sent()
         assert len(twists()) == count
 
 
 class TestStop:
     def test_stop_silences_cmd_vel_until_a_pause(
-        self, simulator, agent, sender, client, twists, logs, taken
+        self, simulator, agent, sender, client, twists, logs, taken, all_sent
     ):
         sender.repeat(20, x=0.3)
         simulator.wait_received(TWIST, 3)
@@ -354,7 +372,9 @@ class TestStop:
         logs.wait(lambda record: "the robot was stopped" in record.getMessage())
         wait_until(lambda: twists()[-1] == (0.0, 0.0, 0.0))
         count = len(twists())
-        threading.Event().wait(0.5)
+        before = len(taken)
+        wait_until(lambda: len(taken) > before + 5, "velocities after the stop")
+        all_sent()
         assert len(twists()) == count, "nothing after the stop"
         sender.pause()
         # the agent keeps only the newest message, so it has to take each before the next is sent

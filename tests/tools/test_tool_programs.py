@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import re
 import signal
 import socket
@@ -58,35 +57,6 @@ def test_every_tool_has_a_help_text(tool: str) -> None:
     status, out, err = run(tool, "--help")
     assert (status, err) == (0, "")
     assert out.startswith(f"usage: {tool} ")
-
-
-@pytest.mark.parametrize(
-    ("tool", "arguments"),
-    [
-        ("doctor", []),
-        ("doctor", ["--json"]),
-        ("doctor", ["--help"]),
-        ("monitor", []),
-        ("monitor", ["--once"]),
-    ],
-)
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_broken_pipe_ends_a_tool_quietly(
-    chassis: SimulatorThread, tool: str, arguments: list[str], unbuffered: str
-) -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    done = subprocess.run(
-        [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *address(chassis), *arguments],
-        stdout=writer,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=2 * TIMEOUT,
-        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
-    )
-    os.close(writer)
-    assert done.stderr == ""
-    assert done.returncode == 1 or "--help" in arguments  # argparse ignores the error
 
 
 def test_the_programs_do_not_import_ros() -> None:

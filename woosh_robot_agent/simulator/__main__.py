@@ -5,7 +5,7 @@ from __future__ import annotations
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
 
-from woosh_robot_agent.simulator.stop_signals import StopSignals
+from woosh_robot_agent.stop_signals import StopSignals
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import functools
 import logging
+import os
 import sys
 from collections.abc import Coroutine, Sequence
 from pathlib import Path
@@ -16,7 +17,8 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
 from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.simulator.stop_signals import StopSignals
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
+from woosh_robot_agent.stop_signals import StopSignals
 
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.
@@ -31,6 +33,7 @@ Without a terminal, `ros2 launch` sends a second SIGINT after that of the proces
 """
 
 
+@exit_on_stdout_error
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     """Run a simulated chassis until a signal arrives.
 
@@ -101,7 +104,12 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
 
 async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
-    signals.callback = lambda: loop.call_soon_threadsafe(stopping.set)
+
+    def on_signal() -> None:
+        os.read(signals.fd, 1024)  # the loop calls again while something is left to read
+        stopping.set()
+
+    loop.add_reader(signals.fd, on_signal)
     try:
         simulator = SimulatedChassis(config)
         if signals.received:
@@ -120,7 +128,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
                 timeout=_DISCONNECT_TIMEOUT,
             )
     finally:
-        signals.callback = None  # the loop is about to be closed
+        loop.remove_reader(signals.fd)
 
 
 async def _wait_second(signal: asyncio.Event) -> None:

@@ -24,6 +24,9 @@ from woosh_robot_agent.link.codecs.json_fields import (
     is_well_known,
 )
 
+_LARGEST_FLOAT32 = float.fromhex("0x1.fffffep+127")
+"""Largest finite value of a float field."""
+
 _INT64 = {
     FieldDescriptor.TYPE_INT64,
     FieldDescriptor.TYPE_UINT64,
@@ -116,6 +119,8 @@ def _scalar_encoder(field: Field) -> Callable[[Any], Any]:
 def _shortest_float32(value: float) -> float | str:
     if not math.isfinite(value):
         return _non_finite_name(value)
+    if abs(value) == _LARGEST_FLOAT32:  # any shorter number is larger, and refused by protobuf
+        return value
     for digits in (7, 8):
         short = float(f"{value:.{digits}g}")
         if c_float(short).value == value:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.tools.broken_pipe import exit_quietly_on_broken_pipe
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.doctor.examination import CHECKS, NOT_REACHED, examine
 from woosh_robot_agent.tools.doctor.result import Result, Status
 from woosh_robot_agent.tools.options import add_link_options, link_config
@@ -24,7 +24,7 @@ or the output could not be written or was not read to its end, 2 if the command
 line is invalid."""
 
 
-@exit_quietly_on_broken_pipe
+@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check one robot and print a line for each check.
 

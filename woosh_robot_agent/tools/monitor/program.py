@@ -13,13 +13,13 @@ from rich.live import Live
 
 from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link.timeouts import run_with_timeout
-from woosh_robot_agent.tools.broken_pipe import exit_quietly_on_broken_pipe
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.monitor.keyboard import key_presses
 from woosh_robot_agent.tools.monitor.link_source import LinkSource
 from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.monitor.source import Source
 from woosh_robot_agent.tools.options import add_link_options, link_config
-from woosh_robot_agent.tools.stop_signals import stop_event
+from woosh_robot_agent.tools.stop_event import stop_event
 
 _REDRAW_PERIOD = 0.2
 """Time between two updates of a terminal, in seconds."""
@@ -35,7 +35,7 @@ The key q quits. No key commands the robot.
 Exit status with --once: 0 if the printed state is up to date, 1 if it is not."""
 
 
-@exit_quietly_on_broken_pipe
+@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show the state of one robot until `q`, SIGINT or SIGTERM.
 

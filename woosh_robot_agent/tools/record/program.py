@@ -14,6 +14,7 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import (
     add_link_options,
     host_and_port,
@@ -23,7 +24,7 @@ from woosh_robot_agent.tools.options import (
 from woosh_robot_agent.tools.record.passive_client import PassiveClient
 from woosh_robot_agent.tools.record.proxy import RecordingProxy
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from woosh_robot_agent.tools.stop_signals import stop_event
+from woosh_robot_agent.tools.stop_event import stop_event
 
 _LOCALHOST = "127.0.0.1"
 _EPILOG = """\
@@ -35,6 +36,7 @@ everything and sends each query once. It never commands the robot.
 Ctrl-C ends the recording."""
 
 
+@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM.
 

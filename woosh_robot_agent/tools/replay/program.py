@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from woosh_robot_agent.link.config import DEFAULT_PORTS
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import warn_if_not_local
 from woosh_robot_agent.tools.recording.reader import RecordingError, read_recording
 from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
 from woosh_robot_agent.tools.replay.playback import Playback, prepare
-from woosh_robot_agent.tools.stop_signals import stop_event
+from woosh_robot_agent.tools.stop_event import stop_event
 
 _EPILOG = """\
 The playback starts when a client has subscribed. Requests get the recorded
@@ -24,6 +25,7 @@ refused. Recorded losses of the connection are replayed.
 Ctrl-C ends the program."""
 
 
+@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a recording until SIGINT or SIGTERM.
 

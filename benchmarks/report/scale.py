@@ -10,16 +10,16 @@ from __future__ import annotations
 import json
 import statistics
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Sequence
+from dataclasses import astuple
 
 from benchmarks.measurements.calls import SCAN, call_repeatedly, calling
 from benchmarks.measurements.fleet import WAYS, Fleet, served
 from benchmarks.measurements.pushes import PushPath, push_path
-from benchmarks.measurements.samples import Spread
 from benchmarks.options import Options, make_parser, parse, repetitions
 from benchmarks.options import scale as scale_of
 from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.report.curves import Curves, Point, Sweep
 from benchmarks.report.machine import describe_machine
 from benchmarks.report.pages import DOCS, write_part
 from benchmarks.report.table import markdown
@@ -29,48 +29,6 @@ ROBOTS = (1, 2, 5, 10, 15, 20, 30, 40, 60)
 RATES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 BEAMS = (360, 720, 1080, 2000, 5000, 10_000, 20_000)
 _DURATION = 5.0
-
-
-@dataclass(frozen=True)
-class Point:
-    """Cost at one size.
-
-    Attributes:
-        size: Number of robots, rate in Hz, or number of beams.
-        cpu: CPU of the agents: percent of one core or, for scans, milliseconds per call.
-        median: Median latency, in milliseconds.
-        p99: 99th percentile of the latency, in milliseconds.
-    """
-
-    size: float
-    cpu: float
-    median: float
-    p99: float
-
-    @classmethod
-    def of(cls, size: float, cpu: float, times: Spread) -> Point:
-        return cls(size, cpu, times.median / 1000, times.p99 / 1000)
-
-
-Curves = dict[str, list[Point]]
-"""Points of each curve, by the curve's name."""
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A size that is varied.
-
-    Attributes:
-        size: Label of the size.
-        cpu: Label of the CPU figure.
-        title: What stays constant.
-        measure: Returns the curves.
-    """
-
-    size: str
-    cpu: str
-    title: str
-    measure: Callable[[Options], Curves]
 
 
 def robots(options: Options) -> Curves:

@@ -1,0 +1,157 @@
+"""The scenes that the package ships."""
+
+from __future__ import annotations
+
+import io
+import math
+import random
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import SimulatorConfig
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.scenes import library as scenes
+from woosh_robot_agent.simulator.scenes.files import load_scene
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.simulator.world.obstacles import Obstacles
+from woosh_robot_agent.simulator.world.picture import draw
+from woosh_robot_agent.simulator.world.planner import Planner
+
+SHIPPED = Path(scenes.__file__).parents[1] / "data"
+
+
+def test_default_scene_is_wooshmap() -> None:
+    chassis = Chassis(SimulatorConfig(seed=1))
+    assert list(chassis.scenes) == ["wooshmap", "scenex"]
+    (area,) = chassis.scene.maps
+    assert (area.id, area.name, area.floor, area.version) == (0, "wooshmap", "1F", 147)
+    assert (area.low, area.high) == ((-12.0, -10.0), (12.0, 10.0))
+    assert len(area.walls) == 19
+    assert Wall(12.0, 1.0, 12.0, 10.0) in area.walls
+    assert area.marks["A10"].pose == Pose(9.5, 7.0, math.pi / 2)
+    assert area.marks["A10"].kind is MarkKind.PALLET_PLATFORM
+    assert chassis.base.pose == Pose(4.23276472, -6.6727581, -0.255771846)
+
+
+def test_every_mark_of_the_shipped_scenes_is_reachable() -> None:
+    for scene in scenes.known_scenes()[0].values():
+        for area in scene.maps:
+            planner = Planner(area, 0.5)
+            for mark in area.marks.values():
+                assert planner.plan((2.0, 0.0), mark.pose.point), (area.name, mark)
+
+
+def test_two_chassis_do_not_share_scenes() -> None:
+    one, two = Chassis(SimulatorConfig()), Chassis(SimulatorConfig())
+    one.scene.files["a"] = b""
+    one.scene.maps.clear()
+    assert two.scene.files == {}
+    assert two.scene.maps
+
+
+def test_shipped_picture_matches_the_walls() -> None:
+    """The PNG equals the drawn scene, and its YAML file gives the right origin."""
+    area = load_scene(SHIPPED / "wooshmap").maps[0]
+    drawn = draw(area)
+    with (
+        Image.open(SHIPPED / "wooshmap" / "wooshmap.png") as shipped,
+        Image.open(io.BytesIO(drawn.png)) as made,
+    ):
+        assert np.array_equal(np.asarray(shipped), np.asarray(made))
+    grid = load_scene(SHIPPED / "wooshmap" / "wooshmap.yaml").maps[0].grid
+    assert grid
+    assert grid.low == pytest.approx(drawn.low)
+    rng = random.Random(2)
+    for _ in range(300):
+        x, y = rng.uniform(-11.9, 11.9), rng.uniform(-9.9, 9.9)
+        assert grid.clearance(x, y) == pytest.approx(area.clearance(x, y), abs=0.08)
+    assert grid.known(0.0, 0.0)
+    assert not grid.known(12.3, 0.0)
+
+
+def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
+    walls = Chassis(SimulatorConfig(seed=1))
+    cells = Chassis(SimulatorConfig(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
+    rng = random.Random(3)
+    for _ in range(20):
+        pose = Pose(rng.uniform(-11, 11), rng.uniform(-9, 9), rng.uniform(-3, 3))
+        walls.base.place(pose)
+        cells.base.place(pose)
+        pairs = list(zip(walls.scan(), cells.scan(), strict=True))
+        # Rays that graze a wall, or pass it narrowly, may differ by more than a cell.
+        alike = sum(a == b or abs(a - b) < 0.15 for a, b in pairs)
+        assert alike > 0.9 * len(pairs)
+    for heading in (0.0, 1.0, 2.0, 3.0, -2.0):
+        stops = []
+        for chassis in (walls, cells):
+            chassis.base.place(Pose(2.0, 3.0, heading))
+            for _ in range(800):
+                dispatch(chassis, message_type("woosh.robot.Twist")(linear=0.5))
+                chassis.tick(TIME_STEP)
+            assert chassis.base.blocked
+            stops.append(chassis.base.pose)
+            chassis.base.halt()
+        assert stops[0].distance(stops[1].point) < 0.2
+
+
+def test_planned_paths_are_alike_on_picture_and_walls() -> None:
+    walls = load_scene(SHIPPED / "wooshmap").maps[0]
+    cells = load_scene(SHIPPED / "wooshmap" / "wooshmap.yaml").maps[0]
+    goals = [mark.pose.point for mark in walls.marks.values()]
+    start = (-9.5, -7.5)
+    for goal in goals[:3] + goals[4:]:
+        by_walls, by_cells = (Planner(area, 0.53).plan(start, goal) for area in (walls, cells))
+        assert by_walls
+        assert by_cells
+        lengths = [
+            sum(math.dist(a, b) for a, b in pairwise([start, *path]))
+            for path in (by_walls, by_cells)
+        ]
+        assert lengths[0] == pytest.approx(lengths[1], rel=0.05)
+        for a, b in pairwise([start, *by_cells]):
+            for share in range(51):
+                x, y = (a[i] + (b[i] - a[i]) * share / 50 for i in (0, 1))
+                assert walls.clearance(x, y) >= 0.43
+    planner = Planner(cells, 0.53)
+    assert planner.plan(start, (-4.9, -6.0)) is None  # too near to the partition
+    assert planner.plan(start, (12.3, 0.0)) is None  # unknown floor
+    assert planner.plan((12.3, 0.0), start) is None
+    assert planner.plan(start, (99.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("name", ["wooshmap", "wooshmap/wooshmap.yaml"])
+def test_paths_go_round_obstacles(name: str) -> None:
+    area = load_scene(SHIPPED / name).maps[0]
+    planner = Planner(area, 0.5)
+    obstacles = Obstacles()
+    start, goal = (0.0, 0.0), (6.0, 0.0)
+    behind = planner.plan(start, (-9.5, -7.5))
+    assert planner.plan(start, goal, obstacles.walls) == [goal]
+    obstacles.put("a", 3.0, 0.2, 0.5)
+    path = planner.plan(start, goal, obstacles.walls)
+    assert path
+    assert path[-1] == goal
+    for a, b in pairwise([start, *path]):
+        for share in range(101):
+            x, y = (a[i] + (b[i] - a[i]) * share / 100 for i in (0, 1))
+            assert obstacles.clearance(x, y) >= 0.48
+    # Obstacles are not remembered between searches.
+    assert planner.plan(start, goal) == [goal]
+    obstacles.put("b", -4.5, -1.8, 0.6)  # where the path round the partition turns
+    assert planner.plan(start, (-9.5, -7.5), obstacles.walls) != behind
+    assert planner.plan(start, (-9.5, -7.5)) == behind
+    # An obstacle on the goal leaves no path.
+    obstacles.put("a", 6.0, 0.3, 0.5)
+    assert planner.plan(start, goal, obstacles.walls) is None
+    # A ring of obstacles around the start leaves no path.
+    for step in range(12):
+        angle = step * math.tau / 12
+        obstacles.put(f"ring {step}", 2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.4)
+    assert planner.plan(start, (8.0, 0.0), obstacles.walls) is None

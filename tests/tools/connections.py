@@ -1,0 +1,33 @@
+"""Connections to a chassis, a recording proxy or a replay."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, TaskProc
+
+KINDS = ["json", "protobuf", "tcp"]
+
+
+Client = tuple[ChassisClient, list[Any]]
+
+
+def link(port: int, kind: str = "json", **more: Any) -> LinkConfig:
+    if kind == "tcp":
+        more |= {"transport": "tcp"}
+    else:
+        more |= {"encoding": kind}
+    return LinkConfig(ip="127.0.0.1", port=port, backoff_min=0.05, backoff_max=0.1, **more)
+
+
+@asynccontextmanager
+async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator[Client]:
+    """Connect a client; yield it and the list of pushes that it receives."""
+    client, heard = ChassisClient(config=link(port, kind, **more)), []
+    for cls in (TaskProc, Mode, Battery):
+        client.subscribe(cls, heard.append)
+    async with client:
+        yield client, heard

@@ -1,0 +1,246 @@
+"""Replay of made-up recordings."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from tests.tools.connections import KINDS, connected, link
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link import ChassisClient, LinkState, RequestTimeoutError
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchWorkMode
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
+from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
+from woosh_robot_agent.tools.replay.playback import prepare
+
+
+def made_up(*records: Any) -> Recording:
+    """Return a recording made of tuples.
+
+    A frame is (t, connection, sender, data), an event (t, connection, kind, by).
+    """
+    found: list[Any] = []
+    for t, connection, what, which in records:
+        if what in ("client", "chassis"):
+            data = which if isinstance(which, str) else json.dumps(which)
+            found.append(Frame(t, connection, what, data))
+        else:
+            found.append(Event(t, connection, what, which))
+    return Recording("ws://x", 0.0, tuple(found))
+
+
+def subscribed(t: float, *topics: str, connection: int = 1) -> Any:
+    body = {"topics": list(topics), "sub": True}
+    return (t, connection, "client", {"type": "woosh.Subscription", "body": body})
+
+
+def exchange(
+    t: float, name: str, sn: int, ask: Any, answer: Any = None, connection: int = 1
+) -> Any:
+    records = [(t, connection, "client", {"type": name, "body": ask, "sn": sn})]
+    if answer is not None:
+        frame = {"type": name, "body": {}, "ok": True, "msg": answer, "sn": sn}
+        records.append((t + 0.01, connection, "chassis", frame))
+    return records
+
+
+def pushed(t: float, name: str, body: Any, connection: int = 1) -> Any:
+    return (t, connection, "chassis", {"type": name, "body": body})
+
+
+INFO = exchange(0.0, "woosh.robot.RobotInfo", 900, {}, "")
+
+
+async def wait_round_trips(client: ChassisClient) -> None:
+    """Wait for some round trips: enough for a fast playback to send something too early."""
+    for _ in range(10):
+        await client.request(RobotInfo())
+
+
+@asynccontextmanager
+async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChassis]:
+    opened = (0.0, 1, "open", "client")
+    async with ReplayedChassis(prepare(made_up(opened, *INFO, *records)), **options) as chassis:
+        yield chassis
+
+
+@aio
+async def test_answers_are_chosen_by_the_request_and_come_in_recorded_order() -> None:
+    records = [
+        *exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "first a"),
+        *exchange(2, "woosh.robot.Speak", 2, {"text": "b"}, "b"),
+        *exchange(3, "woosh.robot.Speak", 3, {"text": "a"}, "second a"),
+    ]
+    async with (
+        replaying(*records, speed=100) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        said = [(await client.request(Speak(text=text))).msg for text in ("a", "b", "a", "a", "b")]
+        assert said == ["first a", "b", "second a", "second a", "b"]
+        assert (await client.request(Speak(text="c"))).msg == "first a"
+
+
+@aio
+async def test_a_request_that_was_not_answered_gets_no_answer() -> None:
+    records = exchange(1, "woosh.robot.Speak", 1, {})
+    async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
+        with pytest.raises(RequestTimeoutError):
+            await client.request(Speak(), 0.3)
+        assert (await client.request(RobotInfo())).ok
+
+
+@aio
+async def test_answers_are_as_late_as_recorded() -> None:
+    records = [*exchange(1, "woosh.robot.Speak", 1, {}, "late")]
+    records[1] = (1.5, *records[1][1:])
+    async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
+        before = asyncio.get_running_loop().time()
+        assert (await client.request(Speak())).msg == "late"
+        assert asyncio.get_running_loop().time() - before > 0.45
+
+
+@aio
+async def test_answers_without_a_request_are_left_out() -> None:
+    stray = (1, 1, "chassis", {"type": "woosh.robot.Mode", "body": {}, "ok": True, "sn": 1234})
+    assert prepare(made_up(stray)).answers.unmatched == 1
+
+
+@aio
+async def test_pushes_go_to_subscribers() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.PoseSpeed", "woosh.robot.Mode"),
+        pushed(0.2, "woosh.robot.PoseSpeed", {"mapId": 1}),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+        # a push without a recorded subscription goes to every client
+        pushed(0.4, "woosh.robot.Battery", {"power": 3}),
+    ]
+    async with replaying(*records) as replayed:
+        poses: list[Any] = []
+        async with connected(replayed.port) as (client, heard):
+            client.subscribe(PoseSpeed, poses.append)()  # subscribe and unsubscribe
+            await eventually(lambda: replayed.rounds)
+            await eventually(lambda: len(heard) == 2)
+        assert [type(m) for m in heard] == [Mode, Battery]
+        assert poses == []
+
+
+@aio
+async def test_an_invalid_recorded_subscription_is_ignored() -> None:
+    records = [
+        (0.1, 1, "client", {"type": "woosh.Subscription", "body": {"topics": 5}}),
+        subscribed(0.2, "woosh.robot.Mode"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with replaying(*records) as replayed, connected(replayed.port) as (_, heard):
+        await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+
+
+@aio
+async def test_the_playback_pauses_until_a_client_subscribes() -> None:
+    records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
+    async with (
+        replaying(*records, speed=1e5) as replayed,
+        ChassisClient(config=link(replayed.port)) as client,  # without a subscription
+    ):
+        await wait_round_trips(client)
+        assert replayed.rounds == 0
+        heard: list[Any] = []
+        client.subscribe(Mode, heard.append)
+        await eventually(lambda: replayed.rounds == 1)
+        await eventually(lambda: len(heard) == 1)
+
+
+@aio
+async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
+        (0.3, 1, "close", "chassis"),
+    ]
+    async with (
+        replaying(*records, wait_for_commands=True) as replayed,
+        connected(replayed.port) as (client, _),
+    ):
+        assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
+        await eventually(lambda: replayed.rounds)
+        await eventually(lambda: client.state is LinkState.WAITING)
+        with pytest.raises(OSError):
+            await asyncio.open_connection("127.0.0.1", replayed.port)
+        assert client.stats.connects == 1
+
+
+@aio
+async def test_the_playback_pauses_until_a_command_is_sent() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with (
+        replaying(*records, wait_for_commands=True, speed=1e5) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await wait_round_trips(client)
+        assert heard == []
+        assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
+        await eventually(lambda: len(heard) == 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_each_client_receives_its_own_encoding(kind: str) -> None:
+    """The recording is in JSON."""
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
+        *exchange(0.3, "woosh.robot.Speak", 1, {"text": "a"}, "spoken"),
+    ]
+    async with replaying(*records) as replayed:
+        port = replayed.tcp_port if kind == "tcp" else replayed.port
+        async with connected(port, kind) as (client, heard):
+            await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+            assert (await client.request(Speak(text="a"))).msg == "spoken"
+
+
+@aio
+async def test_the_recording_can_be_replayed_in_a_loop() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
+    ]
+    async with (
+        replaying(*records, loop=True) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await eventually(lambda: len(heard) >= 3)
+        await eventually(lambda: client.stats.connects >= 3)
+
+
+@aio
+async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        (0.1, 2, "open", "client"),
+        subscribed(0.1, "woosh.robot.Mode", connection=2),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
+        pushed(0.2, "woosh.robot.Mode", {"work": 1}, connection=2),
+        *exchange(0.2, "woosh.robot.Speak", 1, {}, "hello", connection=2),
+        (0.25, 2, "close", "chassis"),
+        pushed(0.3, "woosh.robot.Mode", {"work": 2}),
+    ]
+    async with (
+        replaying(*records) as replayed,
+        connected(replayed.port) as (client, heard),
+    ):
+        await eventually(lambda: replayed.rounds)
+        await eventually(lambda: len(heard) == 2)
+        assert [m.work for m in heard] == [1, 2]
+        assert (await client.request(Speak())).msg == "hello"
+        assert client.stats.connects == 1
