@@ -12,6 +12,8 @@ BENCHMARKS = {
     "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
     "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
     "links": ("benchmarks.report.links", "WebSocket and TCP, JSON and protobuf, compared"),
+    "odom": ("benchmarks.report.odom", "error of odom between the robot's reports"),
+    "real": ("benchmarks.report.real", "the simulated chassis, compared with a real robot"),
     "scale": ("benchmarks.report.scale", "cost by number of robots, push rate and scan size"),
     "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
     "speed": (
@@ -30,8 +32,9 @@ def main(arguments: Sequence[str]) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="scripts/bench",
-        description="Measures how robust and how fast the agent is, and prints Markdown tables. "
-        "The exit status is 1 if a limit on robustness is exceeded.",
+        description="Measures how robust and how fast the agent is, and how much the simulated "
+        "chassis is like a real robot. Prints Markdown tables. The exit status is 1 if a limit is "
+        "exceeded.",
         epilog="Each benchmark has options of its own: scripts/bench --soak --help.",
         allow_abbrev=False,
     )

@@ -40,7 +40,8 @@ except ModuleNotFoundError as error:  # the tests of the link also run without R
         raise
     collect_ignore = ["node", "robustness", "test_benchmarks.py", "test_interfaces.py"]
 else:
-    from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+    from tests.quick_chassis import quick_config
+    from woosh_robot_agent.simulator import SimulatorThread
 
     @pytest.fixture
     def domain() -> Iterator[int]:
@@ -51,7 +52,7 @@ else:
     @pytest.fixture
     def simulator() -> Iterator[SimulatorThread]:
         """A simulated chassis that runs 20 times faster than real time."""
-        with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as running:
+        with SimulatorThread(quick_config(port=0, tcp_port=0, speed=20, seed=1)) as running:
             yield running
 
     @pytest.fixture

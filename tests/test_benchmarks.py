@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processes import running
-from benchmarks.report import links, pages, scale, speed
+from benchmarks.report import links, odom, pages, real, scale, speed
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -48,6 +48,14 @@ def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) ->
         assert all(points for points in curves.values()), found
 
 
+def test_odom_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert odom.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == [odom.ODOM, odom.REPORTS, odom.LAST, "times"]
+    for figures in found.values():
+        assert all(value > 0 for value in figures.values()), found
+
+
 def test_error_of_a_program_that_dies_holds_its_log() -> None:
     with (
         pytest.raises(RuntimeError, match=r"ended with status 1(?s:.*)ConnectionRefused"),
@@ -70,3 +78,28 @@ def test_part_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(pages, "SPEED_PAGE", page)
     pages.write_part("figures", "new")
     assert page.read_text() == "before\n<!-- figures: made by x -->\nnew\n<!-- end -->\nafter\n"
+
+
+def test_simulated_chassis_is_like_the_real_robot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "simulator.md"
+    page.write_text("before\n<!-- real: made by x -->\nold\n<!-- end -->\nafter\n")
+    monkeypatch.setattr(real, "SIMULATOR_PAGE", page)
+    monkeypatch.setattr(real, "SEEDS", range(2))
+    monkeypatch.setattr(real, "ANSWERS", 100)
+    assert real.main(["--docs"]) == 0
+    written = page.read_text()
+    assert "| Rates and driving | Real robot | Simulated |" in written
+    assert "old" not in written
+    assert "**differs**" not in written
+
+
+def test_difference_from_the_real_robot_is_reported() -> None:
+    facts = real.real_robot()
+    facts["times"]["navigation to wait"] = 0.8
+    times = {name: [0.5] for name in real.real_times()}
+    figures = {figure.name: figure for figure in real.time_figures(facts, times)}
+    assert not figures["navigation to wait"].ok
+    assert figures["answer to first report"].ok
+    assert "**differs**" in real.tables([("Times", list(figures.values()))])

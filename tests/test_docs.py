@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.simulator import SimulatorConfig, faults, load_scenario
+from woosh_robot_agent.simulator import faults, load_scenario
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
 
@@ -50,14 +51,14 @@ def test_the_documented_scene_matches_the_simulator(tmp_path: Path) -> None:
         r"```yaml\n# scene\n(.*?)```", (DOCS / "simulator.md").read_text(), re.DOTALL
     )
     (tmp_path / "scene.yaml").write_text(scene)
-    chassis = Chassis(SimulatorConfig(scenes=(tmp_path,)))
+    chassis = Chassis(quick_config(scenes=(tmp_path,)))
     assert chassis.scene.name == "lab"
     assert set(chassis.map.marks) == {"A1", "P1"}
 
 
 def test_the_documented_limits_match_the_code() -> None:
     text = (DOCS / "security.md").read_text()
-    simulator, link = SimulatorConfig(), LinkConfig()
+    simulator, link = quick_config(), LinkConfig()
     for said in (
         f"`--max-frame` ({simulator.max_frame >> 20} MiB)",
         f"`--max-waiting` ({simulator.max_waiting})",

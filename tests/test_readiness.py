@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -19,12 +20,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.readiness import is_located, is_taskable, objections
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 
 
 def ready() -> RobotInfo:
-    return robot_info(Chassis(SimulatorConfig()))
+    return robot_info(Chassis(quick_config()))
 
 
 def not_taskable() -> RobotInfo:
@@ -54,7 +54,7 @@ def test_an_empty_robot_info_gives_no_reason():
 @pytest.mark.parametrize("initialised", [False, True])
 def test_reasons_match_those_of_the_chassis(stop: bool, located: bool, initialised: bool) -> None:
     for ctrl, work in itertools.product((robot.kAuto, robot.kManual, robot.kMaintain), (1, 2)):
-        chassis = Chassis(SimulatorConfig())
+        chassis = Chassis(quick_config())
         readiness = chassis.readiness
         readiness.ctrl, readiness.work = ctrl, work  # type: ignore[assignment]
         readiness.located, readiness.initialised = located, initialised

@@ -23,6 +23,7 @@ class Query:
         request: protobuf full name of the request and of the answer.
         field: name of the response's field.
         takes_arg: True if the request has the field `arg`; otherwise it has no fields.
+        timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Query:
     request: str
     field: str = "info"
     takes_arg: bool = False
+    timeout: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,29 @@ class Command:
             optionally `ret`.
         request: protobuf full name of the request.
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
+        timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
+        reads: True if it only reads: it changes and moves nothing.
     """
 
     name: str
     srv: str
     request: str
     answer: str = ""
+    timeout: float = 0.0
+    reads: bool = False
+
+
+@dataclass(frozen=True)
+class RawRequest:
+    """A request that chassis answer slowly, and that has no endpoint.
+
+    Attributes:
+        request: protobuf full name of the request.
+        timeout: minimum timeout of the answer, in seconds.
+    """
+
+    request: str
+    timeout: float
 
 
 @dataclass(frozen=True)
@@ -91,16 +110,20 @@ def _query(
     name: str,
     package: str = "woosh_robot_msgs",
     request: str = "",
+    *,
     field: str = "info",
     takes_arg: bool = False,
+    timeout: float = 0.0,
 ) -> Query:
     short = name.split("/")[1]
-    return Query(name, f"{package}/{short}", request or f"woosh.robot.{short}", field, takes_arg)
+    full_name = request or f"woosh.robot.{short}"
+    return Query(name, f"{package}/{short}", full_name, field, takes_arg, timeout)
 
 
-def _command(name: str, answer: str = "") -> Command:
+def _command(name: str, answer: str = "", timeout: float = 0.0, *, reads: bool = False) -> Command:
     short = name.split("/")[1]
-    return Command(name, f"woosh_robot_msgs/{short}", f"woosh.robot.{short}", answer)
+    request = f"woosh.robot.{short}"
+    return Command(name, f"woosh_robot_msgs/{short}", request, answer, timeout, reads)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -140,24 +163,24 @@ QUERIES = (
     _query("robot/Model"),
     _query("robot/AbnormalCodes", request="woosh.robot.count.AbnormalCodes"),
     _query("robot/StatusCodes", request="woosh.robot.count.StatusCodes"),
-    _query("robot/NavPath", field="nav_path"),
-    _query("robot/PlanPath", field="plan_path"),
-    _query("map/SceneDataEasy", "woosh_map_msgs", "woosh.map.SceneDataEasy"),
+    _query("robot/NavPath", field="nav_path", timeout=30.0),
+    _query("robot/PlanPath", field="plan_path", timeout=30.0),
+    _query("map/SceneDataEasy", "woosh_map_msgs", "woosh.map.SceneDataEasy", timeout=60.0),
     _query("task/RepeatTasks", "woosh_task_msgs", "woosh.task.RepeatTasks"),
     _query("task/CallTasks", "woosh_task_msgs", "woosh.task.CallTasks"),
 )
 
 COMMANDS = (
-    _command("robot/InitRobot"),
+    _command("robot/InitRobot", timeout=30.0),
     _command("robot/SetRobotPose"),
     _command("robot/SetOccupancy"),
     _command("robot/SetMuteCall"),
     _command("robot/SetProgramMute"),
     _command("robot/SwitchControlMode", "woosh.robot.Mode"),
-    _command("robot/SwitchWorkMode", "woosh.robot.Mode"),
+    _command("robot/SwitchWorkMode", "woosh.robot.Mode", timeout=30.0),
     _command("robot/SwitchFootPrint", "woosh.robot.SwitchFootPrint"),
-    _command("robot/SwitchMap"),
-    _command("robot/ScannerData", "woosh.robot.ScannerData"),
+    _command("robot/SwitchMap", timeout=60.0),
+    _command("robot/ScannerData", "woosh.robot.ScannerData", reads=True),
     _command("robot/ExecPreTask"),
     _command("robot/ExecTask"),
     _command("robot/ActionOrder"),
@@ -208,15 +231,42 @@ ACTIONS = (
     _call_action("MoveBase", "move_base"),
 )
 
+RAW_REQUESTS = (
+    RawRequest("woosh.robot.BuildMap", 600.0),
+    RawRequest("woosh.robot.PlanNavPath", 30.0),
+    RawRequest("woosh.map.SceneData", 60.0),
+    RawRequest("woosh.map.Download", 120.0),
+    RawRequest("woosh.map.Upload", 120.0),
+)
+
+
+def minimum_timeouts() -> dict[str, float]:
+    """Return the minimum timeout of each slow request, in seconds, by its protobuf full name."""
+    requests = (*QUERIES, *COMMANDS, *RAW_REQUESTS)
+    return {each.request: each.timeout for each in requests if each.timeout}
+
+
+OWN_READS = ("woosh.map.SceneData", "woosh.ros.Feedbacks")
+"""Protobuf full names of requests that have no endpoint, and with which the agent only reads."""
+
 
 def markdown() -> str:
     """Return the whole table in Markdown."""
-    rows = [("Kind", "Name", "ROS type", "Chassis message"), ("---",) * 4]
-    rows += [("query", e.name, e.srv.replace("/", "/srv/"), e.request) for e in QUERIES]
-    rows += [("command", e.name, e.srv.replace("/", "/srv/"), e.request) for e in COMMANDS]
-    rows += [("topic", e.name, e.msg.replace("/", "/msg/"), e.push) for e in TOPICS]
-    rows += [("action", e.name, e.action.replace("/", "/action/"), e.arg) for e in ACTIONS]
+    rows: list[tuple[str, ...]] = [
+        ("Kind", "Name", "ROS type", "Chassis message", "Timeout"),
+        ("---",) * 5,
+    ]
+    rows += [_row("query", e.name, e.srv, "srv", e.request, e.timeout) for e in QUERIES]
+    rows += [_row("command", e.name, e.srv, "srv", e.request, e.timeout) for e in COMMANDS]
+    rows += [_row("topic", e.name, e.msg, "msg", e.push) for e in TOPICS]
+    rows += [_row("action", e.name, e.action, "action", e.arg) for e in ACTIONS]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _row(
+    kind: str, name: str, ros: str, folder: str, message: str, timeout: float = 0.0
+) -> tuple[str, ...]:
+    return kind, name, ros.replace("/", f"/{folder}/"), message, f"{timeout:g} s" * bool(timeout)
 
 
 if __name__ == "__main__":

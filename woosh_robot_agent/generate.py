@@ -23,7 +23,7 @@ import yaml
 
 from woosh_robot_agent import endpoints, parameters, security, status_codes
 from woosh_robot_agent.interfaces import InterfaceError, interface_files, superfluous_files
-from woosh_robot_agent.simulator import faults
+from woosh_robot_agent.simulator import faults, refusals
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.standard import endpoints as standard_endpoints
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
@@ -67,6 +67,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "parameters": parameters.markdown,
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
+    "simulator-refusals": refusals.markdown,
 }
 """Generated tables: name in the marker, and the function that returns the Markdown."""
 

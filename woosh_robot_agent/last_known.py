@@ -48,6 +48,7 @@ class LastKnown:
         """Values that have not been decoded yet, the last one of each type, the oldest first."""
         if chassis is None:
             return
+        chassis.on_robot_changed(self.forget)
         chassis.on_snapshot(self.remember)
         for topic in TOPICS:
             chassis.subscribe_raw(message_type(topic.push), self.remember)
@@ -64,6 +65,11 @@ class LastKnown:
             self._read()
         self._unread.pop(name, None)
         self._unread[name] = value
+
+    def forget(self) -> None:
+        """Forget all values: they are those of another robot."""
+        self._values.clear()
+        self._unread.clear()
 
     def _read(self) -> None:
         unread, self._unread = self._unread, {}

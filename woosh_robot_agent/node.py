@@ -9,22 +9,29 @@ import time
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 from woosh_robot_agent.actions.actions import Actions
 from woosh_robot_agent.bridge import LinkThread, LoopThread, outcome
+from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.last_known import LastKnown
-from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.latched import LatchedPublishers
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.logs import context_of, expect_losses, log_to_ros
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
+from woosh_robot_agent.reads import only_reads
+from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.standard_layer import StandardLayer
 from woosh_robot_agent.topics import Topics
+from woosh_robot_agent.watch.watch import Watch
 
 _LOG = logging.getLogger(__name__)
 _ZERO_TIMEOUT = 0.4
@@ -70,13 +77,24 @@ class Agent:
         used = thread or LoopThread()
         self._own_thread = None if thread else used
         self._thread = LinkThread(used, context_of(self.node.get_logger()))
-        self._chassis = ChassisClient(config=self.settings.link)
+        self._chassis = ChassisClient(
+            config=self.settings.link, minimum_timeouts=minimum_timeouts()
+        )
         requests = RequestMaker(self.settings.link.robot_id)
         self._requests = requests
         # first: it reports unreadable pushes before others see them
-        self._topics = Topics(self.node, self._chassis)
+        self._latched = LatchedPublishers(self.node, self._thread, self._chassis)
+        self._topics = Topics(self._latched, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
+        explainer = RefusalExplainer(self._chassis, last_known)
+        watch = Watch(
+            self._chassis,
+            self._gate,
+            last_known,
+            explainer,
+            lambda: self._actions.accepted_goals,
+        )
         self._services = Services(
             self.node, self._thread, self._chassis, self._gate, last_known, requests
         )
@@ -87,25 +105,33 @@ class Agent:
             self._gate,
             last_known,
             requests,
+            explainer.reason,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
+        self._second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
             PartContext(
                 self.node,
                 self._thread,
                 self._chassis,
                 self._gate,
+                self._latched,
                 last_known,
                 requests,
+                watch,
+                self._second_agent,
                 lambda: self.settings.standard,
             )
         )
         self._lock = threading.Lock()
         self._end: Future[None] | None = None
         self.node.on_change(self._change)
+        if self.settings.observe_only:
+            self._chassis.permit_only(only_reads, self._observes_only)
         self._thread.call(self._chassis.start)
         self._standard.start()
+        self._thread.spawn(self._second_agent.run)
 
     @property
     def settings(self) -> Settings:
@@ -191,11 +217,41 @@ class Agent:
         except Exception:  # a defect of the agent, which must not keep the next step from running
             _LOG.exception("%s failed", name)
 
+    @property
+    def _observes_only(self) -> str:
+        """Why commands are refused with `observe_only`, and how to allow them."""
+        name = self.node.get_fully_qualified_name()
+        return (
+            "this agent only observes the robot; to allow commands, call "
+            f"`ros2 param set {name} observe_only false`"
+        )
+
     def _change(self, before: Settings) -> None:
-        self._requests.robot_id = self.settings.link.robot_id
-        if self.settings.link != before.link:
-            config = self.settings.link
-            self._thread.spawn(lambda: self._chassis.reconfigure(config))
+        settings = self.settings
+        if settings.observe_only != before.observe_only:
+            self._thread.spawn(partial(self._set_observing, settings.observe_only))
+        if not settings.link.addresses_same_robot(before.link):
+            self._latched.withdraw()
+        if settings.link != before.link:
+            self._thread.spawn(partial(self._reconfigure, settings.link))
+
+    async def _set_observing(self, observe_only: bool) -> None:
+        if not observe_only:
+            self._chassis.permit_only(None)
+            _LOG.info("observe_only is false: commands are sent to the robot")
+            return
+        stop_robot = self._gate.farewell(_ZERO_TIMEOUT)
+        self._chassis.permit_only(only_reads, self._observes_only)
+        self._actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
+        _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
+        if stop_robot is not None:
+            await stop_robot()
+
+    async def _reconfigure(self, config: LinkConfig) -> None:
+        self._requests.robot_id = config.robot_id
+        is_same = config.addresses_same_robot(self._chassis.config)
+        stop_robot = None if is_same else self._gate.farewell(_ZERO_TIMEOUT)
+        await self._chassis.reconfigure(config, stop_robot)
 
 
 def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:

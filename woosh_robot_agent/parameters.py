@@ -101,7 +101,16 @@ class Settings:
     link: LinkConfig
     standard: StandardSettings
     poll_timeout: int = parameter_field(
-        10000, "Timeout for the chassis's answer to a request, in milliseconds.", 1, 3_600_000
+        10000,
+        "Timeout for the chassis's answer to a request, in milliseconds. Slow requests have a "
+        "longer one of their own, see the table of endpoints.",
+        1,
+        3_600_000,
+    )
+    observe_only: bool = parameter_field(
+        False,
+        "Only read from the robot: refuse everything that could change or move something, for "
+        "dashboards and for a second agent on the same robot.",
     )
     goal_link_timeout: float = parameter_field(
         5.0, "Time without a link after which open goals are aborted, in seconds.", 0.0, 3600.0

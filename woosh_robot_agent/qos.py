@@ -10,6 +10,11 @@ SERVICE_QOS = QoSProfile(depth=10_000)
 DDS silently drops requests and responses that exceed the depth. It asks for lost samples every 3 s;
 this depth holds those of 5 s at 2,000 calls/s."""
 
+FEEDBACK_QOS = QoSProfile(depth=1000)
+"""Profile of the feedback of all actions.
+
+Each report of the chassis is feedback, and must reach a client that is slow for a while."""
+
 
 def reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
     """Return the profile of a reliable topic with a queue of `depth` messages."""

@@ -12,8 +12,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     HardwareState,
     OperationState,
     RobotInfo,
+    TaskProc,
 )
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.status_codes import explained
 
 
 class Objection(NamedTuple):
@@ -81,7 +84,20 @@ LOST = Objection(
     "call robot/SetRobotPose or robot/InitRobot with its actual pose",
 )
 BATTERY_EMPTY = Objection("battery_empty", "the battery is empty", "charge it")
+NOT_TASKABLE = Objection(
+    "not_taskable",
+    "the robot reports that it rejects tasks, but not why",
+    "wait until it has finished what it is doing, or check its status codes and its screen",
+)
+NO_MAP = Objection(
+    "no_map",
+    "the pose may mean nothing, because the robot uses no map (map_id 0)",
+    "load a map with robot/SwitchMap, then call robot/InitRobot",
+)
+NO_TASK = Objection("no_task", "the robot is not executing a task", "start one first")
 
+CONTROL_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE)
+"""Objections to the control mode."""
 _CONTROL_MODES = {
     robot.kControlModeUndefined: NO_CONTROL_MODE,
     robot.kManual: MANUAL,
@@ -99,6 +115,22 @@ _STATES = {
     ),
     robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
+_EXECUTING = "the robot is executing a task"
+_BUSY_STATES = {
+    robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
+    robot.kParking: Objection("busy", "the robot is parking", "wait for its end, or cancel it"),
+    robot.kMapping: _STATES[robot.kMapping],
+    robot.kFollowing: _STATES[robot.kFollowing],
+}
+_RUNNING = (
+    task.kInit,
+    task.kReady,
+    task.kExecuting,
+    task.kPaused,
+    task.kActionWait,
+    task.kTaskWait,
+)
+"""States of a task that has not ended."""
 
 
 def objections(info: RobotInfo) -> list[Objection]:
@@ -120,6 +152,21 @@ def objections(info: RobotInfo) -> list[Objection]:
     return found
 
 
+def busy(info: RobotInfo) -> list[Objection]:
+    """Return what the robot is doing, as the reason for which it rejects something else."""
+    proc = info.task_proc
+    if is_running(proc):
+        number = proc.robot_task_id
+        reason = f"the robot is executing task {number}" if number else _EXECUTING
+        return [Objection("busy", reason, "wait for its end, or cancel it")]
+    return [_BUSY_STATES[info.state]] if info.state in _BUSY_STATES else []
+
+
+def is_running(task_proc: TaskProc) -> bool:
+    """Return True if a task has begun and not ended; it may be paused or waiting."""
+    return task_proc.state in _RUNNING
+
+
 def is_taskable(info: RobotInfo) -> bool | None:
     """Return whether the robot reports that it accepts tasks; None if it does not report it."""
     if not info.HasField("operation_state"):
@@ -132,6 +179,11 @@ def is_located(info: RobotInfo) -> bool | None:
     if not info.HasField("device_state"):
         return None
     return bool(info.device_state.software & DeviceState.kLocation)
+
+
+def has_map(info: RobotInfo) -> bool | None:
+    """Return whether the robot's pose belongs to a map; None if it does not report its pose."""
+    return bool(info.pose_speed.map_id) if info.HasField("pose_speed") else None
 
 
 def _certain(info: RobotInfo) -> Iterator[Objection]:
@@ -170,7 +222,7 @@ def _likely(info: RobotInfo) -> list[Objection]:
     """Return probable reasons for a robot that is not taskable; used if there is no certain one."""
     remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"
     found = [
-        Objection("fault", f"the robot reports a fault ({code.code}: {code.msg})", remedy)
+        Objection("fault", f"the robot reports a fault ({explained(code.code, code.msg)})", remedy)
         for code in info.abnormal_codes.scs
         if code.level == StatusCode.kFault
     ]
@@ -184,10 +236,4 @@ def _likely(info: RobotInfo) -> list[Objection]:
                 "call robot/SetOccupancy with occupy false",
             )
         )
-    return found or [
-        Objection(
-            "not_taskable",
-            "the robot reports that it rejects tasks, but not why",
-            "wait until it has finished what it is doing, or check its status codes and its screen",
-        )
-    ]
+    return found or [NOT_TASKABLE]

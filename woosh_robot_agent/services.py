@@ -179,19 +179,20 @@ class _CommandHandler:
         self._thread.spawn(partial(self._answer, message, reply), reply.fail)
 
     async def _answer(self, message: Message, reply: Reply) -> None:
+        address = self._chassis.config.address
         try:
-            answer = await self._gate.request(message)
+            answer = await self._gate.request(message, source=self._endpoint.name)
         except ConnectionLostError as error:
-            reply.send(self._response(False, self._lost(error)))
+            reply.send(self._response(False, self._lost(address, error)))
             return
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
         reply.send(self._response(answer.ok, answer.msg, answer.raw))
 
-    def _lost(self, error: ConnectionLostError) -> str:
+    def _lost(self, address: str, error: ConnectionLostError) -> str:
         return (
-            f"lost the link to {self._chassis.config.address} before the chassis answered "
+            f"lost the link to {address} before the chassis answered "
             f"{self._endpoint.request}: {error}; whether it took effect is not known"
         )
 

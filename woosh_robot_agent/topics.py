@@ -11,10 +11,10 @@ from google.protobuf.message import Message
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.last_known import parts_of
+from woosh_robot_agent.latched import LatchedPublisher, LatchedPublishers
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
-from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 
 
@@ -24,17 +24,17 @@ class Topics:
     Each topic gets its first value from RobotInfo, and then each push once, in order.
 
     Args:
-        node: owner of the publishers.
+        latched: creates the publishers.
         chassis: the link; used in its event loop only.
     """
 
-    def __init__(self, node: Any, chassis: ChassisClient) -> None:
+    def __init__(self, latched: LatchedPublishers, chassis: ChassisClient) -> None:
         self._publish = {}
         chassis.on_snapshot(self._snapshot)
         for topic in TOPICS:
             msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
-            publisher = node.create_publisher(msg, topic.name, latched(topic.depth))
+            publisher = latched.create(msg, topic.name, topic.depth)
             convert = converter(msg, proto_class)
             self._publish[topic.push] = partial(_publish, publisher, convert.to_ros)
             chassis.subscribe_raw(proto_class, partial(_publish, publisher, convert.read))
@@ -46,5 +46,7 @@ class Topics:
                 publish(part)
 
 
-def _publish(publisher: Any, to_ros: Callable[[Any], Any], value: Message | Body) -> None:
+def _publish(
+    publisher: LatchedPublisher, to_ros: Callable[[Any], Any], value: Message | Body
+) -> None:
     publisher.publish(to_ros(value))

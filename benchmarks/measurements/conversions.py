@@ -33,7 +33,7 @@ _DURATION = 0.1
 
 def samples() -> dict[str, tuple[Message, str]]:
     """Return for each figure a message as a robot sends it, and its ROS type."""
-    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis = Chassis(SimulatorConfig(seed=1, profile="instant"))
     return {
         "convert_pose": (pose_speed(chassis), "woosh_robot_msgs/PoseSpeed"),
         "convert_scan": (scan(1080), "woosh_robot_msgs/ScannerData"),

@@ -172,7 +172,7 @@ def push_path(
         domain: ROS_DOMAIN_ID.
         options: Options of the measurement.
         floor: Use the floor instead of the agent.
-        odom: Let the agent publish odom with each push, as it does by default.
+        odom: Let the agent publish odom, as it does by default.
     """
     with (
         subscribing(domain, NAMESPACE) as subscriber,

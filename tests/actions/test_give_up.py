@@ -9,8 +9,14 @@ import pytest
 from woosh_robot_agent.actions.give_up import GiveUp
 from woosh_robot_agent.actions.timing import GoalTiming
 
-TIMING = GoalTiming(link_timeout=8.0, fruitless_polls=3, min_cancel_timeout=10.0)
-"""Deadlines of 8 s, and of 16 s after an accepted cancel."""
+TIMING = GoalTiming(
+    link_timeout=8.0,
+    fruitless_polls=3,
+    first_report_timeout=4.0,
+    unknown_polls=2,
+    min_cancel_timeout=10.0,
+)
+"""Deadlines of 8 s, of 16 s after an accepted cancel, and of 4 s for the first report."""
 
 
 @dataclass
@@ -26,10 +32,40 @@ class Case:
 UNANSWERED = ("poll_unanswered", "no answer")
 TOLD = ("poll_answered", True)
 NOTHING = ("poll_answered", False)
+UNKNOWN = ("poll_unknown", "not known", True)
+"""The chassis does not know the goal any more."""
+NOT_YET = ("poll_unknown", "not known", False)
+"""The chassis does not know the goal yet."""
 
 CASES = [
     Case("nothing happens: the wait is not limited", [], None),
     Case("a report", [(1, "report")], None),
+    # A goal that the chassis does not know
+    Case("unknown once: a report may be on its way", [(1, *UNKNOWN)], None),
+    Case("unknown twice", [(1, *UNKNOWN), (2, *UNKNOWN)], 2, "not known"),
+    Case(
+        "unknown, and a report after each poll",
+        [(1, *UNKNOWN), (2, "report"), (3, *UNKNOWN), (4, "report")],
+        None,
+    ),
+    Case("unknown, then known again", [(1, *UNKNOWN), (2, *TOLD), (3, *UNKNOWN)], None),
+    Case(
+        "unknown before the first report",
+        [(t, *NOT_YET) for t in range(5, 12)],
+        9,
+        "not known",
+    ),
+    Case(
+        "unknown before the first report, which then comes",
+        [*((t, *NOT_YET) for t in (5, 6, 7, 8)), (8.5, "report"), (10, *TOLD)],
+        None,
+    ),
+    Case(
+        "unknown, and the link lost meanwhile: its deadline counts too",
+        [(1, *NOT_YET), (2, "link_lost", "reset")],
+        10,
+        "the link was lost (reset)",
+    ),
     # The link
     Case("link lost", [(1, "link_lost", "reset")], 9, "the link was lost (reset)"),
     Case(
@@ -181,7 +217,8 @@ def test_goal_is_given_up_in_time_and_with_its_reason(case: Case) -> None:
         now = give_up.deadline
         reason = give_up.overdue()
     assert (now, case.why in str(reason)) == (case.end, True), reason
-    assert "`stop` service" in str(reason)
+    # a goal that the chassis does not know is not running
+    assert case.why == "not known" or "`stop` service" in str(reason)
 
 
 @pytest.mark.parametrize(

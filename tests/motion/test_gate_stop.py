@@ -8,14 +8,19 @@ import pytest
 from google.protobuf.message import Message
 
 from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, soon, turns
-from tests.motion.gate_checks import ORDERS, TWIST, answer_all, every_moving_request, ok, types
+from tests.motion.gate_checks import (
+    LOAD,
+    ORDERS,
+    TWIST,
+    answer_all,
+    every_moving_request,
+    ok,
+    types,
+)
 from woosh_robot_agent.link import SupersededError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion import gate as gate_module
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
-
-LOAD = "x" * 16_000_000
-"""Text larger than the socket buffers."""
 
 pytestmark = pytest.mark.usefixtures("long_hold")
 

@@ -9,9 +9,10 @@ import pytest
 import yaml
 
 from tests.harness import Client, wait_until
+from tests.quick_chassis import quick_config
 from tests.ros2_commands import Command, documented, parse
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import DeviceStateSoftwareBit as Software
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo
@@ -125,7 +126,7 @@ ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
 @pytest.fixture
 def simulator() -> Any:
     """A simulated chassis in real time, so that a task still runs during the commands after it."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as running:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=1, seed=1)) as running:
         yield running
 
 

@@ -28,11 +28,12 @@ from tests.node.goals import (
     step,
     task,
 )
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.actions.events import Event, Tick
 from woosh_robot_agent.actions.phase import Phase
 from woosh_robot_agent.actions.run import GoalRun
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 pytestmark = pytest.mark.usefixtures("agent")
 
@@ -158,7 +159,7 @@ def test_task_unknown_to_the_chassis_is_aborted(client: Client, simulator: Simul
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     port = simulator.port
     switch_off(simulator)
-    with SimulatorThread(SimulatorConfig(port=port, tcp_port=0)):
+    with SimulatorThread(quick_config(port=port, tcp_port=0)):
         status, ret = goal.result()
     assert status == ABORTED
     assert "does not know the task" in ret.msg
@@ -172,7 +173,7 @@ def test_action_unknown_to_the_chassis_is_aborted(
     goal.feedback.wait(lambda fb: fb.state.value == 2)
     port = simulator.port
     switch_off(simulator)
-    with SimulatorThread(SimulatorConfig(port=port, tcp_port=0)):
+    with SimulatorThread(quick_config(port=port, tcp_port=0)):
         status, ret = goal.result()
     assert (status, ret.state.value) == (ABORTED, -1)
     assert "link was lost" in ret.msg

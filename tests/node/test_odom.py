@@ -18,8 +18,9 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, wait_until
 from tests.node.goals import SUCCEEDED
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
 from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
@@ -34,7 +35,7 @@ EXECUTE = 1
 @pytest.fixture
 def slow_simulator() -> Any:
     """A simulator at three times real time. Faster motion would look like a jump of the pose."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=3, seed=1)) as running:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 
@@ -103,21 +104,29 @@ def start_pose(simulator: SimulatorThread) -> Pose2D:
     return Pose2D(pose.x, pose.y, pose.theta)
 
 
-def test_odom_follows_a_square(slow_simulator, truth, start, client):
+@pytest.mark.parametrize(
+    ("prediction", "speed", "sides", "tolerance"),
+    # a prediction fits only if the robot drives as fast as it reports
+    [(True, 1.0, 2, 0.05), (False, 3.0, 4, 0.01)],
+)
+def test_odom_follows_a_square(
+    slow_simulator, truth, start, client, prediction, speed, sides, tolerance
+):
     begin = start_pose(slow_simulator)
-    start()
+    slow_simulator.call(lambda sim: setattr(sim, "speed", speed))
+    start(odom_prediction=prediction)
     odom = odoms(client)
     first = odom.wait_count(1)[0]
     assert first.header.frame_id == "odom"
     assert first.child_frame_id == "base_link"
-    drive(client, *[(STRAIGHT, 1.0), (ROTATE, math.pi / 2)] * 4)
+    drive(client, *[(STRAIGHT, 1.0), (ROTATE, math.pi / 2)] * sides)
     end = start_pose(slow_simulator)
     odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end) and not m.twist.twist.angular.z)
     at = 0
     for message in odom.messages:
         pose = begin * planar_pose(message.pose.pose)
-        found = [i for i in range(at, len(truth)) if near(pose, truth[i])]
-        if near(pose, begin) and not at:
+        found = [i for i in range(at, len(truth)) if near(pose, truth[i], tolerance, tolerance)]
+        if near(pose, begin, tolerance, tolerance) and not at:
             continue
         assert found, f"{pose} is nowhere on the way after {truth[at]}"
         at = found[0]
@@ -138,29 +147,34 @@ def test_odom_follows_a_sideways_drive(slow_simulator, start, client):
     wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
 
 
-def test_the_stamp_is_the_time_of_receipt(slow_simulator, start, client):
-    """A busy machine may stamp some messages late, so only the lower quartile counts."""
+def test_the_stamp_of_a_report_is_the_time_of_receipt(slow_simulator, start, client):
+    """It lies between the sending of the report and the arrival of the message."""
     sent: dict[float, float] = {}
+    arrived: list[tuple[float, Odometry]] = []
 
     def note(frame: Outgoing) -> list[Outgoing]:
         if frame.type == POSE_SPEED and not frame.request:
-            sent[round(frame.body.pose.x, 4)] = time.time()  # type: ignore[union-attr]
+            sent.setdefault(round(frame.body.pose.x, 4), time.time())  # type: ignore[union-attr]
         return [frame]
 
     begin = start_pose(slow_simulator)
-    slow_simulator.call(lambda sim: setattr(sim, "speed", 1.0))
-    start()
-    odom = odoms(client)
-    odom.wait_count(1)
+    start(odom_prediction=False)
+    client.node.create_subscription(
+        Odometry,
+        client.path("odom"),
+        lambda message: arrived.append((time.time(), message)),
+        QoSProfile(depth=1000),
+    )
+    wait_until(lambda: arrived, "odom")
     slow_simulator.intercept(note)
     drive(client, (STRAIGHT, 1.0))
-    lags = []
-    for message in odom.messages:
+    compared = 0
+    for arrival, message in list(arrived):
         at = sent.get(round((begin * planar_pose(message.pose.pose)).x, 4))
         if at is not None and message.twist.twist.linear.x:
-            lags.append(stamp(message) - at)
-    assert len(lags) > 10
-    assert sorted(lags)[len(lags) // 4] < 0.01, lags
+            assert at <= stamp(message) <= arrival
+            compared += 1
+    assert compared > 5
 
 
 class TestAtRest:
@@ -217,14 +231,15 @@ def test_a_pose_set_by_another_client_ends_the_velocity(slow_simulator, start, c
     assert max(abs(m.twist.twist.linear.y) for m in odom.messages) < 1.0
 
 
-def test_the_pose_of_a_standing_robot_is_repeated(start, client):
-    start(odom_rate=50.0)
+@pytest.mark.parametrize("prediction", [True, False])
+def test_the_pose_of_a_standing_robot_is_repeated(start, client, prediction):
+    start(odom_rate=50.0, odom_prediction=prediction)
     odom = odoms(client)
     odom.wait_count(25)
     stamps = [stamp(m) for m in odom.messages]
-    assert stamps[-1] - stamps[0] > 0.8 * 24 / 50.0, "no faster than the rate"
-    gaps = sorted(b - a for a, b in pairwise(stamps))
-    assert gaps[len(gaps) // 4] < 0.04, "a busy machine skips some messages, but not most"
+    assert stamps == sorted(set(stamps))
+    assert stamps[-1] - stamps[0] > 0.8 * (len(stamps) - 1) / 50.0, "no faster than the rate"
+    assert len({(m.pose.pose.position.x, m.twist.twist.linear.x) for m in odom.messages}) == 1
 
 
 @pytest.mark.parametrize("field", ["x", "theta", "linear"])

@@ -18,8 +18,9 @@ from rclpy.parameter import Parameter
 
 from tests.harness import Client, RunningAgent, wait_until
 from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, step, task
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARAMETERS
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode, Speak
 
 MODE = "woosh.robot.Mode"
@@ -138,7 +139,7 @@ def test_integer_is_accepted_for_a_floating_point_parameter(
 def test_change_of_the_address_reconnects(
     agent: RunningAgent, client: Client, simulator: SimulatorThread, transport: str
 ) -> None:
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as other:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other:
         port = other.port if transport == "websocket" else other.tcp_port
         assert change(client, port=port, transport=transport) == (True, "")
         other.wait_received(ROBOT_INFO)
@@ -174,7 +175,7 @@ def test_goal_outlives_a_change_that_reconnects(
 ) -> None:
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    assert change(client, ip="localhost") == (True, "")
+    assert change(client, encoding="protobuf") == (True, "")
     assert goal.result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 1
 

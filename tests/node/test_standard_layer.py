@@ -12,8 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, RunningAgent, wait_until
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameter import parameters_of
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
 
@@ -103,7 +104,7 @@ class TestTwoRobots:
         """Two robots in one domain, each with its own agent, namespace and frame prefix."""
         running = []
         for name in ("r1", "r2"):
-            config = SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)
+            config = quick_config(port=0, tcp_port=0, speed=5, seed=1)
             simulator = SimulatorThread(config).__enter__()
             agent = RunningAgent(
                 domain,

@@ -21,9 +21,10 @@ from typing import Any
 from benchmarks.processes import MIB, start_module
 from benchmarks.report.figures import Figure, print_and_judge
 from tests.harness import Client
+from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent
 from tests.robustness.traffic import DuplicateAnswers
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
@@ -373,7 +374,7 @@ def run(size: Size, *, measure_memory: bool = True) -> list[Figure]:
         size: Size of the floods.
         measure_memory: Compare the memory with that after a warm-up.
     """
-    config = SimulatorConfig(port=0, tcp_port=0, seed=1, max_outbox=1_000_000)
+    config = quick_config(port=0, tcp_port=0, seed=1, max_outbox=1_000_000)
     with (
         own_domain() as domain,
         SimulatorThread(config) as simulator,

@@ -22,6 +22,7 @@ import websockets
 from google.protobuf.message import Message
 
 from tests.link.link_peer import INFO, Frame, Packed, Peer, Wire
+from tests.quick_chassis import quick_config
 from tests.robustness import fuzz_inputs as inputs
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs.frames import FrameError
@@ -33,7 +34,7 @@ from woosh_robot_agent.link.transport.tcp import TcpTransport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.protos import full_name, message_types
-from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
+from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.protocol.pushes import TOPICS
 
 try:
@@ -317,7 +318,7 @@ class _Simulator(_Loop):
     def __init__(self) -> None:
         super().__init__()
         self.simulator = SimulatedChassis(
-            SimulatorConfig(port=0, tcp_port=0, speed=100, seed=1, max_frame=4 * 1024 * 1024)
+            quick_config(port=0, tcp_port=0, speed=100, seed=1, max_frame=4 * 1024 * 1024)
         )
         self.loop.run_until_complete(self.simulator.start())
 

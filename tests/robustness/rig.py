@@ -21,11 +21,12 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.logging import LoggingSeverity
 
 from tests.harness import Client
+from tests.quick_chassis import quick_config
 from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link.transport.tcp import TcpTransport
 from woosh_robot_agent.link.transport.websocket import WebSocketTransport
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentInProcess, own_domain
 
 SPEED = 20
@@ -112,7 +113,7 @@ class Rig:
             stack.enter_context(self._count_twists())
             stack.enter_context(_short_poll_period())
             self.simulator = stack.enter_context(
-                SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=SPEED))
+                SimulatorThread(quick_config(port=0, tcp_port=0, speed=SPEED))
             )
             port = self.simulator.tcp_port if kind["transport"] == "tcp" else self.simulator.port
             values = {**(SHORT_TIMEOUTS if parameters is None else parameters), **kind}

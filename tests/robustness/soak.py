@@ -24,11 +24,12 @@ from benchmarks.processes import MIB
 from benchmarks.report.figures import Figure, print_and_judge
 from benchmarks.report.table import markdown
 from tests.harness import Client
+from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent
 from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.faults import FAULTS
 from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_agent.topics import latched
@@ -262,7 +263,7 @@ def run(length: Length, seed: int = 0) -> tuple[list[Sample], list[Figure]]:
     """Soak an agent; return the samples under load and the figures."""
     with (
         own_domain() as domain,
-        SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=SPEED, seed=1)) as simulator,
+        SimulatorThread(quick_config(port=0, tcp_port=0, speed=SPEED, seed=1)) as simulator,
         connected_agent(domain, simulator, **PARAMETERS) as agent,
         contextlib.closing(Soak(domain, simulator, agent, length, seed)) as soak,
     ):

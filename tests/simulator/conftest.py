@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient, TcpClient
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1)) as simulator:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=50, seed=1)) as simulator:
         yield simulator
 
 

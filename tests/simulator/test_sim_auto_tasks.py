@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, COMPLETED, CANCELED = 1, 2, 3, 7, 8
@@ -17,7 +18,7 @@ CHARGE_AFTER, PARK_AFTER = 10.0, 30.0  # simulated seconds
 
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
-    config = SimulatorConfig(
+    config = quick_config(
         port=0,
         tcp_port=0,
         speed=50,
@@ -196,4 +197,4 @@ def test_no_automatic_task_starts_on_a_map_without_its_mark(
 @pytest.mark.parametrize("after", [{"charge_after": 0.0}, {"park_after": -1.0}])
 def test_delays_must_be_positive(after: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="more than 0 s"):
-        SimulatorConfig(**after)
+        quick_config(**after)

@@ -8,21 +8,21 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.hull import hull
 
-ORIGINAL = FOOTPRINTS[util_robot_pb2.kOriginal]
+ORIGINAL = load_profile("instant").model.outline
 
 
 @pytest.fixture
 def chassis() -> Chassis:
-    return Chassis(SimulatorConfig(seed=1))
+    return Chassis(quick_config(seed=1))
 
 
 def request(chassis: Chassis, name: str, **fields: Any) -> Answer:

@@ -177,7 +177,7 @@ def test_emergency_stop_shows_in_all_states(simulator: SimulatorThread, client: 
     info = client.ask("woosh.robot.RobotInfo")
     assert info["deviceState"]["hardware"] == 1024
     assert info["operationState"]["robot"] == 0
-    assert [code["msg"] for code in info["abnormalCodes"]["scs"]] == ["emergency stop pressed"]
+    assert [code["code"] for code in info["abnormalCodes"]["scs"]] == ["110201000013"]
     assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"markNo": "A2"})
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     simulator.set_emergency_stop(False)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from google.protobuf import json_format
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
@@ -75,7 +76,7 @@ END_S = 312.0
 
 
 def config(speed: float = 1.0) -> SimulatorConfig:
-    return SimulatorConfig(port=0, tcp_port=0, speed=speed, seed=7, park_after=20.0)
+    return quick_config(port=0, tcp_port=0, speed=speed, seed=7, park_after=20.0)
 
 
 class ScriptPlayer:

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 R = "woosh.robot."
 TARGET = {"x": 1.23, "y": 2.34, "theta": 1.57}
@@ -91,7 +92,7 @@ def speed(request: Any) -> float:
 @pytest.fixture
 def simulator(speed: float) -> Iterator[SimulatorThread]:
     """Simulator at each speed. At speed 1, the task is paused far from its end."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=speed)) as simulator:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=speed)) as simulator:
         yield simulator
 
 

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wait import wait_until
-from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from tests.simulator.sim_wire import Json, JsonClient, TcpClient, pass_time, subscription
+from woosh_robot_agent.simulator import SimulatorThread
 
 POSE_SPEED = "woosh.robot.PoseSpeed"
 CODES = "woosh.robot.count.AbnormalCodes"
+STATUS_CODE = "woosh.robot.count.StatusCode"
 SCANNER = "woosh.robot.ScannerData"
+EMERGENCY_STOP = "110201000013"
+TASK = ("woosh.robot.ExecTask", {"taskId": 4, "type": 1, "markNo": "A23"})
+STEP = {"stepControl": {"action": 1, "steps": [{"mode": 1, "value": 1.0, "speed": 0.2}]}}
+LIFT = {"liftControl": {"action": 1, "executeMode": 1}}
+CALL = "woosh.ros.CallAction"
 
 
 def abnormal_codes(client: JsonClient) -> list[str]:
-    return [code["msg"] for code in client.ask(CODES)["scs"]]
+    return [code["code"] for code in client.ask(CODES)["scs"]]
 
 
 def distance_ahead(client: JsonClient) -> float:
@@ -30,7 +38,7 @@ def test_emergency_stop_is_reported_and_refuses_motion(
 ) -> None:
     client.subscribe(CODES)
     fault = simulator.inject("emergency_stop")
-    assert client.next_push(CODES)["scs"][0]["msg"] == "emergency stop pressed"
+    assert client.next_push(CODES)["scs"][0]["code"] == EMERGENCY_STOP
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     fault.clear()
     assert client.next_push(CODES)["scs"] == []
@@ -53,7 +61,7 @@ def test_clearing_the_fault_keeps_a_button_pressed_before(
     simulator.set_emergency_stop(True)
     simulator.inject("emergency_stop")
     simulator.clear_faults()
-    assert abnormal_codes(client) == ["emergency stop pressed"]
+    assert abnormal_codes(client) == [EMERGENCY_STOP]
 
 
 def test_lost_localisation_is_reported_and_refuses_tasks(
@@ -124,7 +132,7 @@ def test_burst_can_push_events(
 
 def test_burst_does_not_drop_clients_that_read() -> None:
     """The burst is far longer than a client's queue. A client that does not read may be dropped."""
-    config = SimulatorConfig(port=0, tcp_port=0, max_outbox=100)
+    config = quick_config(port=0, tcp_port=0, max_outbox=100)
     with SimulatorThread(config) as simulator:
         quick, slow = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
         for each in (quick, slow):
@@ -154,3 +162,92 @@ def test_clear_ends_a_burst(simulator: SimulatorThread, client: JsonClient) -> N
     fault.clear()
     assert not fault.active
     assert fault.hits == 1
+
+
+def test_key_switch_refuses_motion_until_the_fault_ends(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    fault = simulator.inject("key_switch")
+    assert client.ask("woosh.robot.Mode")["ctrl"] == 2
+    for name, body in (TASK, (CALL, STEP), ("woosh.robot.Twist", {"linear": 0.2})):
+        assert "key switch is at manual" in client.refusal(name, body)
+    fault.clear()
+    assert client.ask("woosh.robot.Mode")["ctrl"] == 1
+    client.ask(*TASK)
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        TASK,
+        (CALL, STEP),
+        (CALL, {"moveBase": {"action": 1, "targetPose": {"x": 1.0}}}),
+        (CALL, LIFT),
+        ("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5}),
+        ("woosh.robot.Follow", {"type": True}),
+    ],
+)
+def test_key_switch_may_accept_requests_and_not_move(
+    simulator: SimulatorThread, client: JsonClient, name: str, body: Json
+) -> None:
+    simulator.call(lambda s: s.chassis.obstacles.put("leader", -3.0, 0.0, 0.2))
+    before = simulator.state
+    fault = simulator.inject("key_switch", requests="accepted")
+    answer = client.request(name, body)
+    assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
+    pass_time(simulator, 5.0)
+    after = simulator.state
+    assert (after.pose, after.jack) == (before.pose, before.jack)
+    assert not after.velocity.speed
+    if name == CALL:
+        (feedback,) = client.ask("woosh.ros.Feedbacks")["fbs"]
+        assert feedback["state"] == 2  # it executes, and nothing moves
+    fault.clear()
+
+
+def test_accepted_motion_begins_when_the_key_is_turned_back(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    fault = simulator.inject("key_switch", requests="accepted")
+    client.subscribe("woosh.ros.Feedbacks")
+    client.ask(CALL, STEP)
+    pass_time(simulator, 2.0)
+    fault.clear()
+    client.next_push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] == 1)
+
+
+def test_key_switch_that_accepts_stops_a_moving_robot(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe(POSE_SPEED)
+    client.ask(*TASK)
+    client.next_push(POSE_SPEED, lambda body: body["twist"]["linear"] > 0.3)
+    simulator.set_key_switch(True, accept=True)
+    pass_time(simulator, 0.2)
+    stopped = simulator.state.pose
+    pass_time(simulator, 5.0)
+    assert simulator.state.pose == stopped
+    assert client.ask("woosh.robot.TaskProc")["state"] == 3
+
+
+def test_code_burst_repeats_codes_in_order(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe(STATUS_CODE)
+    fault = simulator.inject("code_burst", count=400, rate=0)
+    wait_until(lambda: not fault.active)
+    pushed = client.take_pushes(STATUS_CODE)
+    assert len(pushed) == 400
+    codes = [body["code"] for body in pushed]
+    assert 2 <= len(set(codes)) <= 10
+    assert sum(a == b for a, b in pairwise(codes)) > 200
+    times = [int(body["time"]) for body in pushed]
+    assert times == sorted(times)
+    assert client.ask("woosh.robot.count.StatusCodes")["scs"] == pushed[-50:]
+
+
+def test_code_burst_sends_300_in_a_second(simulator: SimulatorThread, client: JsonClient) -> None:
+    client.subscribe(STATUS_CODE)
+    begun = time.monotonic()
+    simulator.inject("code_burst")
+    for _ in range(300):
+        client.next_push(STATUS_CODE)
+    assert time.monotonic() - begun >= 0.99

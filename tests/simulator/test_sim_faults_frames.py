@@ -11,10 +11,11 @@ import websockets
 from google.protobuf.message import DecodeError
 from websockets.exceptions import ConnectionClosed
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient, TcpClient, body_of, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 MODE = "woosh.robot.Mode"
 BATTERY = "woosh.robot.Battery"
@@ -248,7 +249,7 @@ def test_wrong_field_type_replaces_an_empty_body(
 def test_equal_seeds_damage_frames_equally() -> None:
     seen = []
     for _ in range(2):
-        with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=8)) as simulator:
+        with SimulatorThread(quick_config(port=0, tcp_port=0, seed=8)) as simulator:
             simulator.inject("garbage", count=3)
             simulator.inject("wrong_field_type", type=BATTERY)
             peer = JsonPeer(simulator)

@@ -10,13 +10,13 @@ from collections import Counter
 import pytest
 from websockets.exceptions import ConnectionClosed
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import (
     FaultError,
     SimulatedChassis,
-    SimulatorConfig,
     SimulatorThread,
 )
 from woosh_robot_agent.simulator.faults import FAULTS, markdown
@@ -261,7 +261,7 @@ def test_fault_begin_and_end_are_logged_once(
 
 def test_faults_work_in_the_event_loop_of_the_caller() -> None:
     async def scenario() -> None:
-        config = SimulatorConfig(port=0, tcp_port=0, speed=100)
+        config = quick_config(port=0, tcp_port=0, speed=100)
         async with SimulatedChassis(config) as simulator:
             fault = simulator.inject("off")
             await simulator.settle()

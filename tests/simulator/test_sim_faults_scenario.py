@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import JsonClient
 from tests.simulator.test_sim_program import PROGRAM, running
 from woosh_robot_agent.simulator import (
     FaultError,
     Scenario,
-    SimulatorConfig,
     SimulatorThread,
     load_scenario,
 )
@@ -138,9 +138,7 @@ def codes(client: JsonClient) -> list[dict[str, Any]]:
 
 def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
     """Equal seeds give equal codes and times."""
-    config = SimulatorConfig(
-        port=0, tcp_port=0, speed=100, seed=2, scenario=load_scenario(scenario)
-    )
+    config = quick_config(port=0, tcp_port=0, speed=100, seed=2, scenario=load_scenario(scenario))
     runs = []
     for _ in range(2):
         with SimulatorThread(config) as simulator:
@@ -154,19 +152,19 @@ def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
             assert [fault.name for fault in simulator.faults] == ["refuse"]
             client = JsonClient(simulator.port)
             assert client.refusal("woosh.robot.Speak") == "not now: busy"
-            runs.append([(code["msg"], int(code["time"])) for code in codes(client)])
+            runs.append([(code["code"], int(code["time"])) for code in codes(client)])
             client.close()
     assert runs[0] == runs[1]
     begin = 1735689600000
-    assert [(text, time - begin) for text, time in runs[0]] == [
-        ("emergency stop pressed", 10_000),
-        ("localisation lost", 30_000),
+    assert [(code, time - begin) for code, time in runs[0]] == [
+        ("110201000013", 10_000),
+        ("130103000012", 30_000),
     ]
 
 
 def test_faults_due_at_the_start_begin_before_the_first_client() -> None:
     scenario = Scenario((parse_fault("off for=20"),))
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, scenario=scenario)
+    config = quick_config(port=0, tcp_port=0, speed=50, scenario=scenario)
     with SimulatorThread(config) as simulator:
         port = simulator.port
         seen = simulator.injected["off"]

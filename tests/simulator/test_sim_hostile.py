@@ -8,9 +8,10 @@ import time
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving import connections
 
 MODE = "woosh.robot.Mode"
@@ -124,7 +125,7 @@ def test_handshakes_from_foreign_web_pages_are_refused(
 
 
 def test_all_origins_are_accepted_on_a_public_address() -> None:
-    config = SimulatorConfig(host="0.0.0.0", port=0, tcp_port=0)
+    config = quick_config(host="0.0.0.0", port=0, tcp_port=0)
     with SimulatorThread(config) as simulator:
         assert " 101 " in asyncio.run(
             _handshake_status(simulator.port, "https://somewhere.example")
@@ -145,7 +146,7 @@ def test_silent_connection_is_closed(
 
 
 def test_excess_connections_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, max_connections=1)
+    config = quick_config(port=0, tcp_port=0, max_connections=1)
     with caplog.at_level(logging.WARNING), SimulatorThread(config) as simulator:
         first = TcpClient(simulator.tcp_port)
         assert first.request(MODE).ok

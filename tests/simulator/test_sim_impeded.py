@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 
 PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"
 ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
@@ -24,7 +25,7 @@ GOAL = {"pose": {"x": 9.0, "y": 0.0}}
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
     """Simulator in real time at first, so that requests arrive before the obstacle does."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=1, seed=1)) as simulator:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=1, seed=1)) as simulator:
         yield simulator
 
 
@@ -66,7 +67,7 @@ def next_impeded_report(client: JsonClient) -> Json:
     assert "an obstacle stands in the way" in report["msg"]
     assert client.next_push(OPERATION, lambda body: body["nav"] == IMPEDE)["robot"] == 1
     (code,) = client.next_push(ABNORMAL)["scs"]
-    assert (code["level"], code["msg"]) == (2, "an obstacle stands in the way")
+    assert (code["level"], code["msg"]) == (1, "something blocks the way ahead")
     return report
 
 

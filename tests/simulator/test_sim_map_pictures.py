@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.quick_chassis import quick_config
 from tests.simulator.map_files import cells, room_picture, write_map
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes.files import load_scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.planner import Planner
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
         (area,) = scene.maps
         assert (scene.name, area.name) == ("room" if path is file else tmp_path.name, "room")
         assert (area.low, area.high) == ((-1.0, -2.0), pytest.approx((5.0, 2.0)))
-    chassis = Chassis(SimulatorConfig(seed=1, scenes=(file,)))
+    chassis = Chassis(quick_config(seed=1, scenes=(file,)))
     # Without a start pose, the robot starts on free floor.
     assert chassis.gap(chassis.base.pose) > 0.0
     chassis.base.place(Pose(1.0, 0.0, 0.0))
@@ -85,7 +85,7 @@ def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
 def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
     greys = np.array(room_picture())
     greys[:, 30:40] = 205
-    chassis = Chassis(SimulatorConfig(scenes=(write_map(tmp_path, Image.fromarray(greys)),)))
+    chassis = Chassis(quick_config(scenes=(write_map(tmp_path, Image.fromarray(greys)),)))
     chassis.base.place(Pose(0.5, -1.0, 0.0))
     assert chassis.scan()[chassis.laser.rays // 2] == pytest.approx(4.15, abs=0.03)
     planner = Planner(chassis.map, 0.3)
@@ -99,7 +99,7 @@ def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
 
 def test_laser_sees_nothing_on_an_empty_grid(tmp_path: Path) -> None:
     file = write_map(tmp_path, Image.fromarray(np.full((80, 80), 254, np.uint8)))
-    chassis = Chassis(SimulatorConfig(scenes=(file,)))
+    chassis = Chassis(quick_config(scenes=(file,)))
     assert set(chassis.scan()) == {math.inf}
     assert chassis.clearance(1.0, 1.0) == math.inf
     assert Planner(chassis.map, 0.5).plan((0.0, 0.0), (4.0, 3.0)) == [(4.0, 3.0)]
@@ -153,7 +153,7 @@ def test_invalid_maps_are_refused_with_place_and_reason(
     text = file.read_text()
     assert old in text
     file.write_text(text.replace(old, new))
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(DataFileError) as error:
         load_scene(file)
     assert reason in str(error.value)
 
@@ -174,6 +174,6 @@ def test_invalid_pictures_are_refused_with_a_reason(tmp_path: Path) -> None:
         (jpeg.getvalue(), "not readable as a PNG or PGM"),
     ):
         file = write_map(tmp_path, data)
-        with pytest.raises(SceneError, match=r"room\.png: ") as error:
+        with pytest.raises(DataFileError, match=r"room\.png: ") as error:
             load_scene(file)
         assert reason in str(error.value)

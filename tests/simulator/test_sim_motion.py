@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
@@ -19,7 +20,6 @@ from woosh_robot_agent.simulator.body.base import (
     approach,
 )
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
 from woosh_robot_agent.simulator.world.planner import planner
@@ -29,7 +29,7 @@ STEPS_PER_S = round(1 / TIME_STEP)
 
 @pytest.fixture
 def chassis() -> Chassis:
-    return Chassis(SimulatorConfig(seed=1))
+    return Chassis(quick_config(seed=1))
 
 
 def request(chassis: Chassis, name: str, **fields: Any) -> Answer:
@@ -130,7 +130,7 @@ def test_only_an_omnidirectional_base_moves_sideways(chassis: Chassis) -> None:
     request(chassis, "woosh.robot.Twist", linear_y=0.3)
     run(chassis, 1.5)
     assert start.bearing(chassis.base.pose.point) == pytest.approx(math.pi / 2)
-    differential = Chassis(SimulatorConfig(omnidirectional=False))
+    differential = Chassis(quick_config(omnidirectional=False))
     answer = request(differential, "woosh.robot.Twist", linear_y=0.3)
     assert (answer.ok, "sideways" in answer.msg) == (False, True)
 
@@ -156,7 +156,7 @@ def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
         run(chassis, 0.1)
     driven = chassis.base.odometer - odometer
     assert 9.0 < driven < 10.0
-    rested = Chassis(SimulatorConfig(seed=1))
+    rested = Chassis(quick_config(seed=1))
     run(rested, 10.0)
     assert chassis.battery.level < rested.battery.level < level
 
@@ -215,8 +215,8 @@ def test_rays_through_the_gate_are_infinite(chassis: Chassis) -> None:
 def test_laser_noise_depends_only_on_the_seed() -> None:
     scans = []
     for _ in range(2):
-        chassis = Chassis(SimulatorConfig(seed=7))
+        chassis = Chassis(quick_config(seed=7))
         run(chassis, 1.0)
         scans.append(chassis.scan())
     assert scans[0] == scans[1]
-    assert Chassis(SimulatorConfig(seed=8)).scan() != Chassis(SimulatorConfig(seed=7)).scan()
+    assert Chassis(quick_config(seed=8)).scan() != Chassis(quick_config(seed=7)).scan()

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
@@ -16,7 +16,7 @@ from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 @pytest.fixture
 def chassis() -> Chassis:
-    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis = Chassis(quick_config(seed=1))
     chassis.base.place(Pose(0.0, 0.0, 0.0))
     return chassis
 
@@ -58,7 +58,7 @@ def test_equal_runs_with_obstacles_are_equal() -> None:
     """Obstacles placed and removed at fixed steps affect two runs equally."""
     runs = []
     for _ in range(2):
-        chassis = Chassis(SimulatorConfig(seed=3))
+        chassis = Chassis(quick_config(seed=3))
         chassis.base.place(Pose(0.0, 0.0, 0.0))
         seen: list[object] = []
         for step in range(200):

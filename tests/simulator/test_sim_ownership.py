@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from google.protobuf.message import Message
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow
 from woosh_robot_agent.pb.ros import action_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import task_pb2
-from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
@@ -27,7 +27,7 @@ def steps(action: action_pb2.ControlAction) -> CallAction:
 
 
 def test_resumed_task_ends_following() -> None:
-    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis = Chassis(quick_config(seed=1))
     ask(chassis, ExecTask(mark_no="A2", type=task_pb2.kPick))
     ask(chassis, ActionOrder(order=util_action_pb2.kPause))
     ask(chassis, Follow(type=True))
@@ -37,7 +37,7 @@ def test_resumed_task_ends_following() -> None:
 
 
 def test_resumed_action_ends_following() -> None:
-    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis = Chassis(quick_config(seed=1))
     ask(chassis, steps(action_pb2.kExecute))
     ask(chassis, steps(action_pb2.kPause))
     ask(chassis, Follow(type=True))

@@ -15,10 +15,11 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, subscription
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.scenes import library as scenes
 
@@ -221,7 +222,7 @@ def test_equal_seeds_push_the_same_poses_on_a_picture(hall: Path) -> None:
 
 def _pushed_poses(seed: int, *own: Path) -> list[Any]:
     """Return the PoseSpeed frames pushed during a task."""
-    config = SimulatorConfig(port=0, tcp_port=0, speed=100, seed=seed, scenes=own)
+    config = quick_config(port=0, tcp_port=0, speed=100, seed=seed, scenes=own)
     with SimulatorThread(config) as simulator:
         client = TcpClient(simulator.tcp_port)
         client.send(subscription("woosh.robot.PoseSpeed", "woosh.robot.TaskProc"))

@@ -9,9 +9,10 @@ from collections.abc import Iterable
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
-from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorThread
 
 GARBAGE: list[str | bytes] = [
     "",
@@ -69,7 +70,7 @@ def test_pushes_reach_many_clients(simulator: SimulatorThread) -> None:
 
 
 def test_connections_are_limited() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, max_connections=1)
+    config = quick_config(port=0, tcp_port=0, max_connections=1)
     with SimulatorThread(config) as simulator:
         first = TcpClient(simulator.tcp_port)
         assert first.request("woosh.robot.Mode").ok
@@ -82,7 +83,7 @@ def test_connections_are_limited() -> None:
 
 
 def test_slow_client_is_dropped_and_delays_no_other() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, max_outbox=5)
+    config = quick_config(port=0, tcp_port=0, max_outbox=5)
     with SimulatorThread(config) as simulator:
         slow, quick = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
         assert quick.request("woosh.robot.Mode").ok
@@ -226,7 +227,7 @@ def test_half_open_connection_is_answered_after_clear(
 
 def test_simulator_runs_in_the_event_loop_of_the_caller() -> None:
     async def scenario() -> None:
-        config = SimulatorConfig(port=0, tcp_port=0, speed=100)
+        config = quick_config(port=0, tcp_port=0, speed=100)
         async with SimulatedChassis(config) as simulator:
             reader, writer = await asyncio.open_connection("127.0.0.1", simulator.tcp_port)
             frame = packed("woosh.robot.Twist", sn=1)
@@ -241,6 +242,6 @@ def test_simulator_runs_in_the_event_loop_of_the_caller() -> None:
 
 
 def test_port_in_use_raises_an_error(simulator: SimulatorThread) -> None:
-    other = SimulatorThread(SimulatorConfig(port=simulator.port, tcp_port=0))
+    other = SimulatorThread(quick_config(port=simulator.port, tcp_port=0))
     with pytest.raises(OSError):
         other.start()

@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.quick_chassis import quick_config
 from tests.simulator.map_files import room_picture, write_map
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes import files as scene_files
 from woosh_robot_agent.simulator.scenes.files import load_scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 SCENE = """
 name: lab
@@ -55,7 +56,7 @@ def write_scene(folder: Path, text: str = SCENE) -> Path:
 
 
 def test_custom_scene_is_loaded(tmp_path: Path) -> None:
-    chassis = Chassis(SimulatorConfig(seed=1, scenes=(write_scene(tmp_path),)))
+    chassis = Chassis(quick_config(seed=1, scenes=(write_scene(tmp_path),)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "lab"]
     assert (chassis.scene.name, chassis.map.name) == ("lab", "upstairs")
     assert chassis.base.pose == Pose(1.0, 0.0, 0.5)
@@ -88,7 +89,7 @@ def test_robot_starts_in_the_first_scene(tmp_path: Path) -> None:
     (tmp_path / "two").mkdir()
     one = write_map(tmp_path / "one", room_picture())
     two = write_scene(tmp_path / "two", SCENE.replace("lab", "wooshmap"))
-    chassis = Chassis(SimulatorConfig(scenes=(one, two)))
+    chassis = Chassis(quick_config(scenes=(one, two)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "room"]
     assert chassis.scene.name == "room"
     assert [each.name for each in chassis.scenes["wooshmap"].maps] == ["ground", "upstairs"]
@@ -141,7 +142,7 @@ def test_invalid_scenes_are_refused_with_place_and_reason(
     tmp_path: Path, old: str, new: str, reason: str
 ) -> None:
     assert old in SCENE
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(DataFileError) as error:
         load_scene(write_scene(tmp_path, SCENE.replace(old, new)))
     assert reason in str(error.value)
     assert len(str(error.value)) < 600
@@ -152,16 +153,16 @@ def test_total_pixels_of_a_scene_are_limited(
 ) -> None:
     monkeypatch.setattr(scene_files, "_MAX_PIXELS", 2 * 60 * 40)
     maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
-    with pytest.raises(SceneError, match=r"maps\[2\]: the pictures of the scene have"):
+    with pytest.raises(DataFileError, match=r"maps\[2\]: the pictures of the scene have"):
         load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
 
 
 def test_start_inside_a_wall_is_refused(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, SCENE.replace("[1.0, 0.0, 0.5]", "[2.9, 0.0, 0.5]"))
     with pytest.raises(
-        SceneError, match=r"scene lab: the robot cannot start at .* on map upstairs"
+        DataFileError, match=r"scene lab: the robot cannot start at .* on map upstairs"
     ):
-        Chassis(SimulatorConfig(scenes=(scene,)))
+        Chassis(quick_config(scenes=(scene,)))
 
 
 def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -176,7 +177,7 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_every_kind_of_mark_has_its_category() -> None:
-    body = dispatch(Chassis(SimulatorConfig()), SceneData()).body
+    body = dispatch(Chassis(quick_config()), SceneData()).body
     assert isinstance(body, SceneData)
     (area,) = body.maps
     kinds = {each.identity.no: each.WhichOneof("category") for each in area.mark_info.storages}
@@ -187,7 +188,7 @@ def test_every_kind_of_mark_has_its_category() -> None:
 
 
 def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
+    config = quick_config(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
     with SimulatorThread(config) as simulator:
         client = JsonClient(simulator.port)
         easy = client.ask("woosh.map.SceneDataEasy")

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient
-from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
@@ -28,7 +28,7 @@ def serpentine(cells: int) -> Map:
         (wall[:, 60:] if number % 2 else wall[:, :-60])[:] = OCCUPIED
     grid = Grid(floor, 0.05, (0.0, 0.0))
     return dataclasses.replace(
-        Chassis(SimulatorConfig()).map, walls=(), grid=grid, marks={}, low=grid.low, high=grid.high
+        Chassis(quick_config()).map, walls=(), grid=grid, marks={}, low=grid.low, high=grid.high
     )
 
 
@@ -68,7 +68,7 @@ def test_legs_of_a_path_share_one_budget() -> None:
 
 def test_navigation_beyond_the_budget_fails_with_a_hint(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SearchBudget.__init__, "__defaults__", (10,))
-    chassis = Chassis(SimulatorConfig())
+    chassis = Chassis(quick_config())
     progress = Navigate(Pose(-9.5, -4.0, math.pi)).tick(chassis, 0.05)
     assert progress.done
     assert "too long or too winding to plan: choose a nearer goal" in progress.failure

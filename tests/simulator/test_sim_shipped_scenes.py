@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes import library as scenes
@@ -28,10 +28,10 @@ SHIPPED = Path(scenes.__file__).parents[1] / "data"
 
 
 def test_default_scene_is_wooshmap() -> None:
-    chassis = Chassis(SimulatorConfig(seed=1))
+    chassis = Chassis(quick_config(seed=1))
     assert list(chassis.scenes) == ["wooshmap", "scenex"]
     (area,) = chassis.scene.maps
-    assert (area.id, area.name, area.floor, area.version) == (0, "wooshmap", "1F", 147)
+    assert (area.id, area.name, area.floor, area.version) == (3, "wooshmap", "1F", 147)
     assert (area.low, area.high) == ((-12.0, -10.0), (12.0, 10.0))
     assert len(area.walls) == 19
     assert Wall(12.0, 1.0, 12.0, 10.0) in area.walls
@@ -49,7 +49,7 @@ def test_every_mark_of_the_shipped_scenes_is_reachable() -> None:
 
 
 def test_two_chassis_do_not_share_scenes() -> None:
-    one, two = Chassis(SimulatorConfig()), Chassis(SimulatorConfig())
+    one, two = Chassis(quick_config()), Chassis(quick_config())
     one.scene.files["a"] = b""
     one.scene.maps.clear()
     assert two.scene.files == {}
@@ -77,8 +77,8 @@ def test_shipped_picture_matches_the_walls() -> None:
 
 
 def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
-    walls = Chassis(SimulatorConfig(seed=1))
-    cells = Chassis(SimulatorConfig(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
+    walls = Chassis(quick_config(seed=1))
+    cells = Chassis(quick_config(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
     rng = random.Random(3)
     for _ in range(20):
         pose = Pose(rng.uniform(-11, 11), rng.uniform(-9, 9), rng.uniform(-3, 3))

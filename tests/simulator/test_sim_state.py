@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import (
     Outgoing,
     SimulatedChassis,
-    SimulatorConfig,
     SimulatorThread,
 )
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
@@ -42,8 +42,9 @@ def test_key_switch_overrides_the_control_mode(
     assert client.ask(MODE)["ctrl"] == MANUAL
     assert client.refusal(*TASK) == KEY
     assert client.refusal("woosh.robot.ActionOrder", {"order": 3}) == KEY
-    client.ask("woosh.robot.Twist", {"linear": 0.2})  # manual mode allows remote control
-    assert "key switch turned to manual" in [each["msg"] for each in client.ask(CODES)["scs"]]
+    assert client.refusal("woosh.robot.Twist", {"linear": 0.2}) == KEY
+    client.ask("woosh.robot.Twist")  # a stop is always accepted
+    assert client.ask(CODES)["scs"][-1]["msg"] == "control mode is now manual"
     client.pushes.clear()
     simulator.set_key_switch(False)
     assert client.next_push(MODE)["ctrl"] == AUTO
@@ -88,7 +89,7 @@ def test_lost_localisation_pauses_the_task_until_a_pose_is_set(
     assert info["state"] == FAULT
     assert info["operationState"]["robot"] == 0
     assert info["deviceState"]["software"] & 1 == 0
-    assert [each["msg"] for each in info["abnormalCodes"]["scs"]] == ["localisation lost"]
+    assert [each["code"] for each in info["abnormalCodes"]["scs"]] == ["130103000012"]
     reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
     assert client.refusal(*TASK) == reason
     client.pushes.clear()
@@ -101,7 +102,7 @@ def test_lost_localisation_pauses_the_task_until_a_pose_is_set(
 
 
 def test_uninitialised_chassis_needs_init_robot() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, initialised=False)
+    config = quick_config(port=0, tcp_port=0, speed=50, seed=1, initialised=False)
     with SimulatorThread(config) as simulator:
         client = JsonClient(simulator.port)
         client.subscribe(STATE, OPERATION)
@@ -203,7 +204,7 @@ def test_battery_drains_with_motion_and_charges_at_the_dock(
 def test_empty_battery_refuses_motion(simulator: SimulatorThread, client: JsonClient) -> None:
     client.subscribe(ABNORMAL)
     simulator.call(lambda s: setattr(s.chassis.battery, "level", 0.0))
-    assert [each["msg"] for each in client.next_push(ABNORMAL)["scs"]] == ["battery low"]
+    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110401000111"]
     assert client.refusal(*TASK) == "battery is empty: charge first"
     assert client.refusal("woosh.robot.Twist", {"linear": 0.2}) == "battery is empty: charge first"
     assert client.ask(STATE)["state"] == 5
@@ -257,7 +258,7 @@ def test_zero_twist_stops_and_is_pushed_at_once(
 
 @pytest.mark.parametrize("omnidirectional", [True, False])
 def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, omnidirectional=omnidirectional)
+    config = quick_config(port=0, tcp_port=0, speed=50, seed=1, omnidirectional=omnidirectional)
     lateral = {"mode": 3, "value": 0.5}
     diagonal = {"mode": 4, "value": 0.5, "angle": 0.5}
     with SimulatorThread(config) as simulator:

@@ -127,7 +127,7 @@ def test_failed_task_is_reported_and_can_be_recovered(client: JsonClient) -> Non
     assert end["state"] == FAILED
     assert "no free path" in end["msg"]
     last = client.ask("woosh.robot.count.StatusCodes")["scs"][-1]
-    assert (last["level"], last["robotTaskId"]) == (3, "5")
+    assert (last["code"], last["level"], last["robotTaskId"]) == ("140304000012", 2, "5")
     assert "no free path" in last["msg"]
     client.ask("woosh.robot.ActionOrder", {"order": 5})
     assert client.next_push(PROC)["state"] == EXECUTING
@@ -161,7 +161,7 @@ def test_wait_ends_after_its_time_or_by_order(
     client.ask("woosh.robot.ActionOrder", {"order": 6})
     assert client.next_push(PROC)["state"] == COMPLETED
     waiting = client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 2}
+    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
     end = client.next_push(PROC)
     assert end["state"] == COMPLETED
     assert 4 <= end["time"] - waiting["time"] <= 6

@@ -16,8 +16,8 @@ from PIL import Image
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import uploads
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 NAV2 = b"""
 image: floor.png
@@ -115,7 +115,7 @@ def test_navigation_plans_on_the_uploaded_map(client: JsonClient) -> None:
 def test_uploaded_map_is_added_to_a_shipped_scene(client: JsonClient) -> None:
     before = maps(client)["wooshmap"]
     scene = switch_map(client, switch_request("wooshmap", floor_yaml=NAV2, floor_png=floor_png()))
-    assert (scene["mapName"], scene["mapId"], scene["version"]) == ("floor", 1, "1")
+    assert (scene["mapName"], scene["mapId"], scene["version"]) == ("floor", 4, "1")
     after = maps(client)
     assert list(after) == ["wooshmap", "floor"]
     assert after["wooshmap"]["version"] == str(int(before["version"]) + 1)

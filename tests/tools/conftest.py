@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from tests.quick_chassis import quick_config
+from woosh_robot_agent.simulator import SimulatorThread
 
 
 @pytest.fixture
 def chassis() -> Iterator[SimulatorThread]:
     """A simulated chassis in real time."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0)) as running:
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as running:
         yield running
 
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.doctor import main
 from woosh_robot_agent.tools.doctor.examination import CHECKS
 
@@ -247,13 +248,39 @@ def test_an_empty_robot_info_gives_warnings(chassis, examine):
     assert report.with_status("warn") == list(CHECKS[4:9])
 
 
+def test_unresolved_status_codes_are_explained(chassis, examine):
+    def add(frame: Any) -> list[Any]:
+        codes = frame.body.abnormal_codes.scs
+        codes.add(code=110201000013)
+        codes.add(code=110301000042, msg="左电机过热")
+        return [frame]
+
+    chassis.intercept(add)
+    report = examine(chassis.port)
+    assert (report.status, report.with_status("warn")) == (0, ["status codes"])
+    assert "110201000013: emergency stop 1 was pressed" in report.text("status codes")
+    assert "110301000042: 左电机过热 (left motor is too hot)" in report.text("status codes")
+
+
+def test_a_pose_without_a_map_is_a_warning(chassis, examine):
+    def forget_map(frame: Any) -> list[Any]:
+        frame.body.pose_speed.map_id = 0
+        return [frame]
+
+    chassis.intercept(forget_map)
+    report = examine(chassis.port)
+    assert (report.status, report.with_status("warn")) == (0, ["localisation"])
+    assert "may mean nothing" in report.text("localisation")
+
+
 def test_clocks_that_differ_are_a_warning(examine):
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as other_day:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other_day:
         report = examine(other_day.port, skew="1")
     assert (report.status, report.with_status("warn")) == (0, ["clock"])
     assert "behind" in report.text("clock")
     assert "days" in report.text("clock")
     assert "NTP" in report.text("clock")
+    assert "stamps of ROS messages are not affected" in report.text("clock")
 
 
 def test_advice_follows_a_failed_check(chassis, set_state, capsys):

@@ -139,6 +139,18 @@ def test_every_reason_to_reject_a_task_is_shown():
     assert "turn the key switch to automatic" in text
 
 
+def test_status_codes_are_shown_with_their_meaning():
+    codes = [StatusCode(code=110201000013), StatusCode(code=110301000042, msg="左电机过热")]
+    text = shown(seen(*codes))
+    assert "110201000013: emergency stop 1 was pressed" in text
+    assert "110301000042: 左电机过热 (left motor is too hot)" in text
+
+
+def test_a_pose_without_a_map_is_marked():
+    assert "may mean nothing" in shown(seen(PoseSpeed(pose=Pose2D(x=1.0))))
+    assert "may mean nothing" not in shown(seen(PoseSpeed(pose=Pose2D(x=1.0), map_id=3)))
+
+
 def test_status_codes_are_shown_newest_first_without_duplicates():
     codes = [StatusCode(code=n, time=n * 1000, msg=f"no. {n}") for n in range(1, 80)]
     view = seen(*codes[:60], RobotInfo(status_codes=StatusCodes(scs=codes[50:70])), *codes[65:])

@@ -14,6 +14,7 @@ import pytest
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
+from tests.quick_chassis import quick_config
 from tests.tools.connections import KINDS, connected, link
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkState
@@ -21,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, SwitchWor
 from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
+from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.tools.record.passive_client import PassiveClient
 from woosh_robot_agent.tools.record.proxy import RecordingProxy
 from woosh_robot_agent.tools.recording.reader import read_recording
@@ -47,7 +48,7 @@ async def recording(
 
 
 def simulator(**options: Any) -> SimulatedChassis:
-    return SimulatedChassis(SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, **options))
+    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1, **options))
 
 
 async def do_task(client: ChassisClient, heard: list[Any]) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from tests.quick_chassis import quick_config
+from woosh_robot_agent.simulator import SimulatorThread
 
 TIMEOUT = 120.0
 ADDRESS = "--ip 127.0.0.1 --port {port}"
@@ -47,7 +48,7 @@ def run(command: str, stdout: int, unbuffered: str = "") -> tuple[int, str]:
 def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, object]]:
     """A chassis and a recording for the arguments of `PROGRAMS`."""
     recording = tmp_path_factory.mktemp("recording") / "a.jsonl"
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0)) as chassis:
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as chassis:
         places = {"port": chassis.port, "recording": recording}
         command = f"tools.record {ADDRESS} --output {{recording}} --duration 0.2"
         status, err = run(command.format(**places), subprocess.DEVNULL)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,12 +13,12 @@ from google.protobuf.message import Message
 from woosh_robot_agent.actions import timing
 from woosh_robot_agent.actions.call_actions import CallActionGoal
 from woosh_robot_agent.actions.context import Context
-from woosh_robot_agent.actions.events import CancelRequested, Event, LinkChanged, Pushed
+from woosh_robot_agent.actions.events import CancelRequested, Event, GivenUp, LinkChanged, Pushed
 from woosh_robot_agent.actions.kind import GoalKind
 from woosh_robot_agent.actions.open_goals import OpenGoals
 from woosh_robot_agent.actions.run import STOPPING, GoalRun
 from woosh_robot_agent.actions.server import Goal, GoalServer
-from woosh_robot_agent.actions.tasks import TaskGoal, TaskIds
+from woosh_robot_agent.actions.tasks import LastReports, TaskGoal, TaskIds
 from woosh_robot_agent.actions.timing import GoalTiming
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
@@ -32,6 +32,11 @@ from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
 
+_OTHER_ROBOT = (
+    "the agent turned to another robot; the former one may still be executing the goal: check it, "
+    "and stop it if necessary"
+)
+
 
 class Actions:
     """All action servers and their goals.
@@ -43,6 +48,7 @@ class Actions:
         gate: sends commands.
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
+        explain: returns why the chassis has just refused a request, given its type.
         link_timeout: returns `GoalTiming.link_timeout`, in seconds.
         result_timeout: time for which results are kept, in seconds.
     """
@@ -55,6 +61,7 @@ class Actions:
         gate: MotionGate,
         last_known: LastKnown,
         requests: RequestMaker,
+        explain: Callable[[str], Awaitable[str]],
         link_timeout: Callable[[], float],
         result_timeout: int,
     ) -> None:
@@ -68,6 +75,7 @@ class Actions:
         self._last_feedback: dict[str, Feedback] = {}
         """The last feedback on each call action, by its protobuf full name."""
         self.servers: list[GoalServer] = []
+        self._last_reports = LastReports()
         task_ids = TaskIds()
         for action in ACTIONS:
             action_class = class_of(action.action, "action")
@@ -86,6 +94,7 @@ class Actions:
                 partial(requests.make, arg),
                 requests.empty,
                 fb.to_ros,
+                explain,
             )
             self._open_goals.append(context.open_goals)
             make_kind: Callable[[Any], GoalKind] = (
@@ -97,13 +106,20 @@ class Actions:
                     last_feedback=self._last_feedback,
                 )
                 if action.member
-                else partial(TaskGoal, context=context, ids=task_ids, last_known=last_known)
+                else partial(
+                    TaskGoal,
+                    context=context,
+                    ids=task_ids,
+                    last_known=last_known,
+                    last_reports=self._last_reports,
+                )
             )
             start = partial(self._start, make_kind, context)
             self.servers.append(GoalServer(node, action_class, action.name, start, result_timeout))
         for report in (TaskProc, Feedbacks):
             chassis.subscribe(report, self._pushed)
         chassis.on_state(self._link_changed)
+        chassis.on_robot_changed(self._robot_changed)
 
     async def stop(self) -> None:
         """Abort the open goals, and all that arrive later. Call it in the link thread."""
@@ -112,6 +128,10 @@ class Actions:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+    def give_up(self, reason: str) -> None:
+        """Abort the open goals with `reason` in their results. Call it in the link thread."""
+        self._post(GivenUp(reason))
 
     def destroy(self) -> None:
         """Remove the servers from the graph; rclpy's `destroy_node` leaves them there."""
@@ -127,6 +147,11 @@ class Actions:
     def running_goals(self) -> int:
         """Number of goals that the robot may be executing; in the link thread."""
         return sum(len(open_goals) for open_goals in self._open_goals)
+
+    @property
+    def accepted_goals(self) -> list[str]:
+        """Names of the goals that the chassis has accepted; in the link thread."""
+        return [name for open_goals in self._open_goals for name in open_goals.accepted_names]
 
     def _timing(self) -> GoalTiming:
         return replace(timing.DEFAULT_TIMING, link_timeout=self._link_timeout())
@@ -154,12 +179,18 @@ class Actions:
         self._post(Pushed(message))
         if isinstance(message, Feedbacks):
             self._last_feedback.update((feedback.action, feedback) for feedback in message.fbs)
+        elif isinstance(message, TaskProc):
+            self._last_reports.add(message)
 
     def _link_changed(self, state: LinkState) -> None:
         ready = state is LinkState.READY
         if ready != self._is_link_ready:
             self._is_link_ready = ready
             self._post(LinkChanged(ready))
+
+    def _robot_changed(self) -> None:
+        self.give_up(_OTHER_ROBOT)
+        self._last_feedback.clear()
 
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from google.protobuf.message import Message
@@ -11,6 +11,7 @@ from woosh_robot_agent.actions.attribution import Attribution
 from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.kind import Findings, Order, Report, Start
 from woosh_robot_agent.actions.outcome import Outcome
+from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 
@@ -45,6 +46,7 @@ class CallActionGoal:
         last_feedback: Mapping[str, Feedback],
     ) -> None:
         self.name = action  # feedback has no ids
+        self.request_type = action
         self._arg = arg
         self._context = context
         self._member = member
@@ -80,8 +82,14 @@ class CallActionGoal:
             if feedback.action == self.name and feedback.state not in _NOT_OF_ACTIONS
         ]
 
-    async def poll(self) -> Findings:
-        answer = await self._context.chassis.request(self._context.empty(Feedbacks))
+    def is_displaced(self, message: Message) -> bool:
+        return False  # feedback on one action tells nothing about the others
+
+    async def poll(self, found: Callable[[Findings], None]) -> None:
+        request = self._context.empty(Feedbacks)
+        await self._context.chassis.request(request, tap=lambda answer: found(self._read(answer)))
+
+    def _read(self, answer: Answer) -> Findings:
         body = answer.body
         if not answer.ok or body is None:
             return Findings()  # the chassis refuses polls: rely on its pushes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,3 +32,5 @@ class Context:
     """Makes an empty request of a message class."""
     to_ros: Callable[[Message], Any]
     """Converts a report to its ROS message."""
+    explain: Callable[[str], Awaitable[str]]
+    """Returns why the chassis has just refused a request, given its type; empty if unknown."""

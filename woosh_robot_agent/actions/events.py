@@ -58,10 +58,25 @@ class Replaced:
 
 
 @dataclass(frozen=True)
+class GivenUp:
+    """The agent does not follow the goal any more."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class Tick:
     """A deadline passed, or the next poll is due."""
 
 
 Event = (
-    Pushed | LinkChanged | StartAnswered | Polled | PollFailed | CancelRequested | Replaced | Tick
+    Pushed
+    | LinkChanged
+    | StartAnswered
+    | Polled
+    | PollFailed
+    | CancelRequested
+    | Replaced
+    | GivenUp
+    | Tick
 )

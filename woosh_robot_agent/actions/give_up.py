@@ -11,12 +11,13 @@ _CHECK = "check the robot, and stop it with the `stop` service if necessary"
 
 
 class GiveUp:
-    """Decides when to give up on a goal. Any of three limits can end the wait for a report on it.
+    """Decides when to give up on a goal. Any of four limits can end the wait for a report on it.
 
     - A deadline, set when the link or the answer to the start request is lost, or when the chassis
       falls silent. There is only one: a later cause replaces an earlier one, except that silence
       replaces nothing.
     - A number of consecutive polls without a report. They do not count while a deadline is set.
+    - A number of consecutive polls that found the goal unknown to the chassis.
     - A timeout after an accepted cancel. It does not count while a deadline is set.
 
     Args:
@@ -35,6 +36,8 @@ class GiveUp:
         self._is_link_lost = False
         self._fruitless_polls = 0
         self._fruitless_since = 0.0
+        self._unknown_polls = 0
+        self._unknown_since = 0.0
         self._cancel_deadline = inf
 
     @property
@@ -45,7 +48,7 @@ class GiveUp:
     @property
     def in_doubt(self) -> bool:
         """True if the state of the goal is unknown, and a poll may find it out."""
-        return self._deadline is not None
+        return self._deadline is not None or self._unknown_polls > 0
 
     def overdue(self) -> str | None:
         """Return the reason to give up now; None if there is none."""
@@ -82,6 +85,7 @@ class GiveUp:
         if not self._is_link_lost:  # otherwise the report is from before the loss
             self._deadline = None
         self._fruitless_polls = 0
+        self._unknown_polls = 0
         if self._cancel_deadline < inf:
             self.cancel_accepted()
 
@@ -114,14 +118,43 @@ class GiveUp:
         Returns:
             The reason to give up; None if there is none.
         """
-        if self._is_silent:
-            self._is_silent = False
-            self._deadline = None
+        self._answered()
+        self._unknown_polls = 0
         if not heard:
             return self._fruitless("its answers do not mention it")
         if self._deadline is None:
             self._fruitless_polls = 0  # an answer suffices: reports are rare during long steps
         return None
+
+    def poll_unknown(self, reason: str, heard: bool) -> str | None:
+        """Count a poll that found the goal unknown to the chassis, although it had accepted it.
+
+        One such poll is no proof: the chassis reports on a goal only some time after it accepted
+        it, and a report may be on its way.
+
+        Args:
+            reason: what the chassis said.
+            heard: True if any report on the goal has arrived.
+
+        Returns:
+            The reason to give up; None if there is none.
+        """
+        self._answered()
+        now = self._clock()
+        if not self._unknown_polls:
+            self._unknown_since = now
+        self._unknown_polls += 1
+        if self._unknown_polls < self._timing.unknown_polls:
+            return None
+        if not heard and now - self._unknown_since < self._timing.first_report_timeout:
+            return None
+        return reason
+
+    def _answered(self) -> None:
+        """Clear the deadline if it was set because the chassis sent nothing at all."""
+        if self._is_silent:
+            self._is_silent = False
+            self._deadline = None
 
     def _fruitless(self, reason: str) -> str | None:
         if self._deadline is not None:

@@ -56,6 +56,10 @@ class GoalKind(Protocol):
         """Name under which the chassis reports on the goal; earlier goals may have had it."""
 
     @property
+    def request_type(self) -> str:
+        """Protobuf full name of the request, or of the command that it carries."""
+
+    @property
     def attribution(self) -> Attribution:
         """Decides which reports with the name belong to this goal."""
 
@@ -72,8 +76,17 @@ class GoalKind(Protocol):
     def read(self, message: Message) -> Iterable[Report]:
         """Return the reports in `message` that have the name of the goal."""
 
-    async def poll(self) -> Findings:
+    def is_displaced(self, message: Message) -> bool:
+        """Return True if `message` shows that the chassis is executing something else, or nothing.
+
+        The end of the goal may have been reported while nobody listened.
+        """
+
+    async def poll(self, found: Callable[[Findings], None]) -> None:
         """Ask the chassis for the state of the goal.
+
+        Args:
+            found: called once with the result, in order with the pushes.
 
         Raises:
             LinkError: the chassis gave no answer.

@@ -52,6 +52,11 @@ class OpenGoals:
             for goal in self._goals
         )
 
+    @property
+    def accepted_names(self) -> list[str]:
+        """Names of the goals that the chassis has accepted."""
+        return [g.name for g in self._goals if g.accepted.done() and g.accepted.result()]
+
     def replace_older(self, goal: OpenGoal) -> None:
         """Tell all older goals that the chassis accepted `goal` in their place."""
         for older in self._goals[: self._goals.index(goal)]:

@@ -13,6 +13,7 @@ from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.events import (
     CancelRequested,
     Event,
+    GivenUp,
     LinkChanged,
     Polled,
     PollFailed,
@@ -39,7 +40,12 @@ _LOG = logging.getLogger(__name__)
 
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
+_DISPLACED = "the chassis stopped executing the goal, and does not say how it ended"
 _NO_REASON = "the chassis refused the goal without giving a reason"
+
+
+class _RefusedError(Exception):
+    """The chassis refused the goal; the text is the chassis's word."""
 
 
 class GoalRun:
@@ -76,6 +82,8 @@ class GoalRun:
             replaced=lambda: context.open_goals.newer_accepted(self),
             accepted=self._give_up.cancel_accepted,
         )
+        self._is_displaced = False
+        """True if a push after the last report shows that the chassis has left this goal."""
         self._next_poll = 0.0
         self._starting: asyncio.Task[None] | None = None
         self._polling: asyncio.Task[None] | None = None
@@ -111,7 +119,11 @@ class GoalRun:
             for task in (self._starting, self._polling):
                 if task is not None:
                     task.cancel()
-        self._finish(end)
+        if self._last_report is None:
+            self._finish(end)
+        else:
+            loop = asyncio.get_running_loop()
+            loop.call_later(self._timing.result_delay, self._finish, end)
 
     def abort(self, reason: str) -> None:
         """Report the goal to the client as aborted, in any phase."""
@@ -142,11 +154,16 @@ class GoalRun:
             self.accepted.set_result(False)
 
     async def _send(self) -> End:
-        match self._kind.request():
-            case Start(message):
-                return await self._follow(message)
-            case Order() as order:
-                return await self._send_order(order)
+        try:
+            match self._kind.request():
+                case Start(message):
+                    return await self._follow(message)
+                case Order() as order:
+                    return await self._send_order(order)
+        except _RefusedError as error:
+            self._advance(Step.END)
+            reason = await self._context.explain(self._kind.request_type)
+            return self._aborted(f"{error} ({reason})" if reason else str(error))
 
     async def _send_order(self, order: Order) -> End:
         """Send an order. Reports still belong to the goal that is already running."""
@@ -156,7 +173,7 @@ class GoalRun:
         except LinkError as error:
             return self._aborted(str(error))
         if not answer.ok:
-            return self._aborted(answer.msg or _NO_REASON)
+            raise _RefusedError(answer.msg or _NO_REASON)
         return End(Outcome.SUCCEEDED, order.result(answer.msg))
 
     async def _follow(self, start: Message) -> End:
@@ -191,7 +208,7 @@ class GoalRun:
         """Handle an event; return the end of the goal if the event ends it."""
         match event:
             case Pushed(message):
-                return self._read(self._kind.read(message))
+                return self._pushed(message)
             case StartAnswered(answer):
                 return self._start_answered(answer)
             case Polled():
@@ -206,9 +223,18 @@ class GoalRun:
                     self._cancellation.send_soon()
             case Replaced():
                 return self._aborted(REPLACED)
+            case GivenUp(reason):
+                return self._aborted(reason)
             case Tick():
                 return self._tick()
         return None
+
+    def _pushed(self, message: Message) -> End | None:
+        end = self._read(self._kind.read(message))
+        if end is None and self._attribution.heard and self._kind.is_displaced(message):
+            self._is_displaced = True
+            self._poll_soon()  # the report of the end may have been lost
+        return end
 
     def _read(self, reports: Iterable[Report]) -> End | None:
         """Publish the reports on this goal as feedback; return its end if one reports it."""
@@ -227,6 +253,7 @@ class GoalRun:
     def _heard(self) -> None:
         """Note a report on this goal, even an old one that the answer to a poll repeats."""
         self._give_up.report()
+        self._is_displaced = False
         self._next_poll = self._clock() + self._timing.poll_period
         self._advance(Step.REPORT)  # the answer may be lost, or still on its way
         if self._context.chassis.state is LinkState.READY:
@@ -237,7 +264,7 @@ class GoalRun:
             case Answer(ok=True):
                 self._advance(Step.ACCEPTED)
             case Answer():
-                return self._aborted(answer.msg or _NO_REASON)
+                raise _RefusedError(answer.msg or _NO_REASON)
             case RequestTimeoutError() | ConnectionLostError():
                 self._advance(Step.ANSWER_LOST)
                 _LOG.warning(
@@ -271,14 +298,17 @@ class GoalRun:
 
     def _poll_soon(self) -> None:
         """Poll the state of the goal if that is possible now, and schedule the next poll."""
-        in_doubt = self._give_up.in_doubt or self._cancellation.pending
-        factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
-        self._next_poll = self._clock() + self._timing.poll_period * factor
+        self._schedule_poll()
         # before the start is answered, a poll may return the state of an earlier goal
         ready = self.phase.answered and self._context.chassis.state is LinkState.READY
         if ready and (self._polling is None or self._polling.done()):
             loop = asyncio.get_running_loop()
             self._polling = loop.create_task(self._poll(), name="goal: poll")
+
+    def _schedule_poll(self) -> None:
+        in_doubt = self._give_up.in_doubt or self._cancellation.pending or self._is_displaced
+        factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
+        self._next_poll = self._clock() + self._timing.poll_period * factor
 
     def _polled(self, polled: Polled) -> End | None:
         for report in polled.findings.reports:
@@ -289,9 +319,15 @@ class GoalRun:
                 if end is not None:
                     return end
         unknown = polled.findings.unknown
-        if unknown is not None and self.phase.accepted:  # otherwise it may still be in flight
-            return self._aborted(unknown)
-        return self._aborted_if(self._give_up.poll_answered(self._attribution.heard))
+        if unknown is None and self._is_displaced:  # polls are refused
+            unknown = _DISPLACED
+        heard = self._attribution.heard
+        if unknown is None or not self.phase.accepted:  # before, it may still be in flight
+            return self._aborted_if(self._give_up.poll_answered(heard))
+        end = self._aborted_if(self._give_up.poll_unknown(unknown, heard))
+        if end is None:
+            self._schedule_poll()
+        return end
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
         if failed.silent:
@@ -314,7 +350,7 @@ class GoalRun:
         stats = self._context.chassis.stats
         received = stats.rx
         try:
-            self.post(Polled(await self._kind.poll()))
+            await self._kind.poll(lambda findings: self.post(Polled(findings)))
         except LinkError as error:
             _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
             timed_out = isinstance(error, RequestTimeoutError)

@@ -12,7 +12,7 @@ from rclpy.action import CancelResponse, GoalResponse
 
 from woosh_robot_agent.actions.outcome import Outcome
 from woosh_robot_agent.logs import log_as
-from woosh_robot_agent.qos import SERVICE_QOS
+from woosh_robot_agent.qos import FEEDBACK_QOS, SERVICE_QOS
 from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS, DeferringActionServer, RCLError
 
 _LOG = logging.getLogger(__name__)
@@ -116,6 +116,7 @@ class GoalServer(DeferringActionServer):
             goal_service_qos_profile=SERVICE_QOS,
             result_service_qos_profile=SERVICE_QOS,
             cancel_service_qos_profile=SERVICE_QOS,
+            feedback_pub_qos_profile=FEEDBACK_QOS,
             result_timeout=result_timeout,
         )
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from google.protobuf.message import Message
@@ -13,7 +14,8 @@ from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.kind import Findings, Report, Start
 from woosh_robot_agent.actions.outcome import Outcome
 from woosh_robot_agent.last_known import LastKnown
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.link import Answer
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
@@ -23,6 +25,8 @@ _OUTCOMES = {
     task_pb2.kFailed: Outcome.ABORTED,
     task_pb2.kCanceled: Outcome.CANCELED,
 }
+_MAX_REPORTS = 100
+"""Number of tasks of which the last report is remembered."""
 
 
 class TaskIds:
@@ -37,6 +41,30 @@ class TaskIds:
         return self._last
 
 
+class LastReports:
+    """The last report on each of the latest tasks.
+
+    The last known TaskProc is not enough: a chassis follows the end of a task with an empty one.
+    """
+
+    def __init__(self) -> None:
+        self._reports: OrderedDict[int, TaskProc] = OrderedDict()
+        """By task id, the oldest first."""
+
+    def add(self, report: TaskProc) -> None:
+        """Remember a report, unless it is about no task."""
+        if not report.robot_task_id:
+            return
+        self._reports[report.robot_task_id] = report
+        self._reports.move_to_end(report.robot_task_id)
+        if len(self._reports) > _MAX_REPORTS:
+            self._reports.popitem(last=False)
+
+    def get(self, task_id: int) -> TaskProc | None:
+        """Return the last report on a task; None if there is none."""
+        return self._reports.get(task_id)
+
+
 class TaskGoal:
     """A task.
 
@@ -45,22 +73,39 @@ class TaskGoal:
         context: objects shared by all tasks.
         ids: generates an id for a task that has none.
         last_known: last values that the chassis reported.
+        last_reports: last reports on tasks, of all clients.
     """
 
-    def __init__(self, arg: Any, context: Context, *, ids: TaskIds, last_known: LastKnown) -> None:
+    request_type = full_name(ExecTask)
+
+    def __init__(
+        self,
+        arg: Any,
+        context: Context,
+        *,
+        ids: TaskIds,
+        last_known: LastKnown,
+        last_reports: LastReports,
+    ) -> None:
         self._arg = arg
         self._context = context
         self._id: int = arg.task_id or ids.next()
         self.name = f"task {self._id}"
         predecessors = context.open_goals.possibly_running(self.name)
-        self._previous: TaskProc | None = None
+        self._previous = last_reports.get(self._id)
         """The last report on an earlier task of this id."""
+        self._since = 0
+        """Time of the last report on another task or on none, by the robot's clock."""
         last = last_known.get(full_name(TaskProc))
-        if isinstance(last, TaskProc) and last.robot_task_id == self._id:
+        is_current = isinstance(last, TaskProc) and last.robot_task_id == self._id
+        if isinstance(last, TaskProc) and is_current:
             self._previous = TaskProc()
             self._previous.CopyFrom(last)
             predecessors = max(predecessors, int(last.state not in _OUTCOMES))
-        is_reused = predecessors > 0 or self._previous is not None
+        elif isinstance(last, TaskProc):
+            self._since = last.time
+        # after the empty report that follows an end, nothing more comes on an earlier task
+        is_reused = predecessors > 0 or is_current
         self.attribution = Attribution(predecessors, Outcome if is_reused else ())
 
     def request(self) -> Start:
@@ -76,18 +121,37 @@ class TaskGoal:
             return [_report(message)]
         return []
 
-    async def poll(self) -> Findings:
+    def is_displaced(self, message: Message) -> bool:
+        return isinstance(message, TaskProc) and message.robot_task_id != self._id
+
+    async def poll(self, found: Callable[[Findings], None]) -> None:
         chassis, empty = self._context.chassis, self._context.empty
-        answer = await chassis.request(empty(TaskProc))
+
+        def read_current(answer: Answer) -> None:
+            findings = self._read_current(answer)
+            if findings is not None:
+                found(findings)
+
+        current = await chassis.request(empty(TaskProc), tap=read_current)
+        if self._read_current(current) is None:
+            await chassis.request(
+                empty(TaskHistory),
+                tap=lambda history: found(self._read_history(history, current.body)),
+            )
+
+    def _read_current(self, answer: Answer) -> Findings | None:
+        """Return what the chassis is doing; None if that is not this task."""
         current = answer.body
         if not answer.ok or not isinstance(current, TaskProc):
             return Findings()
         if current.robot_task_id == self._id and current != self._previous:
             return Findings([_report(current)])
-        answer = await chassis.request(empty(TaskHistory))
-        if not answer.ok or not isinstance(answer.body, TaskHistory):
-            return Findings()
-        ended = [old for old in answer.body.tes if self._may_be_end(old)]
+        return None
+
+    def _read_history(self, answer: Answer, current: Any) -> Findings:
+        """Return the end of this task in the history of the chassis."""
+        known = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
+        ended = [old for old in known if self._may_be_end(old)]
         if ended:
             return Findings([_report(max(ended, key=lambda old: old.time))])
         doing = f"task {current.robot_task_id}" if current.robot_task_id else "no task"
@@ -111,6 +175,7 @@ class TaskGoal:
             and old.state in _OUTCOMES
             and old != self._previous
             and old.time >= (self._previous.time if self._previous is not None else 0)
+            and (self.attribution.heard or not self._since or old.time > self._since)
         )
 
 

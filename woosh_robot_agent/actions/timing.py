@@ -18,6 +18,14 @@ class GoalTiming:
     """Factor that shortens `poll_period` while the state of the goal is in doubt."""
     fruitless_polls: int = 3
     """Number of consecutive polls without a report after which a goal may be given up."""
+    first_report_timeout: float = 5.0
+    """Time after the first poll during which the chassis may not know a goal that it has accepted
+    and has not reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
+    unknown_polls: int = 2
+    """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
+    result_delay: float = 0.1
+    """Delay of the result after the last feedback. If both arrive together, rclpy's action client
+    takes the result first, and drops the feedback."""
     min_cancel_timeout: float = 10.0
     """Lower bound of `cancel_timeout`."""
 

@@ -24,3 +24,11 @@ def call(callback: Callable[[Any], None], argument: object) -> None:
         raise
     except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
         _LOG.exception("a callback failed")
+
+
+def call_plain(callback: Callable[[], None]) -> None:
+    """Call a consumer's callback that takes no argument, and log its exceptions."""
+    try:
+        callback()
+    except Exception:
+        _LOG.exception("a callback failed")

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, TypeVar
 
 from google.protobuf.message import Message
@@ -17,7 +16,12 @@ from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.connection import Connection
 from woosh_robot_agent.link.drop_log import DropLog
-from woosh_robot_agent.link.errors import LinkError, NotConnectedError
+from woosh_robot_agent.link.errors import (
+    ConnectionLostError,
+    LinkError,
+    NotConnectedError,
+    NotPermittedError,
+)
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.reconnect import ReconnectLoop
 from woosh_robot_agent.link.state import LinkState, LinkStatus
@@ -45,12 +49,19 @@ class ChassisClient:
     Args:
         ip: address of the chassis; None takes the one of `config`.
         config: configuration of the link; None takes the defaults.
+        minimum_timeouts: for slow requests, by protobuf full name, the time to wait for the answer,
+            in seconds, if the configured `request_timeout` is shorter.
 
     Attributes:
         stats: counters of the link.
     """
 
-    def __init__(self, ip: str | None = None, config: LinkConfig | None = None) -> None:
+    def __init__(
+        self,
+        ip: str | None = None,
+        config: LinkConfig | None = None,
+        minimum_timeouts: Mapping[str, float] | None = None,
+    ) -> None:
         base = config or LinkConfig()
         config = base if ip is None else replace(base, ip=ip)
         log = LogOnce(_LOG)
@@ -63,8 +74,14 @@ class ChassisClient:
         )
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
+        self._minimum_timeouts = minimum_timeouts or {}
+        self._refused_callbacks: list[Callable[[Message], None]] = []
         self._reserved: Callable[[Message], bool] = _reserve_nothing
         """Selects the requests that only the caller of `reserve` may send."""
+        self._permitted: Callable[[Message], bool] | None = None
+        """Selects the requests that may be sent; None for all of them."""
+        self._refusal_reason = ""
+        """Why other requests may not be sent."""
 
     @property
     def config(self) -> LinkConfig:
@@ -154,10 +171,22 @@ class ChassisClient:
         """
         await self._status.wait_ready(timeout)
 
-    async def reconfigure(self, config: LinkConfig) -> None:
-        """Apply a new configuration; reconnect if a changed value requires it."""
+    async def reconfigure(
+        self, config: LinkConfig, farewell: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
+        """Apply a new configuration; reconnect if a changed value requires it.
+
+        If `config` addresses another robot, requests to the former one fail, its pushes are
+        ignored, and the callbacks of `on_robot_changed` are called, all before this first waits.
+
+        Args:
+            config: the configuration.
+            farewell: called if `config` addresses another robot. The connection to the former one
+                is closed when it has ended. It can send requests with the function that `reserve`
+                returned, with `farewell=True`.
+        """
         self._subscriptions.set_depth(config.push_queue)
-        await self._reconnect.reconfigure(config)
+        await self._reconnect.reconfigure(config, farewell)
 
     # Requests
 
@@ -180,7 +209,7 @@ class ChassisClient:
         Args:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
-                `request_timeout`.
+                `request_timeout`, or the minimum timeout of the request if that is longer.
             first: send it ahead of all other waiting requests; implies `urgent`.
             urgent: send it even if `max_in_flight` requests are in flight already.
             send_within: maximum time that the request may wait to be sent, in seconds.
@@ -192,7 +221,9 @@ class ChassisClient:
             TooManyRequestsError: nothing was sent.
             SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer arrived in time.
-            ConnectionLostError: the link went down before the answer arrived.
+            ConnectionLostError: the link went down, or turned to another robot, before the answer
+                arrived.
+            NotPermittedError: see `permit_only`; nothing was sent.
             RuntimeError: the request is reserved; see `reserve`.
         """
         if self._reserved(message):
@@ -212,7 +243,8 @@ class ChassisClient:
             which: selects the requests.
 
         Returns:
-            A function that sends them; it takes the arguments of `request`.
+            A function that sends them; it takes the arguments of `request`. With `farewell=True`
+            it also sends what is no longer permitted, and to a robot that the link is leaving.
 
         Raises:
             RuntimeError: requests of this client are reserved already.
@@ -221,6 +253,39 @@ class ChassisClient:
             raise RuntimeError("requests of this client are reserved already")
         self._reserved = which
         return self._request
+
+    def timeout_of(self, name: str) -> float:
+        """Return the default timeout of a request, by its protobuf full name, in seconds."""
+        return max(self.config.request_timeout, self._minimum_timeouts.get(name, 0.0))
+
+    def permit_only(self, which: Callable[[Message], bool] | None, reason: str = "") -> None:
+        """Refuse to send any other requests from now on; those that wait are withdrawn.
+
+        The link's own requests, for RobotInfo and RobotState, only read and are always sent.
+
+        Args:
+            which: selects the requests that may be sent; None permits all of them.
+            reason: why others are refused, and what to do, for error texts.
+        """
+        self._permitted, self._refusal_reason = which, reason
+        if which is not None:
+            self.withdraw(lambda message: not which(message), reason)
+
+    def refusal(self, message: Message) -> str:
+        """Return the reason why a request may not be sent; empty if it may. Thread-safe."""
+        permitted = self._permitted
+        if permitted is None or permitted(message):
+            return ""
+        return self._refusal_reason
+
+    def check_permitted(self, message: Message) -> None:
+        """Raise an error if a request may not be sent.
+
+        Raises:
+            NotPermittedError: see `permit_only`.
+        """
+        if reason := self.refusal(message):
+            raise NotPermittedError(f"{full_name(message)} was not sent: {reason}")
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
         """Withdraw requests that wait to be sent; those that were sent are not affected.
@@ -240,6 +305,14 @@ class ChassisClient:
         The calls are in order with the pushes, like those of `tap` in `request`.
         """
         self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
+
+    def on_refused(self, callback: Callable[[Message], None]) -> None:
+        """Call `callback` in the event loop with each request that the chassis refuses.
+
+        The calls are in order with the pushes, like those of `tap` in `request`, and come before
+        the `tap` of the same request.
+        """
+        self._refused_callbacks.append(callback)
 
     # Subscriptions
 
@@ -296,6 +369,16 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(callback)
 
+    def on_robot_changed(self, callback: Callable[[], None]) -> None:
+        """Call `callback` in the event loop when the link turns to another robot.
+
+        That is, when `reconfigure` gets another address or id of the robot, or when a robot with
+        another id or serial number answers after a reconnect. The call comes after all pushes and
+        answers of the former robot, and before all of the new one. Forget what the former one
+        reported.
+        """
+        self._subscriptions.on_robot_changed(callback)
+
     @property
     def _connection(self) -> Connection | None:
         return self._reconnect.connection
@@ -309,12 +392,18 @@ class ChassisClient:
         urgent: bool = False,
         send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
+        farewell: bool = False,
     ) -> Answer:
+        if not farewell:
+            self.check_permitted(message)
         connection = self._reconnect.connection
-        if connection is None or self._status.state is not LinkState.READY:
+        if connection is None or not (farewell or self._status.state is LinkState.READY):
             raise self._status.not_connected()
+        if timeout is None:
+            timeout = self.timeout_of(full_name(message))
+        robot = self._subscriptions.robot_changes
         try:
-            return await connection.request(
+            answer = await connection.request(
                 message,
                 timeout,
                 first=first,
@@ -325,22 +414,33 @@ class ChassisClient:
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)
             raise self._status.not_connected() from None
+        if robot != self._subscriptions.robot_changes:
+            raise ConnectionLostError("the link turned to another robot")
+        return answer
 
     def _queued_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
     ) -> Callable[[Answer], None] | None:
-        """Return a function that queues an answer for all its callbacks; None without any."""
-        callbacks = self._accepted_callbacks.get(full_name(message))
-        if not callbacks:
-            return None if tap is None else partial(self._subscriptions.put_answer, tap)
+        """Return a function that queues an answer for its callbacks; None if it can have none."""
+        on_accepted = self._accepted_callbacks.get(full_name(message), ())
+        if tap is None and not on_accepted and not self._refused_callbacks:
+            return None
 
         def call_all(answer: Answer) -> None:
-            for callback in callbacks if answer.ok else ():
-                callback()
+            if answer.ok:
+                for accepted in on_accepted:
+                    accepted()
+            else:
+                for refused in self._refused_callbacks:
+                    refused(message)
             if tap is not None:
                 tap(answer)
 
-        return partial(self._subscriptions.put_answer, call_all)
+        def put(answer: Answer) -> None:
+            if tap is not None or on_accepted or not answer.ok:
+                self._subscriptions.put_answer(call_all, answer)
+
+        return put
 
 
 def _reserve_nothing(_message: Message) -> bool:

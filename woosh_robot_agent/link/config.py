@@ -103,6 +103,11 @@ class LinkConfig:
                 f"not {self.backoff_max}"
             )
 
+    def addresses_same_robot(self, other: LinkConfig) -> bool:
+        """Return True if both configurations lead to the same robot, over any transport."""
+        same_port = self.port == other.port or self.effective_port == other.effective_port
+        return same_port and (self.ip, self.robot_id) == (other.ip, other.robot_id)
+
     @property
     def effective_port(self) -> int:
         """The configured port, or the transport's default if that is 0."""

@@ -94,6 +94,7 @@ class Connection:
         self._log = log
         self._drops = drops
         self._on_push = on_push
+        stats.clock_offset = None  # it may be another robot
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[LinkError] = self._loop.create_future()
         self._cause: LinkError | None = None
@@ -188,6 +189,12 @@ class Connection:
                 if not pending.future.done():
                     pending.future.set_exception(SupersededError(f"not sent: {reason}"))
 
+    def retire(self, cause: LinkError) -> None:
+        """Fail all requests and ignore all further pushes. New requests can still be sent."""
+        self._fail_pending(cause)
+        self._outbox.clear()
+        self._on_push = _ignore
+
     def subscribe(self, topics: list[str], *, on: bool) -> None:
         """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer."""
         if topics and self._cause is None:
@@ -216,13 +223,16 @@ class Connection:
         if self._cause is not None:
             return
         self._cause = cause
+        self._fail_pending(cause)
+        self._outbox.clear()
+        if not self.ended.done():
+            self.ended.set_result(cause)
+
+    def _fail_pending(self, cause: LinkError) -> None:
         for pending in self._pending.values():
             if not pending.future.done():
                 # a separate error for each: a raised one keeps its caller's frames alive
                 pending.future.set_exception(type(cause)(str(cause)))
-        self._outbox.clear()
-        if not self.ended.done():
-            self.ended.set_result(cause)
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
         """Run one of the connection's tasks; an error in it ends the whole connection."""
@@ -318,6 +328,8 @@ class Connection:
             self._stats.late_answers += 1
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
+        if envelope.timestamp is not None:
+            self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         body = Body(self._codec, envelope, self._count_bad)
         answer = Answer(bool(envelope.ok), envelope.msg, body)
         pending.future.set_result(answer)
@@ -335,3 +347,7 @@ class Connection:
         else:
             ask = RobotState(robot_id=self.config.robot_id or None)
             await self.request(ask, self.config.liveness_timeout, urgent=True)
+
+
+def _ignore(_push: Envelope) -> None:
+    """Ignore a push."""

@@ -27,5 +27,9 @@ class TooManyRequestsError(LinkError):
     """The maximum number of requests is in flight already; nothing was sent."""
 
 
+class NotPermittedError(LinkError):
+    """The client may not send the request; nothing was sent. See `ChassisClient.permit_only`."""
+
+
 class SupersededError(LinkError):
     """The request was withdrawn or waited too long to be sent; nothing was sent."""

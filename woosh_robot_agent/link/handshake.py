@@ -50,8 +50,17 @@ async def handshake(
         LinkError: the connection ended, or no answer arrived in time.
         HandshakeError: the answer is not a RobotInfo.
     """
-    connection.subscribe(subscriptions.wanted, on=True)
-    answer = await _request_info(connection, subscriptions, config)
+    subscriptions.hold()
+    try:
+        connection.subscribe(subscriptions.wanted, on=True)
+        answer = await _request_info(connection, subscriptions, config)
+        _check(answer, log)
+        subscriptions.release()
+    finally:
+        subscriptions.discard_held()
+
+
+def _check(answer: Answer, log: LogOnce) -> None:
     if not answer.ok or answer.type != full_name(RobotInfo):
         reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
         raise HandshakeError(f"the chassis did not send its RobotInfo: {one_line(reason)}")

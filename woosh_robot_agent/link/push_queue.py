@@ -56,6 +56,13 @@ class PushQueue:
             self._filled.clear()
             await self._filled.wait()
 
+    def take_all(self) -> list[tuple[str, Callable[[], None]]]:
+        """Remove all pushes; return their types and the functions that deliver them."""
+        pushes = list(self._queue)
+        self._queue.clear()
+        self._waiting.clear()
+        return pushes
+
     def _discard_oldest(self, name: str) -> None:
         for index, (queued, _) in enumerate(self._queue):
             if queued == name:

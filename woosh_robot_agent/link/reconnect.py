@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from woosh_robot_agent.link.backoff import Backoff
 from woosh_robot_agent.link.codecs.choice import client_codec
@@ -89,10 +91,7 @@ class ReconnectLoop:
 
     def start(self) -> None:
         """Start connecting."""
-        task = asyncio.get_running_loop().create_task(self._run(), name="link to the chassis")
-        self._current = task
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._current = self._add_task(self._run(), "link to the chassis")
 
     async def stop(self) -> None:
         """Stop connecting and close the connection, within `close_timeout`."""
@@ -105,18 +104,59 @@ class ReconnectLoop:
         if not self.running and self._status.state is not LinkState.STOPPED:
             self._status.enter(LinkState.STOPPED)
 
-    async def reconfigure(self, config: LinkConfig) -> None:
-        """Apply a new configuration; reconnect if a changed field requires it."""
+    async def reconfigure(
+        self, config: LinkConfig, farewell: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
+        """Apply a new configuration; reconnect if a changed field requires it.
+
+        Args:
+            config: the configuration.
+            farewell: sends last requests, if `config` addresses another robot. The connection to
+                the former robot is closed when it has ended.
+        """
         previous, self.config = self.config, config
         self._status.address = config.address
         if self.connection is not None:
             self.connection.config = config
+        is_other_robot = not config.addresses_same_robot(previous)
+        if is_other_robot:
+            self._leave_robot(previous.address)
         if self._current is not None and _fixed_part(config) != _fixed_part(previous):
-            self._current.cancel()
             earlier = tuple(self._tasks)
+            if is_other_robot and farewell is not None:
+                self._add_task(self._end_after(farewell, self._current), "link farewell")
+            else:
+                self._current.cancel()
             self.start()
             if earlier:
                 await asyncio.wait(earlier)
+
+    def _leave_robot(self, address: str) -> None:
+        """Fail all requests to the robot, and forget what it reported."""
+        cause = ConnectionLostError(f"the agent turned from {address} to another robot")
+        if self.connection is not None:
+            self.connection.retire(cause)
+        self._status.lost(cause)
+        self._stats.round_trip = None
+        self._log.clear()
+        self._subscriptions.forget_robot()
+
+    async def _end_after(
+        self, farewell: Callable[[], Awaitable[None]], task: asyncio.Task[None]
+    ) -> None:
+        """Cancel the task of the former connection after the last requests over it."""
+        try:
+            await farewell()
+        except Exception:  # the new link must not depend on it
+            _LOG.exception("the last requests to the former robot failed")
+        finally:
+            task.cancel()
+
+    def _add_task(self, work: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
+        task = asyncio.get_running_loop().create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
 
     async def _run(self) -> None:
         me = asyncio.current_task()

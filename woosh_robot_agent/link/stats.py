@@ -22,6 +22,8 @@ class LinkStats:
         late_answers: answers to requests that were no longer pending.
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
+        clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds,
+            less the time that the last answer took; None if the chassis sends no times.
     """
 
     connects: int = 0
@@ -33,3 +35,4 @@ class LinkStats:
     timeouts: Counter[str] = field(default_factory=Counter)
     late_answers: int = 0
     round_trip: float | None = None
+    clock_offset: float | None = None

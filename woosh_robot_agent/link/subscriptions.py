@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 from collections.abc import Callable
 from functools import partial
 
 from woosh_robot_agent.link.answer import Answer
 from woosh_robot_agent.link.body import Body
-from woosh_robot_agent.link.callbacks import call
+from woosh_robot_agent.link.callbacks import call, call_plain
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.link.push_queue import PushQueue
+from woosh_robot_agent.link.robot_identity import RobotIdentity
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.protos import full_name
 
+_LOG = logging.getLogger(__name__)
 _TIME_SLICE = 0.005
 """Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
 starve them."""
@@ -48,9 +51,16 @@ class Subscriptions:
         self._drops = drops
         self._callbacks: dict[str, list[Callable[[Body], None]]] = {}
         self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
+        self._robot_changed_callbacks: list[Callable[[], None]] = []
+        self._robot: RobotIdentity | None = None
+        """The robot of the last link; None before the first one."""
+        self.robot_changes = 0
+        """Number of times that the link turned to another robot."""
         self._depths = {_ANSWER: math.inf}  # the number of requests limits them
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, stats.dropped_pushes)
+        self._held: PushQueue | None = None
+        """Pushes and answers of a connection whose handshake is in progress."""
 
     def set_depth(self, depth: int) -> None:
         """Change the maximum number of queued pushes for each of `COUNTED_PUSHES`."""
@@ -59,7 +69,7 @@ class Subscriptions:
     @property
     def queued(self) -> int:
         """Number of queued pushes and answers."""
-        return len(self._queue)
+        return len(self._queue) + (0 if self._held is None else len(self._held))
 
     # Consumers
 
@@ -92,6 +102,34 @@ class Subscriptions:
         """Call `callback` with the first RobotInfo of each link."""
         self._snapshot_callbacks.append(callback)
 
+    def on_robot_changed(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when the link turns to another robot."""
+        self._robot_changed_callbacks.append(callback)
+
+    # Start of a connection, and change to another robot
+
+    def hold(self) -> None:
+        """Hold back what arrives from now on, until it is known which robot sends it."""
+        self._held = PushQueue(self._depths, self._stats.dropped_pushes)
+
+    def release(self) -> None:
+        """Deliver what was held back, and what arrives from now on; idempotent."""
+        held, self._held = self._held, None
+        for name, deliver in () if held is None else held.take_all():
+            self._queue.put(name, deliver)
+
+    def discard_held(self) -> None:
+        """Discard what was held back: the handshake failed."""
+        self._held = None
+
+    def forget_robot(self) -> None:
+        """Discard all that waits for its consumers, and tell them that the robot is another one."""
+        self._robot = None
+        self.robot_changes += 1
+        self._queue.take_all()
+        for callback in tuple(self._robot_changed_callbacks):
+            call_plain(callback)
+
     # Called by the reader; these methods never wait
 
     def put_push(self, codec: Codec, envelope: Envelope) -> None:
@@ -104,20 +142,39 @@ class Subscriptions:
                 )
             return
         body = Body(codec, envelope, partial(self._count_bad, name))
-        if not self._queue.put(name, partial(self._deliver, body)):
+        if not self._target.put(name, partial(self._deliver, body)):
             self._drops.count(
                 f"pushes of {name} were dropped",
                 f"{name} arrives faster than its consumers handle it; dropping the oldest pushes",
             )
 
     def put_snapshot(self, answer: Answer) -> None:
-        """Queue the first RobotInfo of a link."""
+        """Queue the first RobotInfo of a link, after what was held back until it is known."""
         if answer.ok and isinstance(answer.body, RobotInfo):
+            self._identify(answer.body)
+            self.release()
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer.body))
 
     def put_answer(self, tap: Callable[[Answer], None], answer: Answer) -> None:
         """Queue an answer for `tap`, in order with the pushes."""
-        self._queue.put(_ANSWER, partial(call, tap, answer))
+        self._target.put(_ANSWER, partial(call, tap, answer))
+
+    @property
+    def _target(self) -> PushQueue:
+        return self._queue if self._held is None else self._held
+
+    def _identify(self, info: RobotInfo) -> None:
+        """Compare the robot of a new link with that of the link before."""
+        robot = RobotIdentity.of(info)
+        if self._robot is not None and self._robot.differs_from(robot):
+            _LOG.warning(
+                "another robot answers now: %s instead of %s; everything that the former one "
+                "reported is forgotten",
+                robot,
+                self._robot,
+            )
+            self.forget_robot()
+        self._robot = robot
 
     # Delivery
 

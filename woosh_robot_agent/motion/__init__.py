@@ -7,8 +7,15 @@ Example::
         await gate.request(Twist(linear=0.2))
 """
 
-from woosh_robot_agent.motion.gate import MotionGate, ZeroRefusedError
+from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate, ZeroRefusedError
 from woosh_robot_agent.motion.stop import StopReport
 from woosh_robot_agent.motion.velocity_driver import VelocityDriver, VelocityLimits
 
-__all__ = ["MotionGate", "StopReport", "VelocityDriver", "VelocityLimits", "ZeroRefusedError"]
+__all__ = [
+    "AnsweredCommand",
+    "MotionGate",
+    "StopReport",
+    "VelocityDriver",
+    "VelocityLimits",
+    "ZeroRefusedError",
+]

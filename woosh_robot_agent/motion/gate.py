@@ -12,6 +12,8 @@
 6. A zero velocity is not sent to a robot that a task or an action drives. Once the chassis accepts
    one, or reports the start of one that another client commands, earlier velocities no longer
    drive the robot. Velocities that are sent later do.
+7. A robot that the agent leaves, or only observes from now on, gets a zero velocity if it may still
+   be driving at a velocity from this gate. Its zero never goes to another robot.
 
 For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 """
@@ -23,11 +25,12 @@ import logging
 import math
 import time
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, SupersededError
+from woosh_robot_agent.link.callbacks import call
 from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.motion.latest_wins import STALL, LatestWins
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
@@ -51,6 +54,20 @@ A goal that a client sent before the stop may arrive after it.
 
 class ZeroRefusedError(LinkError):
     """The chassis refused a zero velocity; the robot may be moving."""
+
+
+class AnsweredCommand(NamedTuple):
+    """A command that the chassis has answered.
+
+    Attributes:
+        message: the command.
+        source: the sender, as given to `MotionGate.request`.
+        answer: the answer, which may be a refusal.
+    """
+
+    message: Message
+    source: str
+    answer: Answer
 
 
 class MotionGate:
@@ -81,9 +98,11 @@ class MotionGate:
         self._forbidden_until = -math.inf
         """Loop time until which requests that move the robot are refused."""
         self._stop_callbacks: list[Callable[[], None]] = []
+        self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
+        chassis.on_robot_changed(self._robot_changed)
 
     async def request(
         self,
@@ -91,6 +110,7 @@ class MotionGate:
         timeout: float | None = None,
         *,
         tap: Callable[[Answer], None] | None = None,
+        source: str = "",
     ) -> Answer:
         """Send a command and wait for the answer. The rules apply only to motion commands.
 
@@ -98,14 +118,17 @@ class MotionGate:
             message: the command.
             timeout: as in `ChassisClient.request`.
             tap: as in `ChassisClient.request`.
+            source: name of the sender, for `on_answered`.
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
-        if not commands_motion(message):
-            return await self._chassis.request(message, timeout, tap=tap)
-        return await self._request(message, timeout, tap=tap)
+        send = self._request if commands_motion(message) else self._chassis.request
+        answer = await send(message, timeout, tap=tap)
+        for callback in self._answered_callbacks:
+            call(callback, AnsweredCommand(message, source, answer))
+        return answer
 
     async def stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
@@ -140,9 +163,50 @@ class MotionGate:
             if not answer.ok:
                 raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
 
+    def farewell(self, timeout: float) -> Callable[[], Coroutine[Any, Any, None]] | None:
+        """Return a function that stops a robot which the agent will not command any more.
+
+        Call it before the robot is left, and the function after that. From then on, the robot does
+        not count as driving. If the function cannot stop the robot, it logs an error.
+
+        Args:
+            timeout: time to wait for the answer to the zero, in seconds.
+
+        Returns:
+            The function; None if the robot does not drive at a velocity from this gate.
+        """
+        self._velocities.withdraw("the agent does not command the robot any more")
+        if not self.driving:
+            return None
+        self._drives_until = -math.inf
+        address = self._chassis.config.address
+
+        async def stop() -> None:
+            try:
+                # not `_request`: it obeys the rules for the next robot
+                answer = await self._send(Twist(), timeout, first=True, farewell=True)
+                reason = "" if answer.ok else f"the chassis refused the zero velocity: {answer.msg}"
+            except LinkError as error:
+                reason = str(error)
+            if reason:
+                _LOG.error(
+                    "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
+                    address,
+                    reason,
+                )
+
+        return stop
+
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
         self._stop_callbacks.append(callback)
+
+    def on_answered(self, callback: Callable[[AnsweredCommand], None]) -> None:
+        """Call `callback` with each command of `request` that the chassis answers, to observe it.
+
+        The requests of a stop are not among them.
+        """
+        self._answered_callbacks.append(callback)
 
     @property
     def driving(self) -> bool:
@@ -153,6 +217,11 @@ class MotionGate:
     def owner(self) -> str:
         """Name of the goal, task or action that drives the robot; empty if there is none."""
         return "a goal" if self._open_goals() else self._reported_owner.name
+
+    @property
+    def reported_owner(self) -> str:
+        """Name of the task or actions that the chassis reports as driving; empty without any."""
+        return self._reported_owner.name
 
     async def _request(self, message: Message, timeout: float | None, **options: Any) -> Answer:
         if not isinstance(message, Twist):
@@ -175,6 +244,7 @@ class MotionGate:
         self, message: Message, timeout: float | None, **options: Any
     ) -> Answer:
         """Send a motion command at once if the rules allow it now."""
+        self._chassis.check_permitted(message)  # first: a refused velocity does not drive
         moves = may_move(message)
         if moves and asyncio.get_running_loop().time() < self._forbidden_until:  # rules 4 and 5
             raise SupersededError(f"not sent: {self._forbidden}")
@@ -214,6 +284,12 @@ class MotionGate:
         own_start = time.monotonic() < self._wheels_taken + DRIVING
         if not self._velocities.in_flight and not own_start:  # rule 6
             self._drives_until = -math.inf
+
+    def _robot_changed(self) -> None:
+        """Forget the motion of the former robot."""
+        self._velocities.withdraw("the link turned to another robot")
+        self._last_velocity = Twist()
+        self._drives_until = self._wheels_taken = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.STOPPED:

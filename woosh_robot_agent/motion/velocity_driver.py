@@ -7,6 +7,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.log_once import LogOnce
@@ -52,12 +53,15 @@ class VelocityDriver:
     7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
        back.
     8. A zero is sent only if this stream or another velocity command moved the robot.
+    9. While the client may not send velocities, they are refused. When the link turns to another
+       robot, or velocities are permitted again, rule 3 applies as after a stop.
 
     Args:
         gate: sends the velocities.
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
+        log_refusals: log what the chassis refuses, and its answer.
     """
 
     def __init__(
@@ -66,11 +70,14 @@ class VelocityDriver:
         chassis: ChassisClient,
         name: str,
         limits: Callable[[], VelocityLimits],
+        *,
+        log_refusals: bool = True,
     ) -> None:
         self._gate = gate
         self._chassis = chassis
         self._name = name
         self._limits = limits
+        self._log_refusals = log_refusals
         self._log = LogOnce(_LOG)
         self._driving = False
         """True if the last velocity that was sent was not zero."""
@@ -82,13 +89,15 @@ class VelocityDriver:
         """Loop time of the last velocity that was accepted."""
         self._sent = -math.inf
         """Loop time of the last velocity that was sent."""
-        self._silenced = False
+        self._silenced = ""
+        """Reason why velocities are refused until the sender pauses or sends a zero; or empty."""
         self._needs_zero = False
         """True if the link was lost while the stream drove the robot."""
         self._wake = asyncio.Event()
         self._requests: set[asyncio.Task[None]] = set()
-        gate.on_stop(self._silence)
+        gate.on_stop(partial(self._silence, "the robot was stopped"))
         chassis.on_state(self._link_changed)
+        chassis.on_robot_changed(self._robot_changed)
 
     async def run(self) -> None:
         """Send velocities when they are due, until cancelled."""
@@ -121,11 +130,14 @@ class VelocityDriver:
         now = asyncio.get_running_loop().time()
         paused, self._heard = now - self._heard > _PAUSE, now
         moves = any(values)
-        self._silenced = self._silenced and moves and not paused
-        if moves and self._silenced:  # rule 3
-            self.refuse(
-                "silenced", f"the robot was stopped; send a zero, or nothing for {_PAUSE:g} s"
-            )
+        if not moves or paused:
+            self._silenced = ""
+        if reason := self._chassis.refusal(Twist()):  # rule 9
+            if moves:
+                self._silence("velocities were not permitted until now")
+            self.refuse("not permitted", reason)
+        elif moves and self._silenced:  # rule 3
+            self.refuse("silenced", f"{self._silenced}; send a zero, or nothing for {_PAUSE:g} s")
         elif moves and not self._limits().override and (owner := self._gate.owner):  # rule 2
             self.refuse(
                 "owner",
@@ -192,20 +204,25 @@ class VelocityDriver:
 
     async def _request(self, velocity: Twist) -> None:
         try:
-            answer = await self._gate.request(velocity)
+            answer = await self._gate.request(velocity, source=self._name)
         except SupersededError as error:  # normal while the chassis is slow
             _LOG.debug("%s: %s", self._name, error)
         except LinkError as error:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
         else:
-            if not answer.ok:
+            if not answer.ok and self._log_refusals:
                 self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
 
-    def _silence(self) -> None:
-        self._silenced = True
+    def _silence(self, reason: str) -> None:
+        self._silenced = reason
         self._waiting = None
         self._driving = False
         self._wake.set()
+
+    def _robot_changed(self) -> None:
+        """Refuse the rest of a stream that was meant for the former robot."""
+        self._needs_zero = False
+        self._silence("the link turned to another robot")
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:

@@ -4,46 +4,42 @@ from __future__ import annotations
 
 import random
 from collections import deque
+from collections.abc import Callable
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator import refusals, status_codes
+from woosh_robot_agent.simulator.agenda import Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.following import Follower
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.behaviour.teleop import Teleop
-from woosh_robot_agent.simulator.body.base import Base
+from woosh_robot_agent.simulator.body.base import Base, displacement
 from woosh_robot_agent.simulator.body.battery import Battery
-from woosh_robot_agent.simulator.body.codes import (
-    BATTERY_LOW,
-    EMERGENCY_STOP,
-    KEY_SWITCH_MANUAL,
-    LOCALISATION_LOST,
-    OBSTACLE_IN_THE_WAY,
-    Codes,
-)
+from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
 from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.collision import CollisionDetector
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.world.footprints import Outline, footprints
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map, MarkKind
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 TIME_STEP = 0.05
-"""Simulated time per step, in seconds. A moving robot pushes PoseSpeed once per step."""
+"""Simulated time per step of the motion, in seconds."""
 
 _CHARGER_DISTANCE = 0.3
 """Distance to a charger at which the robot can charge, in metres."""
@@ -51,23 +47,31 @@ _CHARGER_DISTANCE = 0.3
 _MAX_SPOKEN = 50
 """Number of spoken texts that are kept."""
 
-_Level = robot_count_pb2.StatusCode
-
 
 class Chassis:
     """The model of the robot, without sockets and without a clock of its own.
 
-    `tick` advances the simulated time. Requests change the state between ticks. Events, which must
-    all be pushed, are collected until `take_events` returns them.
+    `tick` advances the simulated time by a step, and makes the calls that are due in it. Within a
+    step, `run_until` makes them at their exact times. Requests change the state at any time.
+    Events, which must all be pushed, are collected until `take_events` returns them.
 
     Args:
         config: The options.
 
     Raises:
-        SceneError: A file of a scene cannot be used.
+        DataFileError: The file of the profile or of a scene cannot be used.
 
     Attributes:
+        profile: How a robot of this model behaves.
         elapsed: Simulated time since the start, in seconds.
+        clock_offset: Difference between the clock of the robot and the real one, in seconds.
+        stepped: The time up to which the motion is computed, in seconds.
+        agenda: Calls that are due at later times.
+        on_change: Called after each of these calls.
+        chance: Random numbers for everything that is not always the same.
+        answer_delay: Time until the current request is answered, in seconds. Its handler may
+            change it.
+        state_first: The changes that the current request causes are pushed before its answer.
         scenes: Known scenes, by name.
         scene: Current scene.
         map: Current map.
@@ -77,28 +81,45 @@ class Chassis:
         column: The lift of LiftControl2 and LiftControl3.
         readiness: Modes and conditions.
         occupied: A client has reserved the robot.
+        scan_pose: Pose of the robot at the last scan of the laser.
         footprint: The `woosh.robot.FootPrint` in use.
+        footprints: Outlines of the robot by `woosh.robot.FootPrint`.
         setting: Settings, as reported to clients.
         spoken: The last texts that the robot was told to say.
         ownership: Starts and resumes jobs.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
+        self.profile = load_profile(config.profile)
         self.robot_id = config.robot_id
         self.omnidirectional = config.omnidirectional
         self.elapsed = 0.0
+        self.clock_offset = config.clock_offset
+        self.stepped = 0.0
+        self.agenda = Agenda()
+        self.on_change: Callable[[], object] = lambda: None
+        self.answer_delay = 0.0
+        self.state_first = False
+        self._initialisation = object()
         self._start_time = config.start_time()
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
         self._events: list[Message] = []
+        self.chance = random.Random(f"{self._seed}:chance")
 
         self.scenes, self.scene = library.known_scenes(config.scenes)
         self.map, start = library.start(self.scene)
         self.obstacles = Obstacles()
         self._collisions = CollisionDetector()
 
-        self.base = Base(start, odometer=1204.0)
+        driving = self.profile.driving
+        self.base = Base(
+            start, odometer=1204.0, rolls_for=driving.rolls_for, stops_below=driving.stops_below
+        )
         self.laser = Laser()
-        self.battery = Battery(93.0)
+        self.scan_pose = start
+        self._scan_time = 0.0
+        self._ranges: list[float] = []
+        self.battery = Battery(93.0, self.profile.battery)
         self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
         self.wifi = WiFi()
@@ -107,6 +128,7 @@ class Chassis:
         self.call_muted = False
         self.program_muted = False
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
+        self.footprints = footprints(self.profile.model.outline)
         self.spoken: deque[str] = deque(maxlen=_MAX_SPOKEN)
         self.setting = robot_pb2.Setting(
             robot_id=self.robot_id,
@@ -117,8 +139,10 @@ class Chassis:
             allow=robot_pb2.Setting.Allow(auto_charge=True, auto_park=True, goods_check=True),
         )
 
-        self.codes = Codes(self._publish_code)
-        self.teleop = Teleop()
+        language = config.code_language or self.profile.status_codes.language
+        self.codes = Codes(language, self._publish_code)
+        self._reported_mode = self.readiness.control
+        self.teleop = Teleop(driving.start_delay)
         self.follower = Follower()
         self.tasks = Tasks(self)
         self.actions = Actions(self)
@@ -128,15 +152,20 @@ class Chassis:
         )
 
         if not self._can_stand(start):
-            raise SceneError(
+            raise DataFileError(
                 f"scene {self.scene.name}: the robot cannot start at {start} on map "
                 f"{self.map.name}, which is not free floor: name another pose under start"
             )
 
     @property
     def time(self) -> float:
-        """Simulated Unix time, in seconds."""
-        return self._start_time + self.elapsed
+        """Clock of the robot: simulated Unix time, in seconds."""
+        return self._start_time + self.clock_offset + self.elapsed
+
+    @property
+    def outline(self) -> Outline:
+        """Outline of the robot with the footprint in use."""
+        return self.footprints[self.footprint]
 
     @property
     def impeded(self) -> bool:
@@ -156,30 +185,64 @@ class Chassis:
             return util_robot_pb2.kFault
         if not readiness.initialised:
             return util_robot_pb2.kUninit
-        if self.battery.charges:
+        until_full = self.profile.charging.confirmed_after is None
+        if self.battery.charges and (until_full or not self.tasks.state):
             return util_robot_pb2.kCharging
         if self.follower.active:
             return util_robot_pb2.kFollowing
-        if self.tasks.active:
-            parking = self.tasks.proc.type == util_task_pb2.kParking
-            return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
+        if self.tasks.state:
+            warns = self.tasks.impeded and self.profile.tasks.pause_at_obstacle
+            return util_robot_pb2.kWarning if warns else self.tasks.state
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
+    @property
+    def pose(self) -> Pose:
+        """Pose at this moment, also between two steps of the motion."""
+        base, dt = self.base, self.elapsed - self.stepped
+        return base.pose.moved(*displacement(base.velocity, dt)) if base.moving else base.pose
+
+    def after(self, delay: float, call: Callable[[], object]) -> None:
+        """Make a call after `delay` seconds of simulated time, or now if the delay is 0."""
+        if delay > 0.0:
+            self.agenda.add(self.elapsed + delay, call)
+        else:
+            call()
+
+    def begin_request(self, type_name: str) -> None:
+        """Choose how long the answer to a request takes, given the full name of its type."""
+        answers = self.profile.answers
+        times = answers.requests.get(type_name, answers.default)
+        self.answer_delay = times.at(self.chance.random())
+        self.state_first = self.chance.random() < self.profile.tasks.state_first
+
+    def run_until(self, time: float) -> None:
+        """Advance the simulated time within a step, and make the calls that are due."""
+        while self.agenda.next_time <= time:
+            self.elapsed = max(self.elapsed, self.agenda.next_time)
+            self.agenda.pop()()
+            self.on_change()
+        self.elapsed = max(self.elapsed, time)
+
     def tick(self, dt: float) -> None:
-        """Advance the simulated time by `dt` seconds."""
+        """Advance the simulated time to `dt` seconds after the last step."""
         # Rounded so that errors do not add up: whole seconds stay whole.
-        self.elapsed = round(self.elapsed + dt, 6)
+        end = round(self.stepped + dt, 6)
+        self.run_until(end)
+        self.elapsed = self.stepped = end
         self._check_conditions()
         self.auto_tasks.tick(dt)
         self.teleop.tick(self.base, dt)
         self.follower.tick(self, dt)
         self.ownership.tick(dt)
         odometer = self.base.odometer
+        if not self.readiness.motors_on:
+            self.base.halt()
         self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - odometer)
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
+        self._look()
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or obstacle, in metres."""
@@ -190,7 +253,7 @@ class Chassis:
 
         It is negative if they overlap.
         """
-        return self._collisions.gap(FOOTPRINTS[self.footprint], pose, self.map, self.obstacles)
+        return self._collisions.gap(self.outline, pose, self.map, self.obstacles)
 
     def emit(self, event: Message) -> None:
         """Send a message to all its subscribers. It must not be modified afterwards."""
@@ -208,16 +271,27 @@ class Chassis:
             RefusedError: The pose is outside the map, or the robot would overlap a wall.
         """
         if not self.map.contains(pose.x, pose.y):
-            raise RefusedError(f"pose {pose} is outside map {self.map.name}: choose one inside")
+            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
         if self.gap(pose) < 0.0:
-            raise RefusedError(
-                f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
-            )
+            raise RefusedError(refusals.POSE_IN_WALL, pose=pose, map=self.map.name)
         self.base.place(pose)
         self.readiness.located = True
         navigation = self.ownership.navigation
         if navigation:
             navigation.replan()
+
+    def initialise(self) -> float:
+        """Initialise the robot, and return how long that takes, in seconds."""
+        duration = self.profile.answers.initialisation.at(self.chance.random())
+        self.readiness.initialised = False
+        self._initialisation = initialisation = object()
+
+        def finish() -> None:
+            if self._initialisation is initialisation:
+                self.readiness.initialised = True
+
+        self.after(duration, finish)
+        return duration
 
     def enter(self, scene: Scene, area: Map) -> None:
         """Switch to another scene or map while there is no task. The coordinates stay the same."""
@@ -240,11 +314,17 @@ class Chassis:
         self.readiness.emergency_stop = pressed
         self._check_conditions()
 
-    def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
-        if manual and not self.readiness.key_manual:
-            self.codes.report(KEY_SWITCH_MANUAL, _Level.kTips)
+    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
+        """Turn the key switch to manual, or to automatic.
+
+        At manual it overrides the control mode and switches the motors off.
+
+        Args:
+            manual: Turn it to manual.
+            accept: Accept requests nevertheless. They have no effect on the motors.
+        """
         self.readiness.key_manual = manual
+        self.readiness.key_accepts = accept
         self._check_conditions()
 
     def lose_localisation(self) -> None:
@@ -254,9 +334,18 @@ class Chassis:
 
     def scan(self) -> list[float]:
         """Return the ranges of one scan of the laser, in metres."""
-        # The noise depends on the time, not on the number of scans: equal seeds give equal scans.
-        rng = random.Random(f"{self._seed}:{self.elapsed:.3f}")
-        return self.laser.scan(self.base.pose, self.walls, rng, self.map.grid)
+        self._look()
+        if not self._ranges:
+            # The noise depends on the time, not on the number of scans: equal seeds give equal
+            # scans.
+            rng = random.Random(f"{self._seed}:{self._scan_time:.3f}")
+            self._ranges = self.laser.scan(self.scan_pose, self.walls, rng, self.map.grid)
+        return self._ranges
+
+    def _look(self) -> None:
+        """Begin a new scan of the laser if it is due."""
+        if self.stepped - self._scan_time >= self.profile.rates.scan - 1e-9:
+            self._scan_time, self.scan_pose, self._ranges = self.stepped, self.base.pose, []
 
     def _can_stand(self, pose: Pose) -> bool:
         """Return True if the robot can stand at `pose`."""
@@ -266,18 +355,25 @@ class Chassis:
         """Report problems, and stop jobs that must not continue."""
         readiness = self.readiness
         readiness.battery_empty = self.battery.level <= 0.0
-        self.codes.watch(EMERGENCY_STOP, _Level.kFault, present=readiness.emergency_stop)
+        self._report_control_mode()
+        self.codes.watch(status_codes.EMERGENCY_STOP, present=readiness.emergency_stop)
         lost = readiness.initialised and not readiness.located
-        self.codes.watch(LOCALISATION_LOST, _Level.kFault, present=lost)
+        self.codes.watch(status_codes.LOCALISATION_LOST, present=lost)
         low = self.battery.percent <= self.setting.power.alarm
-        self.codes.watch(BATTERY_LOW, _Level.kWarn, present=low)
-        self.codes.watch(OBSTACLE_IN_THE_WAY, _Level.kWarn, present=self.impeded)
+        self.codes.watch(status_codes.BATTERY_LOW, present=low)
+        self.codes.watch(status_codes.OBSTACLE_IN_THE_WAY, present=self.impeded)
         if readiness.emergency_stop:
             self.base.halt()
             self.teleop.release()
-        objections = readiness.objections()
-        if objections:
-            self.ownership.suspend_all(objections[0].partition(":")[0])
+        if readiness.obstruction:
+            self.ownership.suspend_all(readiness.obstruction.reason)
+
+    def _report_control_mode(self) -> None:
+        """Report the control mode if it has changed."""
+        mode = self.readiness.control
+        if mode != self._reported_mode:
+            self._reported_mode = mode
+            self.codes.report(status_codes.CONTROL_MODES[mode])
 
     def _publish_code(self, status: robot_count_pb2.StatusCode) -> None:
         status.robot_id = self.robot_id

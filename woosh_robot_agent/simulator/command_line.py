@@ -15,8 +15,10 @@ from typing import Any
 import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
+from woosh_robot_agent.simulator.profile import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.status_codes import LANGUAGES
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.stop_signals import StopSignals
 
@@ -71,7 +73,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         )
     try:
         asyncio.run(_serve(config, signals))
-    except SceneError as error:
+    except DataFileError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
@@ -90,7 +92,10 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
         tcp_port=options.tcp_port,
         speed=options.speed,
         seed=options.seed,
+        profile=options.profile,
         scenes=tuple(options.scene),
+        clock_offset=options.clock_offset,
+        code_language=options.code_language,
         robot_id=options.robot_id,
         omnidirectional=options.base == "omnidirectional",
         initialised=not options.uninitialised,
@@ -182,6 +187,24 @@ def make_parser() -> argparse.ArgumentParser:
         type=int,
         default=default.seed,
         help="seed of laser noise, simulated clock and random faults, for repeatable runs",
+    )
+    parser.add_argument(
+        "--profile",
+        default=default.profile,
+        metavar="NAME_OR_FILE",
+        help=f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file like theirs",
+    )
+    parser.add_argument(
+        "--clock-offset",
+        type=float,
+        default=default.clock_offset,
+        metavar="SECONDS",
+        help="how far the clock of the robot is ahead of the real one, in s; negative: behind",
+    )
+    parser.add_argument(
+        "--code-language",
+        choices=LANGUAGES,
+        help="language of the texts of status codes, none: no texts; default: as in the profile",
     )
     parser.add_argument(
         "--scene",

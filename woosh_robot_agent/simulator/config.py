@@ -7,10 +7,15 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from woosh_robot_agent.simulator.profile import DEFAULT_PROFILE, Profile
 from woosh_robot_agent.simulator.scenario import Scenario
+from woosh_robot_agent.simulator.status_codes import Language
 
 SEEDED_START = 1735689600.0
 """Start of the simulated clock of a seeded run, as Unix time in seconds: 2025-01-01 00:00 UTC."""
+
+MAX_CLOCK_OFFSET = 3650 * 86400.0
+"""Maximum difference between the simulated clock and the real one, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +29,16 @@ class SimulatorConfig:
         speed: Simulated seconds per real second, 1 to 100.
         seed: Makes runs repeatable: laser noise, random choices of faults, and the start of the
             simulated clock. Without a seed the clock starts at the current time.
+        profile: How the robot behaves: the name of a shipped profile (`tr200`, `instant`), the path
+            of a file, or a loaded profile.
         scenes: Paths of further scenes, as for `scenes.files.load_scene`. The robot starts in the
             first of them, or in the first shipped scene if there is none.
         robot_id: Number of the robot.
         omnidirectional: True for a base that can move sideways, False for a differential one.
+        clock_offset: Difference between the simulated clock and the real one, in seconds. The times
+            of all messages have it.
+        code_language: Language of the texts of status codes: `zh`, `en`, or `none` for no texts.
+            Without it the profile decides.
         initialised: The robot knows its pose at the start. Otherwise a client must send InitRobot.
         charge_after: Simulated time without a command before a robot with a low battery drives to
             a charger by itself, in seconds.
@@ -47,9 +58,12 @@ class SimulatorConfig:
     tcp_port: int = 5481
     speed: float = 1.0
     seed: int | None = None
+    profile: str | Path | Profile = DEFAULT_PROFILE
     scenes: tuple[Path, ...] = ()
     robot_id: int = 30001
     omnidirectional: bool = True
+    clock_offset: float = 0.0
+    code_language: Language | None = None
     initialised: bool = True
     charge_after: float = 600.0
     park_after: float = 1800.0
@@ -69,6 +83,8 @@ class SimulatorConfig:
                 raise ValueError(f"{name} {getattr(self, name)} is not at least 1")
         if self.charge_after <= 0.0 or self.park_after <= 0.0:
             raise ValueError("charge_after and park_after must be more than 0 s")
+        if not abs(self.clock_offset) <= MAX_CLOCK_OFFSET:
+            raise ValueError(f"clock offset {self.clock_offset:g} s is more than 10 years")
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:
                 raise ValueError(f"port {port} is not within 0 to 65535")

@@ -23,6 +23,12 @@ from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
 
 _LOG = logging.getLogger(__name__)
 
+_MIN_STEP = 0.005
+"""Shortest step within which the simulated time advances, in seconds of real time."""
+
+_END_OF_STEP = 0.999 * TIME_STEP
+"""Simulated time within a step that only `Chassis.tick` exceeds, in seconds."""
+
 _MAX_LAG = 1.0
 """Real time that the simulation may lag behind before it skips steps, in seconds."""
 
@@ -57,6 +63,10 @@ class SimulatedChassis:
         )
         self._ports = Ports(self.config, self._connections.serve, self._connections.readable)
         self._ticker: asyncio.Task[None] | None = None
+        self._step_start = 0.0
+        """Time of the event loop that corresponds to `Chassis.stepped`, in seconds."""
+        self.chassis.agenda.on_add = self._wake_for
+        self._exchange.before_request = self._catch_up
 
     async def __aenter__(self) -> SimulatedChassis:
         await self.start()
@@ -80,6 +90,7 @@ class SimulatedChassis:
         self._connections.open()
         self._injector.advance(0.0)
         await self.settle()
+        self._step_start = asyncio.get_running_loop().time()
         self._ticker = asyncio.ensure_future(self._tick())
 
     async def stop(self) -> None:
@@ -187,9 +198,16 @@ class SimulatedChassis:
         self.chassis.set_emergency_stop(pressed)
         self.push_changes()
 
-    def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
-        self.chassis.set_key_switch(manual)
+    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
+        """Turn the key switch to manual, or to automatic.
+
+        At manual it overrides the control mode and switches the motors off.
+
+        Args:
+            manual: Turn it to manual.
+            accept: Accept requests nevertheless. They have no effect on the motors.
+        """
+        self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()
 
     def lose_localisation(self) -> None:
@@ -303,9 +321,10 @@ class SimulatedChassis:
 
     async def _tick(self) -> None:
         loop = asyncio.get_running_loop()
-        due = loop.time()
+        self._step_start = loop.time()
         while True:
-            due = max(due + TIME_STEP / self.speed, loop.time() - _MAX_LAG)
+            due = max(self._step_start + TIME_STEP / self.speed, loop.time() - _MAX_LAG)
+            self._wake_for(self.chassis.agenda.next_time)
             await asyncio.sleep(max(0.0, due - loop.time()))
             try:
                 if not self._frozen:
@@ -315,3 +334,26 @@ class SimulatedChassis:
                     self.push_changes()
             except Exception:  # the clock must not stop
                 _LOG.exception("cannot complete a step of the simulation")
+            self._step_start = due
+
+    @property
+    def _runs_within_steps(self) -> bool:
+        """True if the simulated time advances within steps too."""
+        return bool(self._ticker) and not self._frozen and TIME_STEP / self.speed >= _MIN_STEP
+
+    def _wake_for(self, time: float) -> None:
+        """Make a call of the chassis on time, if it is due before the next step."""
+        into_step = time - self.chassis.stepped
+        if self._runs_within_steps and into_step < TIME_STEP:
+            loop = asyncio.get_running_loop()
+            loop.call_at(self._step_start + into_step / self.speed, self._catch_up)
+
+    def _catch_up(self) -> None:
+        """Advance the simulated time to this moment, within the current step."""
+        if not self._runs_within_steps:
+            return
+        into_step = (asyncio.get_running_loop().time() - self._step_start) * self.speed
+        try:
+            self.chassis.run_until(self.chassis.stepped + min(into_step, _END_OF_STEP))
+        except Exception:  # the clock must not stop
+            _LOG.exception("cannot make a call of the simulated robot")

@@ -42,7 +42,7 @@ def snapshot(chassis: Chassis) -> Snapshot:
     """Return the current state of `chassis`."""
     return Snapshot(
         elapsed=chassis.elapsed,
-        pose=chassis.base.pose,
+        pose=chassis.pose,
         velocity=chassis.base.velocity,
         odometer=chassis.base.odometer,
         jack=chassis.jack.height,

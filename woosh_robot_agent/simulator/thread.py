@@ -245,9 +245,16 @@ class SimulatorThread:
         """Press or release the emergency stop button."""
         self.call(lambda simulator: simulator.set_emergency_stop(pressed))
 
-    def set_key_switch(self, manual: bool) -> None:
-        """Turn the key switch to manual, which overrides the control mode, or to automatic."""
-        self.call(lambda simulator: simulator.set_key_switch(manual))
+    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
+        """Turn the key switch to manual, or to automatic.
+
+        At manual it overrides the control mode and switches the motors off.
+
+        Args:
+            manual: Turn it to manual.
+            accept: Accept requests nevertheless. They have no effect on the motors.
+        """
+        self.call(lambda simulator: simulator.set_key_switch(manual, accept=accept))
 
     def lose_localisation(self) -> None:
         """Make the robot lose its localisation."""

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.time import Time
 
 from woosh_robot_agent.motion import VelocityDriver, VelocityLimits
+from woosh_robot_agent.standard.interleaving import Interleaving
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
+
+_REPORT_PERIOD = 1.0
+"""Minimum time between two reports of several publishers, in seconds."""
 
 
 class CmdVel(Part):
@@ -19,13 +28,24 @@ class CmdVel(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._driver = VelocityDriver(context.gate, context.chassis, "cmd_vel", self._limits)
+        self._driver = VelocityDriver(
+            context.gate,
+            context.chassis,
+            "cmd_vel",
+            self._limits,
+            log_refusals=False,  # the log of all refused commands has them, with their reasons
+        )
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
             "cmd_vel",
             self._stamped if stamped else self._drive,
             "geometry_msgs/TwistStamped" if stamped else "",
+            with_info=True,
         )
+        self._topic = context.node.resolve_topic_name("cmd_vel")
+        self._publishers = Interleaving()
+        self._reported = -math.inf
+        """Monotonic time at which several publishers were last reported."""
 
     async def run(self) -> None:
         await self._driver.run()
@@ -40,7 +60,7 @@ class CmdVel(Part):
             override=settings.cmd_vel_override,
         )
 
-    def _stamped(self, message: TwistStamped) -> None:
+    def _stamped(self, message: TwistStamped, info: Mapping[str, Any]) -> None:
         now = self._context.node.get_clock().now()
         stamp = Time.from_msg(message.header.stamp, clock_type=now.clock_type)
         age = float((now - stamp).nanoseconds) / 1e9
@@ -52,7 +72,19 @@ class CmdVel(Part):
                 "or the future; check the sender's clock",
             )
             return
-        self._drive(message.twist)
+        self._drive(message.twist, info)
 
-    def _drive(self, velocity: Twist) -> None:
+    def _drive(self, velocity: Twist, info: Mapping[str, Any]) -> None:
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z)
+        now = time.monotonic()
+        alternate = self._publishers.notice(info["publication_sequence_number"], now)
+        velocities = self._context.watch.velocities
+        if alternate and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
+            self._reported = now
+            velocities.report(*self._publisher_names())
+
+    def _publisher_names(self) -> list[str]:
+        """Return the names of the publishers; the graph does not tell which of them are sending."""
+        found = self._context.node.get_publishers_info_by_topic(self._topic)
+        names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+        return [f"{name} (on cmd_vel)" for name in names]

@@ -141,7 +141,7 @@ STANDARD = (
         "diagnostic_msgs/DiagnosticArray",
         Kind.STREAM,
         "enable_diagnostics",
-        "link, chassis, battery, hardware and abnormal codes, at 1 Hz",
+        "link, chassis, battery, hardware, abnormal codes, motion, clock and agents, at 1 Hz",
         10,
     ),
 )

@@ -11,7 +11,9 @@ from std_srvs.srv import Trigger
 
 from woosh_robot_agent.bridge import Reply
 from woosh_robot_agent.endpoints import ACTIONS
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.standard.part import Part
@@ -32,6 +34,7 @@ class GoalPose(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
+        self._log = LogOnce(_LOG)
         self._action = class_of(_MOVE_BASE.action, "action")
         self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
         self._newest = 0
@@ -46,6 +49,10 @@ class GoalPose(Part):
         self._client.destroy()  # a client that is left keeps the node in the graph
 
     def _received(self, message: Any) -> None:
+        if reason := self._context.chassis.refusal(CallAction()):
+            self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
+            return
+        self._log.clear()
         try:
             pose = from_pose_in(self._context.frame("map"), message.header.frame_id, message.pose)
         except ValueError as error:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
@@ -20,9 +21,14 @@ class InitialPose(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
+        self._log = LogOnce(_LOG)
         context.subscribe("initialpose", self._received)
 
     def _received(self, message: Any) -> None:
+        if reason := self._context.chassis.refusal(SetRobotPose()):
+            self._log.warn("not permitted", f"initialpose is ignored: {reason}")
+            return
+        self._log.clear()
         frame = message.header.frame_id
         try:
             pose = from_pose_in(self._context.frame("map"), frame, message.pose.pose)

@@ -61,6 +61,9 @@ class Map(Part):
         self._wanted: tuple[str, int, str, int] | None = None
         self._published: tuple[str, int, str, int] | None = None
         self._not_before = -math.inf
+        self._robot = object()
+        """Stands for the current robot."""
+        context.chassis.on_robot_changed(self._forget)
         context.chassis.on_snapshot(self._snapshot)
         context.chassis.subscribe(Scene, self._scene)
 
@@ -75,12 +78,16 @@ class Map(Part):
         if info.HasField("scene"):
             self._scene(info.scene)
 
+    def _forget(self) -> None:
+        self._wanted = self._published = None
+        self._robot = object()
+
     def _scene(self, scene: Scene) -> None:
         self._wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         self._not_before = -math.inf
 
     async def _update(self, now: float) -> None:
-        wanted = self._wanted
+        wanted, robot = self._wanted, self._robot
         assert wanted is not None
         scene_name, map_id, map_name, _ = wanted
         try:
@@ -91,6 +98,8 @@ class Map(Part):
         except (LinkError, MapError) as error:
             self._log.warn("map", f"no map: {error}")
             self._not_before = now + _RETRY_DELAY
+            return
+        if robot is not self._robot:
             return
         self._log.clear()
         message = OccupancyGrid(data=cells)

@@ -18,26 +18,32 @@ from woosh_robot_agent.standard.odometry import Odometry
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.prediction import HORIZON, Prediction
 from woosh_robot_agent.standard.settings import StandardSettings
 from woosh_robot_agent.standard.subscribers import Subscribers
+from woosh_robot_agent.standard.velocity import Velocity
 
 _LOG = logging.getLogger(__name__)
-_SILENCE = 0.25
-"""Time without a push after which the robot stands, in seconds; a moving robot pushes at 20 Hz."""
+_SILENCE = HORIZON
+"""Time without a report after which a robot that reported no speed stands, in seconds."""
 
 
 class Odom(Part):
-    """Publishes odom at up to `odom_rate` while the link is ready and there are subscribers.
+    """Publishes odom while the link is ready and there are subscribers.
 
-    A push is published at once, stamped with the time of its receipt. Between pushes, the pose of a
-    standing robot is repeated with the current time. The pose of a moving robot is not repeated,
-    because it is outdated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each
-    message and the same stamp.
+    With `odom_prediction`, odom is published at `odom_rate`: the pose of a moving robot is
+    predicted from its last report, that of a standing robot is repeated. odom pauses if a moving
+    robot has not reported for `HORIZON`.
+
+    Otherwise, each report is published once, at up to `odom_rate`, and the pose of a standing robot
+    is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each message.
+    The stamp is the time at which the pose is true, or that of the receipt of the report.
     """
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
         self._odometry = Odometry()
+        self._prediction = Prediction()
         self._log = LogOnce(_LOG)
         settings = context.settings()
         self._subscribers = Subscribers(context)
@@ -57,6 +63,7 @@ class Odom(Part):
         """Loop time of the last message."""
         self._known = False
         """True if the pose is known on the current link."""
+        context.chassis.on_robot_changed(self._forget)
         context.chassis.on_snapshot(self._snapshot)
         context.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
@@ -66,13 +73,22 @@ class Odom(Part):
     async def run(self) -> None:
         async for now in self._subscribers.times(self._rate):
             if now - self._received > _SILENCE:
-                self._odometry.silent()
-            if not self._odometry.moving and self._due(now, self._sent, 0.9):
-                self._publish(now)
+                self._silent()
+            if self._context.settings().odom_prediction:
+                # two messages that follow each other at once are of no use
+                if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
+                    self._publish_predicted()
+            elif not self._odometry.velocity.moving and self._due(now, self._sent, 0.9):
+                self._publish_reported(now)
+
+    def _forget(self) -> None:
+        self._odometry = Odometry()
+        self._known = False
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):
-            self._odometry.lost()  # the robot may have moved while there was no link
+            # the robot may have moved while there was no link
+            self._odometry.lost(self._prediction.last)
             self._pushed(info.pose_speed)
 
     def _link_changed(self, state: LinkState) -> None:
@@ -88,16 +104,34 @@ class Odom(Part):
         if not all(map(math.isfinite, numbers)):  # it would make all later poses non-finite
             self._log.warn("not finite", f"ignored a PoseSpeed with non-finite numbers: {numbers}")
             return
-        self._log.clear()
+        self._log.clear("not finite")
         now = asyncio.get_running_loop().time()
-        self._odometry.update(
+        odometry = self._odometry
+        if odometry.update(
             Pose2D.from_message(pose), twist.linear, twist.angular, report.map_id, now
-        )
+        ):
+            self._log.clear("impossible")
+        else:
+            self._log.warn(
+                "impossible",
+                "ignored the speeds in a PoseSpeed, because the robot cannot have them: linear "
+                f"{twist.linear:g} m/s, angular {twist.angular:g} rad/s; odom takes them from the "
+                "poses",
+            )
+        self._prediction.report(odometry.pose, odometry.velocity, odometry.time)
         self._received, self._known = now, True
-        # tolerate jitter: pushes that arrive at exactly this rate must all be published
-        if self._due(now, self._forwarded, 0.7):
+        # tolerate jitter: reports that arrive at exactly this rate must all be published
+        if not self._context.settings().odom_prediction and self._due(now, self._forwarded, 0.7):
             self._forwarded = now
-            self._publish(now)
+            self._publish_reported(now)
+
+    def _silent(self) -> None:
+        """Note that a robot that may have moved sideways stands."""
+        odometry = self._odometry
+        if odometry.velocity.left:
+            odometry.silent()
+            if not odometry.velocity.moving:
+                self._prediction.stand()
 
     def _rate(self) -> float:
         return self._context.settings().odom_rate
@@ -109,31 +143,38 @@ class Odom(Part):
         ready = self._known and self._context.chassis.state is LinkState.READY
         return ready and self._subscribers.present
 
-    def _publish(self, now: float) -> None:
+    def _publish_predicted(self) -> None:
+        # the stamp is taken together with the time of the prediction
+        now, stamp = asyncio.get_running_loop().time(), self._context.now()
+        self._publish(now, stamp, *self._prediction.predict(now))
+
+    def _publish_reported(self, now: float) -> None:
+        self._publish(now, self._context.now(), self._odometry.pose, self._odometry.velocity)
+
+    def _publish(self, now: float, stamp: Any, pose: Pose2D, velocity: Velocity) -> None:
         self._sent = now
-        stamp = self._context.now()
         if self._odom is not None and self._odom.get_subscription_count():
-            self._odom.publish(self._filled(stamp))
+            self._odom.publish(self._filled(stamp, pose, velocity))
         if self._tf is not None and self._tf.get_subscription_count():
             to_odom, to_base = self._transforms.transforms
             _set_transform(to_odom, stamp, self._odometry.map_to_odom)
-            _set_transform(to_base, stamp, self._odometry.pose)
+            _set_transform(to_base, stamp, pose)
             self._tf.publish(self._transforms)
 
-    def _filled(self, stamp: Any) -> OdometryMsg:
-        """Return the message with the current values."""
-        settings, odometry, message = self._context.settings(), self._odometry, self._message
+    def _filled(self, stamp: Any, pose: Pose2D, velocity: Velocity) -> OdometryMsg:
+        """Return the message with these values."""
+        settings, message = self._context.settings(), self._message
         if settings is not self._covariances_of:
             self._covariances_of = settings
             message.pose.covariance[::7] = settings.pose_covariance
             message.twist.covariance[::7] = settings.twist_covariance
         message.header.stamp = stamp
         position, orientation = message.pose.pose.position, message.pose.pose.orientation
-        position.x, position.y = odometry.pose.x, odometry.pose.y
-        orientation.z, orientation.w = odometry.pose.quaternion
+        position.x, position.y = pose.x, pose.y
+        orientation.z, orientation.w = pose.quaternion
         twist = message.twist.twist
-        twist.linear.x, twist.linear.y = odometry.forward, odometry.sideways
-        twist.angular.z = odometry.turn
+        twist.linear.x, twist.linear.y = velocity.forward, velocity.left
+        twist.angular.z = velocity.turn
         return message
 
     def _chain(self) -> Any:

@@ -12,11 +12,21 @@ from __future__ import annotations
 import math
 
 from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.report_time import ReportTime
+from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
 
-MAX_SPEED = 1.5
+_MAX_SPEED = 3.0
 """Upper bound of the robot's speed, in m/s."""
+_MAX_TURN = math.tau
+"""Upper bound of the robot's angular speed, in rad/s."""
+_MAX_SPEED_GAIN = 1.0
+"""Maximum of a reported speed minus the mean speed since the report before, in m/s."""
+_MAX_TURN_GAIN = 2.0
+"""The same for the angular speed, in rad/s."""
 _MAX_DELAY = 0.3
 """Maximum delay of a report relative to the one before, in seconds."""
+_MIN_INTERVAL = 0.02
+"""Minimum interval between two reports by which a movement is divided, in seconds."""
 _MAX_INTERVAL = 0.5
 """Maximum interval between two reports of a moving robot, in seconds."""
 _POSITION_TOLERANCE = 0.03
@@ -24,8 +34,8 @@ _POSITION_TOLERANCE = 0.03
 _HEADING_TOLERANCE = 0.03
 """Maximum difference between reported heading and prediction from speeds, in radians."""
 _SIDEWAYS_TOLERANCE = 0.1
-"""Maximum sideways movement between two reports, in metres; reports have no sideways speed."""
-_POSE_SET_INTERVAL = 0.3
+"""Maximum sideways movement that the speed to the left does not explain, in metres."""
+_POSE_SET_INTERVAL = 0.5
 """Time after setting the robot's pose in which it may still report the old one, in seconds."""
 _POSE_SET_TOLERANCE = 0.01
 """Tolerance within `_POSE_SET_INTERVAL` while the robot moves, in metres or radians."""
@@ -34,56 +44,57 @@ _POSE_SET_TOLERANCE_AT_REST = 1e-4
 _LEVER = 0.3
 """Distance from the robot's centre at which turning counts as much as driving, in metres."""
 _MIN_SIDEWAYS = 0.004
-"""Minimum sideways movement, in metres; a smaller one is part of a curve."""
+"""Minimum sideways movement, in metres; a smaller one is an error of the curve."""
 
 
 class Odometry:
     """Pose of the robot in `odom`, and of `odom` in `map`.
 
     Attributes:
-        pose: pose of the robot in `odom`; it never jumps.
+        pose: pose of the robot in `odom` at the last report; it never jumps.
         map_to_odom: pose of `odom` in `map`.
-        forward: forward speed, in m/s.
-        sideways: speed to the left, in m/s; derived from the poses, as reports do not have it.
-        turn: angular speed, in rad/s.
+        velocity: velocity of the robot at the last report. The speed to the left is derived from
+            the poses, as reports do not have it.
+        time: time at which the last report was true, by the clock of `update`.
     """
 
     def __init__(self) -> None:
         self.pose = Pose2D()
         self.map_to_odom = Pose2D()
-        self.forward = 0.0
-        self.sideways = 0.0
-        self.turn = 0.0
-        self._time = -math.inf
+        self.velocity = STANDSTILL
+        self.time = -math.inf
+        self._reported = Pose2D()
+        """Last reported pose, in `map`."""
+        self._report_time = ReportTime()
+        self._received = -math.inf
+        self._sideways = 0.0
+        """Mean speed to the left between the last two reports, in m/s."""
         self._map_id = 0
         self._known = False
         self._pose_set_until = -math.inf
 
-    @property
-    def map_pose(self) -> Pose2D:
-        """Last reported pose of the robot in `map`."""
-        return self.map_to_odom * self.pose
+    def lost(self, pose: Pose2D) -> None:
+        """Note that reports were missed: the next one must not count as a movement.
 
-    @property
-    def moving(self) -> bool:
-        """True if the robot moved at the last report."""
-        return bool(self.forward or self.turn)
-
-    def lost(self) -> None:
-        """Note that reports were missed: the next one must not count as a movement."""
+        Args:
+            pose: pose of the robot in `odom` that was published last.
+        """
         self._known = False
+        self.pose = pose
 
     def pose_set(self, time: float) -> None:
         """Note that the robot's pose was set at `time`: a following report may jump."""
         self._pose_set_until = time + _POSE_SET_INTERVAL
 
     def silent(self) -> None:
-        """Note that there was no report for so long that the robot must be standing."""
-        self.sideways = 0.0
+        """Note that there was no report for so long that the robot does not move sideways."""
+        self._sideways = 0.0
+        if self.velocity.left:
+            self.velocity = Velocity(self.velocity.forward, 0.0, self.velocity.turn)
 
     def update(
-        self, reported: Pose2D, forward: float, turn: float, map_id: int, time: float
-    ) -> None:
+        self, reported: Pose2D, forward: float, turn: float, map_id: int, received: float
+    ) -> bool:
         """Process a report of the chassis.
 
         Args:
@@ -91,50 +102,97 @@ class Odometry:
             forward: forward speed, in m/s.
             turn: angular speed, in rad/s.
             map_id: id of the map.
-            time: time of receipt by a monotonic clock, in seconds.
+            received: time of receipt by a monotonic clock, in seconds.
+
+        Returns:
+            False if the speeds are impossible. Those of the movement take their place.
         """
-        moved = self.map_pose.inverse * reported
-        interval = min(max(time - self._time, 0.0), _MAX_INTERVAL)
+        moved = reported.seen_from(self._reported)
+        arc, before = moved.arc, self.velocity
+        interval = min(max(received - self._received, 0.0), _MAX_INTERVAL)
+        possible = self._possible(forward, turn, arc, interval)
+        if not possible:
+            forward, turn = self._mean_speeds(arc, interval)
+        after = Velocity(forward, 0.0, turn)
+        sideways = 0.0
         if not self._known:
+            self.time = self._report_time.first(received)
             self.map_to_odom = reported * self.pose.inverse
-            self.sideways = 0.0
-        elif map_id != self._map_id or self._jumped(moved, forward, turn, interval, time):
-            self.pose = self.pose * _arc(forward, turn, interval)
+        elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
+            self.time = self._report_time.first(received)
+            mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
+            self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
             self.map_to_odom = reported * self.pose.inverse
-            self.sideways = 0.0
             self._pose_set_until = -math.inf
         else:
-            self.pose = self.pose * moved
-            shift = moved.y if abs(moved.y) > _MIN_SIDEWAYS else 0.0
-            speed = shift / max(interval, 0.02)
-            self.sideways = max(-MAX_SPEED, min(MAX_SPEED, speed))
-        self.forward, self.turn = forward, turn
-        self._time, self._map_id = time, map_id
+            last = self.time
+            self.time = self._report_time.next(received, arc, before, after)
+            self.pose *= moved
+            # a standing robot that reports was corrected by its localisation
+            if abs(arc[1]) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
+                sideways = arc[1] / max(self.time - last, _MIN_INTERVAL)
+                sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))
+        self.velocity = Velocity(forward, self._left(sideways), turn)
+        self._sideways = sideways
+        self._reported, self._map_id, self._received = reported, map_id, received
         self._known = True
+        return possible
 
-    def _jumped(
-        self, moved: Pose2D, forward: float, turn: float, interval: float, time: float
+    def _left(self, sideways: float) -> float:
+        """Return the speed to the left at a report from the mean speed since the one before."""
+        slower = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
+        if not slower:
+            return sideways
+        left = sideways + (sideways - self._sideways) / 2
+        return left if left * sideways > 0.0 else 0.0
+
+    def _possible(
+        self, forward: float, turn: float, arc: tuple[float, float, float], interval: float
     ) -> bool:
-        """Return True if the robot cannot have driven the movement since the last report."""
-        mean_forward, mean_turn = (forward + self.forward) / 2, (turn + self.turn) / 2
-        # the duration follows from the movement, because the times of receipt are inexact
-        turns_mostly = abs(mean_turn) > abs(mean_forward) / _LEVER
-        speed, way = (mean_turn, moved.theta) if turns_mostly else (mean_forward, moved.x)
-        duration = way / speed if speed else 0.0
-        driven = _arc(mean_forward, mean_turn, max(0.0, min(duration, interval + _MAX_DELAY)))
-        error = driven.inverse * moved
-        if time <= self._pose_set_until:
-            standing = not (forward or turn or self.forward or self.turn)
-            limit = _POSE_SET_TOLERANCE_AT_REST if standing else _POSE_SET_TOLERANCE
-            return error.distance > limit or abs(error.theta) > limit
+        """Return True if the robot can have these speeds after its last movement."""
+        if abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
+            return False
+        if not self._known:
+            return True
+        seconds = max(interval, _MIN_INTERVAL)
         return (
-            abs(error.x) > _POSITION_TOLERANCE
-            or abs(error.theta) > _HEADING_TOLERANCE
-            or abs(error.y) > _SIDEWAYS_TOLERANCE
+            abs(forward) <= abs(arc[0]) / seconds + _MAX_SPEED_GAIN
+            and abs(turn) <= abs(arc[2]) / seconds + _MAX_TURN_GAIN
         )
 
+    def _mean_speeds(self, arc: tuple[float, float, float], interval: float) -> tuple[float, float]:
+        """Return the mean speeds since the last report, or zeros if they are impossible too."""
+        seconds = max(interval, _MIN_INTERVAL)
+        forward, turn = arc[0] / seconds, arc[2] / seconds
+        if not self._known or abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
+            return 0.0, 0.0
+        return forward, turn
 
-def _arc(forward: float, turn: float, seconds: float) -> Pose2D:
-    """Return the movement of the robot at constant speeds."""
-    length, angle = forward * seconds, turn * seconds
-    return Pose2D(length * math.cos(angle / 2), length * math.sin(angle / 2), angle)
+    def _jumped(
+        self,
+        moved: Pose2D,
+        arc: tuple[float, float, float],
+        after: Velocity,
+        interval: float,
+        time: float,
+    ) -> bool:
+        """Return True if the robot cannot have driven the movement since the last report."""
+        before = self.velocity
+        forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
+        # the duration follows from the movement, because the times of receipt are inexact
+        turns_mostly = abs(turn) > abs(forward) / _LEVER
+        speed, way = (turn, arc[2]) if turns_mostly else (forward, arc[0])
+        duration = max(0.0, min(way / speed if speed else 0.0, interval + _MAX_DELAY))
+        error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
+        if time <= self._pose_set_until:
+            limit = _POSE_SET_TOLERANCE
+            if not (before.moving or after.moving):
+                limit = _POSE_SET_TOLERANCE_AT_REST
+            return error.distance > limit or abs(error.theta) > limit
+        # the robot may have changed its speed at any time since the last report
+        half = interval / 2
+        return (
+            abs(error.x) > _POSITION_TOLERANCE + abs(after.forward - before.forward) * half
+            or abs(error.theta) > _HEADING_TOLERANCE + abs(after.turn - before.turn) * half
+            or abs(error.y) > _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
+        )

@@ -11,14 +11,18 @@ from rclpy.event_handler import PublisherEventCallbacks
 
 from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.last_known import LastKnown
+from woosh_robot_agent.latched import LatchedPublishers
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.qos import latched, reliable
+from woosh_robot_agent.rclpy_private import WithMessageInfo
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.watch.watch import Watch
 
 
 @dataclass(frozen=True)
@@ -30,8 +34,11 @@ class PartContext:
         thread: the link thread, in which the parts run.
         chassis: the link; use it in the link thread only.
         gate: forwards commands to the chassis.
+        latched: creates the publishers of latched topics.
         last_known: last values that the chassis reported.
         requests: creates requests to the chassis.
+        watch: observers of the robot.
+        second_agent: search for a second agent.
         settings: returns the current parameter values.
     """
 
@@ -39,8 +46,11 @@ class PartContext:
     thread: LinkThread
     chassis: ChassisClient
     gate: MotionGate
+    latched: LatchedPublishers
     last_known: LastKnown
     requests: RequestMaker
+    watch: Watch
+    second_agent: SecondAgent
     settings: Callable[[], StandardSettings]
 
     def frame(self, which: str) -> str:
@@ -52,17 +62,27 @@ class PartContext:
         """Return the node's current time as builtin_interfaces/Time."""
         return self.node.get_clock().now().to_msg()
 
-    def publisher(self, name: str, callbacks: PublisherEventCallbacks | None = None) -> Any:
+    def publisher(
+        self,
+        name: str,
+        callbacks: PublisherEventCallbacks | None = None,
+        *,
+        about_robot: bool = True,
+    ) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.
 
         Args:
             name: name of the topic.
             callbacks: event callbacks, called in the executor thread.
+            about_robot: take the messages of a latched topic back when the link turns to another
+                robot.
 
         Raises:
             UnsupportedEventTypeError: the middleware does not support the events of `callbacks`.
         """
         endpoint = BY_NAME[name]
+        if endpoint.kind is Kind.LATCHED and about_robot:
+            return self.latched.create(class_of(endpoint.type), name, endpoint.depth, callbacks)
         profile = latched if endpoint.kind is Kind.LATCHED else reliable
         return self.node.create_publisher(
             class_of(endpoint.type), name, profile(endpoint.depth), event_callbacks=callbacks
@@ -71,10 +91,11 @@ class PartContext:
     def subscribe(
         self,
         name: str,
-        callback: Callable[[Any], None],
+        callback: Callable[..., None],
         type_name: str = "",
         *,
         in_executor: bool = False,
+        with_info: bool = False,
     ) -> None:
         """Subscribe to a topic in `endpoints.STANDARD`.
 
@@ -83,12 +104,14 @@ class PartContext:
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from that in `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.
+            with_info: call `callback` with each message and rclpy's information about it.
         """
         endpoint = BY_NAME[name]
+        call = self._logging(callback) if in_executor else partial(self.thread.call, callback)
         self.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
-            self._logging(callback) if in_executor else partial(self.thread.call, callback),
+            WithMessageInfo(lambda message, info: call(message, info)) if with_info else call,
             reliable(endpoint.depth),
         )
 
@@ -96,11 +119,11 @@ class PartContext:
         """Create a service in `endpoints.STANDARD`; `handle` runs in the executor thread."""
         return DeferredService(self.node, class_of(BY_NAME[name].type, "srv"), name, handle)
 
-    def _logging(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _logging(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback for the executor thread, so that it logs to the node's logger."""
 
-        def call(message: Any) -> None:
+        def call(*arguments: Any) -> None:
             log_as(self.node.get_logger())
-            callback(message)
+            callback(*arguments)
 
         return call

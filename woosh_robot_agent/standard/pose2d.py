@@ -20,6 +20,28 @@ class Pose2D:
         """Return the pose in a message with the fields `x`, `y` and `theta`."""
         return cls(pose.x, pose.y, pose.theta)
 
+    @classmethod
+    def from_arc(cls, forward: float, left: float, turn: float) -> Pose2D:
+        """Return the pose at the end of a movement at constant velocities in the child frame.
+
+        Args:
+            forward: distance driven along x, in metres.
+            left: distance driven along y, in metres.
+            turn: angle turned meanwhile, in radians.
+        """
+        half = turn / 2
+        chord = _chord(half)
+        cos, sin = chord * math.cos(half), chord * math.sin(half)
+        return cls(cos * forward - sin * left, sin * forward + cos * left, turn)
+
+    @property
+    def arc(self) -> tuple[float, float, float]:
+        """The arguments of `from_arc` that result in this pose."""
+        half = self.theta / 2
+        chord = _chord(half)
+        cos, sin = math.cos(half) / chord, math.sin(half) / chord
+        return cos * self.x + sin * self.y, cos * self.y - sin * self.x, self.theta
+
     def __mul__(self, other: Pose2D) -> Pose2D:
         """Return `other`, given in this pose's child frame, transformed to its parent frame."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
@@ -35,6 +57,13 @@ class Pose2D:
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return Pose2D(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, -self.theta)
 
+    def seen_from(self, origin: Pose2D) -> Pose2D:
+        """Return this pose in the child frame of `origin`; both have the same parent frame."""
+        cos, sin = math.cos(origin.theta), math.sin(origin.theta)
+        x, y = self.x - origin.x, self.y - origin.y
+        theta = math.remainder(self.theta - origin.theta, math.tau)
+        return Pose2D(cos * x + sin * y, cos * y - sin * x, theta)
+
     @property
     def distance(self) -> float:
         """Distance from the origin, in metres."""
@@ -44,3 +73,8 @@ class Pose2D:
     def quaternion(self) -> tuple[float, float]:
         """Z and w of the rotation's quaternion; x and y are 0."""
         return math.sin(self.theta / 2), math.cos(self.theta / 2)
+
+
+def _chord(half: float) -> float:
+    """Return the length of an arc's chord divided by that of the arc; `half` is half its angle."""
+    return math.sin(half) / half if abs(half) > 1e-4 else 1.0

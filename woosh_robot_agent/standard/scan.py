@@ -42,12 +42,16 @@ class Scan(Part):
         self._laser_height = 0.0
         self._requesting = asyncio.Lock()
         """Held during a request: there is never more than one in flight."""
+        context.chassis.on_robot_changed(self._forget)
         context.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
         async for _ in self._subscribers.times(lambda: self._context.settings().scan_rate):
             if self._context.chassis.state is LinkState.READY:
                 await self._request()
+
+    def _forget(self) -> None:
+        self._laser_pose = None
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:

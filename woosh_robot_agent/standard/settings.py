@@ -49,7 +49,13 @@ class StandardSettings:
     base_frame: str = _parameter("base_link", "Frame of the robot.", read_only=True)
     scan_frame: str = _parameter("laser", "Frame of the laser.", read_only=True)
 
-    odom_rate: float = _parameter(20.0, "Maximum rate of odom, in Hz.", 0.1, 200.0)
+    odom_rate: float = _parameter(
+        20.0, "Rate of odom, in Hz; without odom_prediction its maximum.", 0.1, 200.0
+    )
+    odom_prediction: bool = _parameter(
+        True,
+        "Predict odom between the reports of a moving robot; false publishes each report once.",
+    )
     pose_covariance: tuple[float, ...] = _parameter(
         (0.0025, 0.0025, 1e6, 1e6, 1e6, 0.0076),
         "Diagonal of the pose covariance in odom: x, y, z in m^2, roll, pitch, yaw in rad^2.",

@@ -54,6 +54,14 @@ def battery_state(context: PartContext, battery: Battery) -> BatteryState:
     return message
 
 
+def unknown_battery(context: PartContext) -> BatteryState:
+    """Return the state of a battery of which nothing is known."""
+    message = battery_state(context, Battery())
+    message.percentage = math.nan
+    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+    return message
+
+
 def plan(context: PartContext, nav_path: NavPath) -> Path:
     """Return the path that the robot is following, in the map frame; empty if there is none."""
     stamp, frame = context.now(), context.frame("map")
@@ -79,11 +87,14 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 class _State(Part):
     """Publishes a value of the chassis as a ROS message: the first value, and each push.
 
+    When the link turns to another robot, it publishes once that nothing is known.
+
     Args:
         context: the context of the part.
         name: name of the topic.
         cls: protobuf class of the value.
         convert: converts the value into a ROS message.
+        unknown: returns the message that nothing is known.
         rate: rate at which the last value is repeated with a new stamp while there are
             subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
     """
@@ -94,15 +105,18 @@ class _State(Part):
         name: str,
         cls: type[Message],
         convert: Callable[[PartContext, Any], Any],
+        unknown: Callable[[PartContext], Any],
         rate: float = 0.0,
     ) -> None:
         self._context = context
         self._cls = cls
         self._convert = convert
+        self._unknown = unknown
         self._rate = rate
         self._last: Message | None = None
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
+        context.chassis.on_robot_changed(self._forget)
         context.chassis.on_snapshot(self._snapshot)
         if not is_part_of_info(cls):
             context.chassis.on_state(self._link_changed)
@@ -114,6 +128,11 @@ class _State(Part):
         async for _ in self._subscribers.times(lambda: self._rate):
             if self._context.chassis.state is LinkState.READY and self._last is not None:
                 self._publish(self._last)
+
+    def _forget(self) -> None:
+        if self._last is not None:
+            self._last = None
+            self._publisher.publish(self._unknown(self._context))
 
     def _snapshot(self, info: RobotInfo) -> None:
         for part in parts_of(info):
@@ -142,24 +161,31 @@ class _State(Part):
 
 def battery_part(context: PartContext) -> _State:
     """Return the part that publishes battery_state."""
-    return _State(context, "battery_state", Battery, battery_state)
+    return _State(context, "battery_state", Battery, battery_state, unknown_battery)
 
 
 def plan_part(context: PartContext) -> _State:
     """Return the part that publishes plan."""
-    return _State(context, "plan", NavPath, plan)
+    return _State(context, "plan", NavPath, plan, lambda c: plan(c, NavPath()))
 
 
 def footprint_part(context: PartContext) -> _State:
     """Return the part that publishes footprint."""
-    return _State(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
+    return _State(
+        context,
+        "footprint",
+        Model,
+        footprint,
+        lambda c: footprint(c, Model()),
+        rate=_FOOTPRINT_RATE,
+    )
 
 
 class Connected(Part):
     """Publishes connected: True while the link is ready. Sent at the start and on each change."""
 
     def __init__(self, context: PartContext) -> None:
-        self._publisher = context.publisher("connected")
+        self._publisher = context.publisher("connected", about_robot=False)
         self._last: bool | None = None
         context.chassis.on_state(self._changed)
 

@@ -31,7 +31,7 @@ class Subscribers:
 
     def publisher(self, name: str) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`, and add it to the set."""
-        callbacks = PublisherEventCallbacks(matched=self._matched)
+        callbacks = PublisherEventCallbacks(matched=self._matched, use_default_callbacks=False)
         try:
             publisher = self._context.publisher(name, callbacks)
         except UnsupportedEventTypeError:

@@ -33,9 +33,11 @@ def running_chassis(**options: Any) -> Iterator[SimulatorThread]:
     """Run a simulated chassis on free ports of this machine.
 
     Args:
-        options: Options of `SimulatorConfig`. The defaults here are `speed=10.0` and `seed=1`.
+        options: Options of `SimulatorConfig`. The defaults here are `speed=10.0`, `seed=1`, and
+            `profile="instant"`, whose answers have no delay.
     """
-    config = SimulatorConfig(**{"port": 0, "tcp_port": 0, "speed": 10.0, "seed": 1, **options})
+    defaults = {"port": 0, "tcp_port": 0, "speed": 10.0, "seed": 1, "profile": "instant"}
+    config = SimulatorConfig(**{**defaults, **options})
     with SimulatorThread(config) as chassis:
         yield chassis
 

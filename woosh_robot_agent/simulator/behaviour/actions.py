@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 REPORT_PERIOD = 1.0
 """Time between two progress reports of an action, in seconds."""
@@ -142,7 +143,7 @@ class Actions:
     def _running(self, name: str) -> _Run:
         run = self._runs.get(name)
         if run is None:
-            raise RefusedError(f"{short_name(name)} is not running: execute it first")
+            raise RefusedError(refusals.ACTION_NOT_RUNNING, action=short_name(name))
         return run
 
     def _pause(self, run: _Run, reason: str) -> None:

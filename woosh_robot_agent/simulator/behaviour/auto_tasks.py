@@ -89,5 +89,7 @@ class AutoTasks:
         if kind == util_task_pb2.kParking and distance(mark) <= _PARKED_DISTANCE:
             return
         jobs = jobs_at_mark(robot, mark, kind, util_task_pb2.kDirectionUndefined)
-        order = TaskOrder(self._tasks.new_id(), kind, mark.number, jobs, automatic=True)
+        order = TaskOrder(
+            self._tasks.new_id(), kind, mark.number, jobs, automatic=True, own_id=True
+        )
         self._ownership.start_tasks([order])

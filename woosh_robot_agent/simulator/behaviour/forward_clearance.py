@@ -6,7 +6,6 @@ import math
 
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.body.base import ACCELERATION
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 
 _STOP_GAP = 0.3
 """Gap between the outline of a stopped robot and the obstacle, in metres."""
@@ -30,7 +29,7 @@ def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     if not obstacles:
         return True
     cos, sin = math.cos(direction), math.sin(direction)
-    outline = FOOTPRINTS[robot.footprint]
+    outline = robot.outline
     front = max(x * cos + y * sin for x, y in outline)
     half_width = max(y * cos - x * sin for x, y in outline) + _SIDE_GAP
     braking = robot.base.velocity.speed**2 / (2.0 * ACCELERATION)

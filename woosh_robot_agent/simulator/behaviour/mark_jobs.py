@@ -5,19 +5,13 @@ from __future__ import annotations
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.behaviour.charging import Charge
-from woosh_robot_agent.simulator.behaviour.jobs import Job
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
 from woosh_robot_agent.simulator.behaviour.navigation import PATH_MARGIN, Navigate
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS, outer_radius
+from woosh_robot_agent.simulator.world.footprints import outer_radius
 from woosh_robot_agent.simulator.world.maps import Mark
-
-_DOCKING_DISTANCE = 0.5
-"""Distance before a mark at which docking starts, in metres."""
-
-_DOCKING_SPEED = 0.2
-"""Speed of docking, in m/s."""
 
 
 def jobs_at_mark(
@@ -27,19 +21,35 @@ def jobs_at_mark(
 
     A robot that carries something leaves the dock again. A robot that charges stays.
     """
+    profile = robot.profile.charging
     work = work_jobs(robot, kind, direction)
-    start = mark.pose.moved(-_DOCKING_DISTANCE, 0.0, 0.0)
-    clearance = outer_radius(FOOTPRINTS[robot.footprint]) + PATH_MARGIN
-    if (
-        not work
-        or not robot.map.contains(*start.point)
-        or robot.map.clearance(*start.point) < clearance
-    ):
-        return [Navigate(mark.pose), *work]
-    enter = _docking(_DOCKING_DISTANCE, util_action_pb2.kSecondposEnter)
-    leave = _docking(-_DOCKING_DISTANCE, util_action_pb2.kSecondposQuit)
-    stays = kind == util_task_pb2.kCharge
-    return [Navigate(start), enter, *work] if stays else [Navigate(start), enter, *work, leave]
+    charge = kind == util_task_pb2.kCharge
+    steps = profile.steps if charge else ()
+    distance = profile.docking_distance
+    start = mark.pose.moved(-distance - sum(steps), 0.0, 0.0)
+    clearance = outer_radius(robot.outline) + PATH_MARGIN
+    docks = (
+        kind in (util_task_pb2.kCharge, util_task_pb2.kCarry)
+        and robot.map.contains(*start.point)
+        and robot.map.clearance(*start.point) >= clearance
+    )
+    if not docks:
+        return [*leave_dock(robot), Navigate(mark.pose), *work]
+    speed = profile.docking_speed
+    way_in = [_move(distance, speed, util_action_pb2.kSecondposEnter)]
+    way_in += [_move(step, profile.step_speed, util_action_pb2.kStepCtrl) for step in steps]
+    way_out = [] if charge else [_move(-distance, speed, util_action_pb2.kSecondposQuit)]
+    return [*leave_dock(robot), Navigate(start), *way_in, *work, *way_out]
+
+
+def leave_dock(robot: Robot) -> list[Job]:
+    """Return the jobs of a task before it drives: none, unless the robot stands in a dock."""
+    profile = robot.profile
+    if not profile.tasks.leave_dock or not robot.at_charger():
+        return []
+    distance = profile.charging.docking_distance + sum(profile.charging.steps)
+    speed = profile.charging.docking_speed
+    return [_move(-distance, speed, util_action_pb2.kSecondposQuit)]
 
 
 def work_jobs(
@@ -51,8 +61,10 @@ def work_jobs(
     if kind == util_task_pb2.kCarry:
         unload = direction == util_task_pb2.kCutting
         return [MoveLift(robot.jack, 0.0 if unload else robot.jack.travel)]
+    if kind != util_task_pb2.kParking and robot.profile.tasks.final_wait:
+        return [Wait(0.0)]
     return []
 
 
-def _docking(distance: float, kind: util_action_pb2.Type) -> Steps:
-    return Steps([Shift(0.0, distance, _DOCKING_SPEED)], avoid=True, kind=kind)
+def _move(distance: float, speed: float, kind: util_action_pb2.Type) -> Steps:
+    return Steps([Shift(0.0, distance, speed)], avoid=True, kind=kind)

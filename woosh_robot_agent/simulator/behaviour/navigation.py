@@ -6,9 +6,9 @@ import math
 from collections import deque
 from collections.abc import Iterable
 
-from woosh_robot_agent.pb.robot import robot_count_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.forward_clearance import is_clear
 from woosh_robot_agent.simulator.behaviour.jobs import Progress, failed
 from woosh_robot_agent.simulator.behaviour.robot import Robot
@@ -19,14 +19,14 @@ from woosh_robot_agent.simulator.body.base import (
     Velocity,
     approach,
 )
-from woosh_robot_agent.simulator.body.codes import (
+from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.status_codes import (
     DRIVING_STRAIGHT,
     NEW_NAVIGATION,
     OBSTACLE_AVOIDED,
 )
-from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.errors import RefusedError
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS, outer_radius
+from woosh_robot_agent.simulator.world.footprints import outer_radius
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, wrap
 from woosh_robot_agent.simulator.world.planner import SearchBudget, SearchBudgetError, planner
 
@@ -45,8 +45,8 @@ _POSITION_TOLERANCE = 1e-3
 _ANGLE_TOLERANCE = 1e-4
 """Angle from a heading at which it counts as reached, in radians."""
 
-_OBSTACLE_TIMEOUT = 30.0
-"""Time after which a navigation fails if it finds no way round an obstacle, in seconds."""
+_WAIT_TIMEOUT = 30.0
+"""Time that a navigation waits in the modes with a timeout unless a client sets it, in seconds."""
 
 _WAITING_MODES = (
     navigation_pb2.kNavWait,
@@ -55,8 +55,6 @@ _WAITING_MODES = (
     navigation_pb2.kQrcode,
 )
 """Modes that never leave the path, and wait for an obstacle without a timeout."""
-
-_Level = robot_count_pb2.StatusCode
 
 
 class Navigate:
@@ -118,7 +116,7 @@ class Navigate:
         failure = self._plan(robot)
         if failure:
             self._stops, self._strict = before
-            raise RefusedError(failure)
+            raise RefusedError(refusals.NO_PATH, failure=failure)
 
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Set the arrival type, the behaviour at obstacles and the speed limit."""
@@ -142,7 +140,7 @@ class Navigate:
                 return failed(failure)
         if not self._announced:
             self._announced = True
-            robot.codes.report(NEW_NAVIGATION, _Level.kNormal, self.kind)
+            robot.codes.report(NEW_NAVIGATION, self.kind)
         base = robot.base
         free = self._clear_ahead(robot)
         impeded: Progress | None = None
@@ -180,7 +178,7 @@ class Navigate:
         Returns:
             The reason if there is no path, with its remedy; else an empty text.
         """
-        radius = outer_radius(FOOTPRINTS[robot.footprint]) + PATH_MARGIN
+        radius = outer_radius(robot.outline) + PATH_MARGIN
         routes = planner(robot.map, radius)
         here = robot.base.pose.point
         legs: deque[deque[Point]] = deque()
@@ -219,7 +217,7 @@ class Navigate:
     def _handle_obstacle(self, robot: Robot) -> Progress:
         """Go round an obstacle, wait or give up, as the mode says."""
         mode, base = self._mode.mode, robot.base
-        limit = float(self._mode.wait_timeout) or _OBSTACLE_TIMEOUT
+        limit = float(self._mode.wait_timeout) or _WAIT_TIMEOUT
         text = f"an obstacle stands in the way at {base.pose}"
         if mode in _WAITING_MODES:
             return Progress(text=text, impeded=True)
@@ -228,7 +226,8 @@ class Navigate:
             wait = limit if mode == navigation_pb2.kTimeout else 0.0
             if self._waited > wait and not base.moving and self._detour(robot):
                 return self._progress(base)
-            timeout = wait + _OBSTACLE_TIMEOUT
+            most = robot.profile.tasks.obstacle_timeout
+            timeout = math.inf if most is None else wait + most
         if self._waited > timeout:
             return failed(f"{text}: remove it or choose another goal")
         return Progress(text=text, impeded=True)
@@ -241,7 +240,7 @@ class Navigate:
         self._tried_obstacles = obstacles
         if self._plan(robot, obstacles):
             return False
-        robot.codes.report(OBSTACLE_AVOIDED, _Level.kTips, self.kind)
+        robot.codes.report(OBSTACLE_AVOIDED, self.kind)
         return True
 
     def _drive_to(self, corner: Point, robot: Robot, dt: float) -> bool:
@@ -255,7 +254,7 @@ class Navigate:
                 base.drive(Velocity(turn=approach(bearing, TURN_SPEED, ANGULAR_ACCELERATION, dt)))
                 return True
             self._turning = False
-            robot.codes.report(DRIVING_STRAIGHT, _Level.kTips, self.kind)
+            robot.codes.report(DRIVING_STRAIGHT, self.kind)
         ahead = distance * math.cos(bearing)
         if ahead <= _POSITION_TOLERANCE:
             return False

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.actions import Actions, short_name
 from woosh_robot_agent.simulator.behaviour.following import Follower
 from woosh_robot_agent.simulator.behaviour.jobs import Job
@@ -27,7 +28,10 @@ from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
 from woosh_robot_agent.simulator.behaviour.teleop import Teleop
 from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+
+_STEP_CONTROL = "StepControl"
+"""Short name of the action that makes steps."""
 
 
 class Ownership:
@@ -80,9 +84,12 @@ class Ownership:
         """Start one task or those of a set, in place of everything that drives or charges.
 
         Raises:
-            RefusedError: The robot is not ready.
+            RefusedError: The robot is not ready, or the running task has precedence.
         """
         self._robot.readiness.require_ready()
+        if self._has_precedence(orders[0]):
+            task = self._tasks.proc.robot_task_id
+            raise RefusedError(refusals.TASK_RUNNING, task=task)
         self.end_driving(f"replaced by task {orders[0].id}")
         self._tasks.start(orders)
 
@@ -92,7 +99,7 @@ class Ownership:
         Raises:
             RefusedError: There is no task, the robot is not ready, or an action owns the device.
         """
-        self._tasks.require_active()
+        self._tasks.require_active(refusals.NO_TASK_TO_RESUME)
         if self._tasks.paused:
             self._take_device_for_task()
         self._tasks.resume()
@@ -114,8 +121,10 @@ class Ownership:
         """Run `job` as the action `name`, in place of an action on the same device.
 
         Raises:
-            RefusedError: A task owns the device.
+            RefusedError: A task owns the device, or steps run already.
         """
+        if self._robot.profile.refusals.while_busy and short_name(name) == _STEP_CONTROL:
+            self._require_no_steps()
         self._take_device_for_action(job.device, name)
         self._actions.clear(job.device, f"replaced by {short_name(name)}")
         self._actions.start(name, job)
@@ -139,7 +148,7 @@ class Ownership:
         Raises:
             RefusedError: A task or an action of a client drives.
         """
-        self._take_wheels("remote control")
+        self._take_wheels("remote control", refusals.TWIST_WHILE_DRIVING)
         self._teleop.command(velocity)
 
     def follow(self) -> None:
@@ -148,7 +157,7 @@ class Ownership:
         Raises:
             RefusedError: A task or an action of a client drives.
         """
-        self._take_wheels("following")
+        self._take_wheels("following", refusals.FOLLOW_WHILE_DRIVING)
         self._teleop.release()
         self._follower.start()
 
@@ -159,7 +168,7 @@ class Ownership:
             self._tasks.pause(reason)
         self._actions.pause_on(Device.WHEELS, reason)
         self._end_manual_driving()
-        self._robot.base.halt()
+        self._robot.base.brake()
 
     def end_driving(self, reason: str) -> None:
         """End remote control, following, and every action that drives or charges."""
@@ -175,11 +184,18 @@ class Ownership:
         if self._tasks.active:
             self._tasks.pause(reason)
 
-    def _take_wheels(self, user: str) -> None:
+    def _take_wheels(self, user: str, refusal: Refusal) -> None:
         self._tasks.cancel_automatic(f"replaced by {user}")
         if self.driver:
-            raise RefusedError(f"{self.driver} is driving: pause or cancel it first")
+            raise RefusedError(refusal, driver=self.driver)
         self._follower.stop()
+
+    def _has_precedence(self, order: TaskOrder) -> bool:
+        """Return True if the running task has precedence over a new one."""
+        if not (self._robot.profile.refusals.while_busy and self._tasks.active):
+            return False
+        # A robot that charges by itself does so until another kind of task comes.
+        return not self._tasks.automatic or self._tasks.proc.type == order.type
 
     def _take_device_for_task(self) -> None:
         self._robot.readiness.require_ready()
@@ -193,14 +209,21 @@ class Ownership:
             self._tasks.cancel_automatic(f"replaced by {short_name(name)}")
         if self._tasks.owns(device):
             task = self._tasks.proc.robot_task_id
-            raise RefusedError(f"task {task} is running: pause or cancel it first")
+            steps = short_name(name) == _STEP_CONTROL
+            refusal = refusals.STEPS_DURING_TASK if steps else refusals.ACTION_DURING_TASK
+            raise RefusedError(refusal, task=task)
         if device is Device.WHEELS:
             self._end_manual_driving()
+
+    def _require_no_steps(self) -> None:
+        owner = self._actions.owner(Device.WHEELS)
+        if owner == _STEP_CONTROL:
+            raise RefusedError(refusals.STEPS_RUNNING, action=owner)
 
     def _require_no_action(self, device: Device) -> None:
         owner = self._actions.owner(device)
         if owner:
-            raise RefusedError(f"{owner} is running: wait for it or cancel it first")
+            raise RefusedError(refusals.ACTION_RUNNING, action=owner)
 
     def _end_manual_driving(self) -> None:
         self._follower.stop()

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable
 from typing import Protocol
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.body.base import Base
 from woosh_robot_agent.simulator.body.battery import Battery
 from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.profile import Profile
+from woosh_robot_agent.simulator.world.footprints import Outline
 from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 
 class Robot(Protocol):
     """The parts of the robot that behaviours use."""
+
+    @property
+    def profile(self) -> Profile:
+        """How a robot of this model behaves."""
+
+    @property
+    def chance(self) -> random.Random:
+        """Random numbers for everything that is not always the same."""
+
+    @property
+    def answer_delay(self) -> float:
+        """Time until the current request is answered, in seconds."""
+
+    @property
+    def state_first(self) -> bool:
+        """True if the changes that the current request causes are pushed before its answer."""
 
     @property
     def robot_id(self) -> int:
@@ -57,8 +76,8 @@ class Robot(Protocol):
         """Current settings."""
 
     @property
-    def footprint(self) -> util_robot_pb2.FootPrint:
-        """Footprint in use."""
+    def outline(self) -> Outline:
+        """Outline of the robot with the footprint in use."""
 
     @property
     def map(self) -> Map:
@@ -74,6 +93,9 @@ class Robot(Protocol):
 
     def at_charger(self) -> bool:
         """Return True if the robot stands at a charger."""
+
+    def after(self, delay: float, call: Callable[[], object]) -> None:
+        """Make a call after `delay` seconds of simulated time, or now if the delay is 0."""
 
     def emit(self, event: Message) -> None:
         """Send a message to all its subscribers. It must not be modified afterwards."""

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.robot import Robot
-from woosh_robot_agent.simulator.body.codes import TASK_FAILED
 from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.status_codes import failure
 
 _MAX_HISTORY = 50
 """Number of ended tasks that are kept."""
 
 _ENDED = (util_task_pb2.kCompleted, util_task_pb2.kCanceled, util_task_pb2.kFailed)
-_STARTING = (util_task_pb2.kInit, util_task_pb2.kReady)
+
+_STARTING_STATES = {"kInit": util_task_pb2.kInit, "kReady": util_task_pb2.kReady}
+
+_NO_STATE = util_robot_pb2.kStateUndefined
+"""State of the robot without a task."""
+
+_PUSH_GAP = 0.003
+"""Time between two pushes of which one causes the other, in seconds."""
 
 
 @dataclass
@@ -32,6 +42,7 @@ class TaskOrder:
         dest: Number of the target mark, empty if the target is not a mark.
         jobs: Jobs of the task, in order.
         automatic: The robot has started the task by itself.
+        own_id: The robot has chosen the id.
     """
 
     id: int
@@ -39,28 +50,41 @@ class TaskOrder:
     dest: str
     jobs: list[Job]
     automatic: bool = False
+    own_id: bool = False
 
 
 class Tasks:
     """The current task, the rest of its set, and the ended tasks.
 
-    `Ownership` decides when a task may start or resume.
+    `Ownership` decides when a task may start or resume. The profile decides when the reports show
+    what has happened.
 
     Attributes:
-        proc: State of the current or last task.
+        proc: The current or last task. Its state may be ahead of the reports.
+        reported: The last report.
+        state: State that the task gives the robot, `kStateUndefined` without a task.
         history: The last 50 ended tasks, oldest first.
         impeded: An obstacle blocks the task at the moment.
     """
 
     def __init__(self, robot: Robot) -> None:
         self.proc = robot_pb2.TaskProc()
+        self.reported = robot_pb2.TaskProc()
+        self.state: util_robot_pb2.State = _NO_STATE
         self.history: deque[robot_pb2.TaskProc] = deque(maxlen=_MAX_HISTORY)
         self.impeded = False
         self._robot = robot
+        self._profile = robot.profile.tasks
+        self._starting_states = [_STARTING_STATES[name] for name in self._profile.starting_states]
         self._jobs: deque[Job] = deque()
         self._rest_of_set: deque[TaskOrder] = deque()
         self._automatic = False
         self._unannounced = False
+        self._starting: deque[Callable[[], None]] = deque()
+        self._working = False
+        self._canceling = False
+        self._waits_done = 0
+        self._phase = object()
         self._last_id = 0
 
     @property
@@ -100,7 +124,9 @@ class Tasks:
 
     def new_id(self) -> int:
         """Return a unique id for a task that came without one, based on the simulated time."""
-        self._last_id = max(int(self._robot.time), self._last_id + 1)
+        profile = self._profile
+        wanted = int(self._robot.time) * profile.own_id_factor + profile.own_id_offset
+        self._last_id = max(wanted, self._last_id + 1)
         return self._last_id
 
     def start(self, orders: Sequence[TaskOrder]) -> None:
@@ -108,32 +134,47 @@ class Tasks:
         if self.active:
             self._end(util_task_pb2.kCanceled, f"replaced by task {orders[0].id}")
         self._rest_of_set = deque(orders)
-        self._start_next()
+        self._start_next(at_once=orders[0].automatic)
 
-    def pause(self, reason: str, state: util_action_pb2.State = util_action_pb2.kSuspend) -> None:
+    def pause(
+        self,
+        reason: str,
+        state: util_action_pb2.State = util_action_pb2.kSuspend,
+        *,
+        ordered: bool = False,
+    ) -> None:
         """Pause the task.
+
+        Args:
+            reason: Text of the report.
+            state: State of the action in the report.
+            ordered: A client has ordered it, so that the report comes later.
 
         Raises:
             RefusedError: There is no task.
         """
-        self.require_active()
-        if self.paused:
+        self.require_active(refusals.NO_TASK_TO_PAUSE)
+        if self.paused or self._canceling:
             return
-        self._jobs[0].suspend(self._robot)
-        self.impeded = False
-        self._change(util_task_pb2.kPaused, state, reason)
+        self._stop_working()
+        self.proc.state = util_task_pb2.kPaused
+        report = partial(self._report, util_task_pb2.kPaused, state, reason)
+        self._later(self._order_delay() if ordered else 0.0, report)
 
     def resume(self) -> None:
         """Resume a paused task, or end the wait of a waiting one."""
         if self.paused:
             self.retry()
         elif isinstance(self.job, Wait):
-            self.job.end()
+            self._later(self._order_delay(), self.job.end)
 
     def retry(self) -> None:
         """Start the current or failed job again."""
-        self._jobs[0].suspend(self._robot)
-        self._change(self._running_state(), util_action_pb2.kRosExecuting)
+        if self._canceling:
+            return
+        self._stop_working()
+        self.proc.state = self._running_state()
+        self._later(self._order_delay(), self._begin_job)
 
     def end_wait(self) -> None:
         """End the current wait of the task.
@@ -142,18 +183,27 @@ class Tasks:
             RefusedError: The task is not waiting.
         """
         if self.paused or not isinstance(self.job, Wait):
-            raise RefusedError("no task is waiting: there is no wait to end")
-        self.job.end()
+            raise RefusedError(refusals.NOT_WAITING)
+        self._later(self._order_delay(), self.job.end)
 
-    def cancel(self, reason: str) -> None:
+    def cancel(self, reason: str, *, ordered: bool = False) -> None:
         """Cancel the task and the rest of its set.
+
+        Args:
+            reason: Text of the report.
+            ordered: A client has ordered it, so that the report comes later.
 
         Raises:
             RefusedError: There is no task.
         """
         self.require_active()
-        self._end(util_task_pb2.kCanceled, reason)
         self._rest_of_set.clear()
+        if ordered and self._canceling:
+            return
+        self._stop_working()
+        self._canceling = True
+        end = partial(self._end, util_task_pb2.kCanceled, reason)
+        self._later(self._order_delay() if ordered else 0.0, end)
 
     def cancel_automatic(self, reason: str) -> None:
         """Cancel the task if it is an automatic one."""
@@ -166,14 +216,17 @@ class Tasks:
             self._jobs.clear()
             self._rest_of_set.clear()
 
-    def require_active(self) -> None:
+    def require_active(self, refusal: Refusal = refusals.NO_TASK) -> None:
         """Check that there is a task.
+
+        Args:
+            refusal: The situation if there is none.
 
         Raises:
             RefusedError: There is none.
         """
         if not self.active:
-            raise RefusedError("no task is running: start one by ExecTask first")
+            raise RefusedError(refusal)
 
     def tick(self, dt: float, *, device_free: bool) -> None:
         """Work on the task for `dt` seconds.
@@ -182,62 +235,121 @@ class Tasks:
             dt: Duration, in seconds.
             device_free: No action owns the device of the current job. Otherwise the job waits.
         """
-        if self._unannounced:
-            self._announce()
-        elif self.proc.state in _STARTING:
-            if self.proc.state == util_task_pb2.kInit:
-                self._change(util_task_pb2.kReady)
-            else:
-                self._change(self._running_state(), util_action_pb2.kRosExecuting)
-        elif self.active and not self.paused and device_free:
+        if self._starting:
+            self._starting.popleft()()
+        elif self._working and device_free:
             self._work(dt)
 
-    def _work(self, dt: float) -> None:
-        progress = self._jobs[0].tick(self._robot, dt)
-        if progress.failure:
-            self._robot.codes.report(
-                TASK_FAILED,
-                robot_count_pb2.StatusCode.kFault,
-                self._jobs[0].kind,
-                progress.failure,
-            )
-            # The rest of the set is kept: the task may be recovered.
-            self._end(util_task_pb2.kFailed, progress.failure)
-        elif progress.done and len(self._jobs) > 1:
-            self.impeded = False
-            self._change(self.proc.state, util_action_pb2.kRosSuccess)
-            self._jobs.popleft()
-            self._change(self._running_state(), util_action_pb2.kRosExecuting)
-        elif progress.done:
-            self._end(util_task_pb2.kCompleted, progress.text)
-            self._start_next()
-        elif progress.impeded != self.impeded:
-            self.impeded = progress.impeded
-            if self.impeded:
-                self._change(self.proc.state, util_action_pb2.kRosWarning, progress.text)
-            else:
-                self._change(self.proc.state, util_action_pb2.kRosExecuting)
+    def _start_next(self, *, at_once: bool) -> None:
+        """Start the next task of the set.
 
-    def _start_next(self) -> None:
+        Args:
+            at_once: Show the new state of the robot at once, instead of with the answer to the
+                current request.
+        """
         if not self._rest_of_set:
             return
         order = self._rest_of_set.popleft()
+        self._phase = object()
         self._automatic = order.automatic
         self._jobs = deque(order.jobs)
+        self._waits_done = 0
         self.proc = robot_pb2.TaskProc(
             robot_id=self._robot.robot_id,
             robot_task_id=order.id,
             type=order.type,
             state=util_task_pb2.kInit,
             dest=order.dest,
-            time=int(self._robot.time),
         )
-        # Reported in the next tick so that it follows the answer to the request.
-        self._unannounced = True
+        if order.own_id and self._profile.empty_report:
+            self._report_empty()
+        delay = 0.0 if at_once else self._robot.answer_delay
+        self._show_state(0.0 if at_once or self._robot.state_first else delay)
+        reports = [partial(self._report, state) for state in self._starting_states]
+        if not self._profile.first_report:
+            # Reported in the next ticks, so that it follows the answer to the request.
+            self._starting = deque([*reports, self._begin_job])
+            self._unannounced = True
+            self.reported = self._described(
+                self._starting_states[0] if self._starting_states else util_task_pb2.kInit
+            )
+            return
+
+        def announce() -> None:
+            self._starting = deque([*reports, self._begin_job])
+            self._starting.popleft()()
+
+        self._later(delay + self._robot.chance.choice(self._profile.first_report), announce)
+
+    def _show_state(self, delay: float) -> None:
+        """Show the state that the task gives the robot after `delay` seconds."""
+        task = self.proc.robot_task_id
+
+        def show() -> None:
+            if self.active and self.proc.robot_task_id == task:
+                self.state = self._robot_state()
+
+        self._robot.after(delay + _PUSH_GAP if delay else 0.0, show)
+
+    def _robot_state(self) -> util_robot_pb2.State:
+        own_charge = self._automatic and self.proc.type == util_task_pb2.kCharge
+        parking = self.proc.type == util_task_pb2.kParking or (
+            own_charge and self._profile.charge_as_parking
+        )
+        return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
+
+    def _begin_job(self) -> None:
+        self.state = self._robot_state()
+        self._working = True
+        self.proc.state = self._running_state()
+        self._report(self.proc.state, util_action_pb2.kRosExecuting)
+        if isinstance(self._jobs[0], Wait):
+            self._work(0.0)  # a wait of 0 s ends at once
 
     def _running_state(self) -> util_task_pb2.State:
         waiting = isinstance(self._jobs[0], Wait)
         return util_task_pb2.kActionWait if waiting else util_task_pb2.kExecuting
+
+    def _work(self, dt: float) -> None:
+        progress = self._jobs[0].tick(self._robot, dt)
+        if progress.failure:
+            kind = self._jobs[0].kind
+            self._robot.codes.report(failure(kind), kind, progress.failure)
+            # The rest of the set is kept: the task may be recovered.
+            self._end(util_task_pb2.kFailed, progress.failure)
+        elif progress.done:
+            self._finish_job(progress.text)
+        elif progress.impeded != self.impeded:
+            self.impeded = progress.impeded
+            if not self.impeded:
+                self._report(self.proc.state, util_action_pb2.kRosExecuting)
+            elif self._profile.pause_at_obstacle:
+                self._report(util_task_pb2.kPaused, util_action_pb2.kRosWarning, progress.text)
+            else:
+                self._report(self.proc.state, util_action_pb2.kRosWarning, progress.text)
+
+    def _finish_job(self, text: str) -> None:
+        """Go on with the next job, or end the task."""
+        self.impeded = False
+        self._working = False
+        last = len(self._jobs) == 1
+        if not last or self._profile.report_last_action:
+            self._report(self.proc.state, util_action_pb2.kRosSuccess)
+        if not last:
+            self._waits_done += isinstance(self._jobs.popleft(), Wait)
+            self._later(self._profile.between_jobs, self._begin_job)
+            return
+        charging = self._jobs[0].kind == util_action_pb2.kCharge
+        delay = self._robot.profile.charging.completed_after if charging else 0.0
+        self._later(delay, partial(self._end, util_task_pb2.kCompleted, text))
+
+    def _stop_working(self) -> None:
+        """Stop the current job, and drop everything that is planned for the task."""
+        self._phase = object()
+        self._starting.clear()
+        self._working = False
+        self.impeded = False
+        self._jobs[0].suspend(self._robot)
 
     def _end(self, state: util_task_pb2.State, reason: str) -> None:
         action_state = {
@@ -245,33 +357,87 @@ class Tasks:
             util_task_pb2.kCanceled: util_action_pb2.kRosCancel,
             util_task_pb2.kFailed: util_action_pb2.kRosFailure,
         }
-        self._jobs[0].suspend(self._robot)
-        self.impeded = False
-        self._change(state, action_state[state], reason)
-        self.history.append(self.proc)
+        self._stop_working()
+        self._canceling = False
+        if state == util_task_pb2.kCanceled and self._profile.report_last_action:
+            same = self.reported.robot_task_id == self.proc.robot_task_id
+            shown = self.reported.state if same else util_task_pb2.kExecuting
+            self._report(shown, action_state[state])
+        self._report(state, action_state[state], reason)
+        self.proc.state = state
+        self.history.append(self.reported)
+        empty_report, chance = self._profile.empty_report, self._robot.chance
+        if empty_report is None:
+            self.state = _NO_STATE
+            if state == util_task_pb2.kCompleted:
+                self._start_next(at_once=True)
+        elif state == util_task_pb2.kFailed or self._robot.battery.charges:
+            # The report stays: the task can be recovered, or the robot still does its work.
+            self._later(_PUSH_GAP, self._leave)
+        else:
+            self._later(empty_report.at(chance.random()), self._empty)
 
-    def _change(
+    def _leave(self) -> None:
+        """Show that the robot has no task."""
+        self.state = _NO_STATE
+
+    def _empty(self) -> None:
+        """Show that the robot has no task, and go on with the next one of the set."""
+        self._report_empty()
+        self._leave()
+        self._later(_PUSH_GAP, partial(self._start_next, at_once=True))
+
+    def _order_delay(self) -> float:
+        """Return the time from an order to the report that shows its effect, in seconds."""
+        return self._profile.order_effect.at(self._robot.chance.random())
+
+    def _later(self, delay: float, call: Callable[[], object]) -> None:
+        """Make a call after `delay` seconds, unless the task takes another course before."""
+        phase = self._phase
+
+        def if_planned() -> None:
+            if self._phase is phase:
+                call()
+
+        self._robot.after(delay, if_planned)
+
+    def _report(
         self,
         state: util_task_pb2.State,
         action: util_action_pb2.State = util_action_pb2.kStateUndefined,
         msg: str = "",
     ) -> None:
         if self._unannounced:
-            self._announce()
-        # A copy: reports that were sent must not change.
-        proc = robot_pb2.TaskProc()
-        proc.CopyFrom(self.proc)
-        proc.state = state
-        proc.msg = msg
-        proc.time = int(self._robot.time)
-        if action:
-            waiting = state == util_task_pb2.kActionWait
-            proc.action.type = self._jobs[0].kind
-            proc.action.state = action
-            proc.action.wait_id = int(proc.robot_task_id % 100) if waiting else 0
-        self.proc = proc
-        self._announce()
+            self._unannounced = False
+            if state != self.reported.state:
+                self._robot.emit(self.reported)
+        self.reported = self._described(state, action, msg)
+        self._robot.emit(self.reported)
 
-    def _announce(self) -> None:
+    def _report_empty(self) -> None:
+        """Report that there is no task."""
         self._unannounced = False
-        self._robot.emit(self.proc)
+        empty = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
+        empty.action.SetInParent()
+        self.reported = empty
+        self._robot.emit(empty)
+
+    def _described(
+        self,
+        state: util_task_pb2.State,
+        action: util_action_pb2.State = util_action_pb2.kStateUndefined,
+        msg: str = "",
+    ) -> robot_pb2.TaskProc:
+        """Return a new report about the task."""
+        report = robot_pb2.TaskProc()
+        report.CopyFrom(self.proc)
+        report.state = state
+        report.time = int(self._robot.time)
+        if self._profile.messages:
+            report.msg = msg
+        if action:
+            job = self._jobs[0]
+            report.action.type = job.kind
+            report.action.state = action
+            report.action.wait_id = self._waits_done + 1 if isinstance(job, Wait) else 0
+        return report

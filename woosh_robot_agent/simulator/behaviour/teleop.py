@@ -9,14 +9,22 @@ COMMAND_TIMEOUT = 0.5
 
 
 class Teleop:
-    """Drives the base by the last velocity command until the command times out."""
+    """Drives the base by the last velocity command until the command times out.
 
-    def __init__(self) -> None:
+    Args:
+        start_delay: Time from the first command to the first motion, in seconds.
+    """
+
+    def __init__(self, start_delay: float) -> None:
+        self._start_delay = start_delay
+        self._waiting = 0.0
         self._velocity: Velocity | None = None
         self._left = 0.0
 
     def command(self, velocity: Velocity) -> None:
         """Drive with this velocity until the next command, or until the timeout."""
+        if self._velocity is None:
+            self._waiting = self._start_delay
         self._velocity = velocity
         self._left = COMMAND_TIMEOUT
 
@@ -28,7 +36,9 @@ class Teleop:
         """Drive `base` for `dt` seconds if there is a command."""
         if self._velocity is None:
             return
-        base.drive(self._velocity)
+        self._waiting = 0.0 if base.moving else self._waiting - dt
+        if self._waiting <= 1e-9:
+            base.drive(self._velocity)
         self._left -= dt
         if self._left <= 1e-9:
             self.release()

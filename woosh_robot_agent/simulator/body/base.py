@@ -55,6 +55,13 @@ STANDSTILL = Velocity()
 class Base:
     """The driven base.
 
+    Args:
+        pose: Pose at the start.
+        odometer: Total distance driven so far, in metres.
+        rolls_for: Time constant of the exponential slowdown of a base that is not driven, in
+            seconds; 0 for one that slows down evenly.
+        stops_below: Speed at which this slowdown ends, in m/s or rad/s.
+
     Attributes:
         pose: Pose in the map's frame, with a heading in (-pi, pi].
         odometry: Pose by wheel odometry, which never jumps. Its heading is not wrapped.
@@ -63,7 +70,11 @@ class Base:
         blocked: A collision stopped the base in the last step.
     """
 
-    def __init__(self, pose: Pose, odometer: float) -> None:
+    def __init__(
+        self, pose: Pose, odometer: float, rolls_for: float = 0.0, stops_below: float = 0.0
+    ) -> None:
+        self._rolls_for = rolls_for
+        self._stops_below = stops_below
         self.pose = pose
         self.odometry = Pose()
         self.velocity = STANDSTILL
@@ -84,6 +95,13 @@ class Base:
         """Stop at once."""
         self.velocity = self._wanted = STANDSTILL
 
+    def brake(self) -> None:
+        """Stop as after a velocity of zero: at once, or by rolling on from the next step."""
+        if self._rolls_for:
+            self._wanted = self.velocity
+        else:
+            self.halt()
+
     def place(self, pose: Pose) -> None:
         """Set the pose in the map, as localisation does. The odometry does not change."""
         self.pose = Pose(pose.x, pose.y, wrap(pose.theta))
@@ -98,14 +116,15 @@ class Base:
             dt: Duration of the step, in seconds.
             gap: Returns the gap in metres between the base at a pose and its surroundings.
         """
-        self.velocity = _accelerated(self.velocity, self._wanted, dt)
+        wanted = self._wanted if self._wanted != STANDSTILL else self._rolling(dt)
+        self.velocity = _accelerated(self.velocity, wanted, dt)
         self._wanted = STANDSTILL
         self.blocked = False
         if not self.moving:
             return
         # A base that cannot drive on may still be able to turn.
         for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
-            moved = _displacement(velocity, dt)
+            moved = displacement(velocity, dt)
             goal = self.pose.moved(*moved)
             if velocity == STANDSTILL or (there := gap(goal)) >= 0.0:
                 break
@@ -116,6 +135,14 @@ class Base:
         self.place(goal)
         self.odometry = self.odometry.moved(*moved)
         self.odometer += velocity.speed * dt
+
+    def _rolling(self, dt: float) -> Velocity:
+        """Return the velocity after `dt` seconds of a base that is not driven."""
+        now = self.velocity
+        if not self._rolls_for or max(now.speed, abs(now.turn)) <= self._stops_below:
+            return STANDSTILL
+        share = math.exp(-dt / self._rolls_for)
+        return Velocity(share * now.forward, share * now.left, share * now.turn)
 
 
 def approach(distance: float, fastest: float, acceleration: float, dt: float) -> float:
@@ -148,8 +175,8 @@ def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
     )
 
 
-def _displacement(velocity: Velocity, dt: float) -> tuple[float, float, float]:
-    """Return the displacement along an exact arc, in the frame of its start."""
+def displacement(velocity: Velocity, dt: float) -> tuple[float, float, float]:
+    """Return the displacement in `dt` seconds along an exact arc, in the frame of its start."""
     turn = velocity.turn * dt
     if abs(turn) < 1e-9:
         return velocity.forward * dt, velocity.left * dt, turn

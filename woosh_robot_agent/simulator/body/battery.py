@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from woosh_robot_agent.pb.robot import robot_pb2
-
-_IDLE_DRAIN = 1.0 / 3600.0
-"""Discharge with time, in percent per second."""
-
-_DRIVING_DRAIN = 0.005
-"""Discharge with distance, in percent per metre."""
-
-_CHARGING_RATE = 60.0 / 3600.0
-"""Rate of charging, in percent per second."""
+from woosh_robot_agent.simulator.profile import BatteryProfile
 
 
 class Battery:
     """A battery that drains with time and distance, and can be charged.
 
+    Args:
+        level: Charge at the start, in percent.
+        profile: Rates, and values that are only reported.
+
     Attributes:
         level: Charge, in percent.
+        profile: Rates, and values that are only reported.
         charging: State of charging.
     """
 
-    def __init__(self, level: float) -> None:
+    def __init__(self, level: float, profile: BatteryProfile) -> None:
         self.level = level
+        self.profile = profile
         self.charging: robot_pb2.Battery.ChargeState = robot_pb2.Battery.kNot
 
     @property
@@ -38,7 +36,7 @@ class Battery:
 
     def tick(self, dt: float, driven: float) -> None:
         """Update the charge after `dt` seconds in which the base drove `driven` metres."""
-        change = -_IDLE_DRAIN * dt - _DRIVING_DRAIN * driven
+        change = -self.profile.idle_drain * dt - self.profile.driving_drain * driven
         if self.charges:
-            change += _CHARGING_RATE * dt
+            change += self.profile.charging_rate * dt
         self.level = min(100.0, max(0.0, self.level + change))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 
 @dataclass
@@ -38,5 +39,7 @@ class Lift:
             RefusedError: The height is out of range.
         """
         if not 0.0 <= height <= self.travel + 1e-6:
-            raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
+            raise RefusedError(
+                refusals.LIFT_OUT_OF_RANGE, lift=self.name, height=height, limit=self.travel
+            )
         return min(height, self.travel)

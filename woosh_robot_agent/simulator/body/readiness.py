@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 
 
 @dataclass
@@ -14,7 +15,8 @@ class Readiness:
 
     Attributes:
         ctrl: Control mode that clients requested.
-        key_manual: The key switch is at manual, which overrides `ctrl`.
+        key_manual: The key switch is at manual, which overrides `ctrl` and switches the motors off.
+        key_accepts: Requests are accepted although the key switch is at manual.
         work: Work mode.
         initialised: A client has told the robot its pose since it was switched on.
         located: The robot knows its pose.
@@ -24,6 +26,7 @@ class Readiness:
 
     ctrl: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
     key_manual: bool = False
+    key_accepts: bool = False
     work: util_robot_pb2.WorkMode = util_robot_pb2.kTaskMode
     initialised: bool = True
     located: bool = True
@@ -36,46 +39,45 @@ class Readiness:
         return util_robot_pb2.kManual if self.key_manual else self.ctrl
 
     @property
+    def motors_on(self) -> bool:
+        """True unless the key switch has switched the motors off."""
+        return not self.key_manual
+
+    @property
     def ready(self) -> bool:
         """True if the robot may move by itself."""
         return not self.objections()
 
+    @property
+    def obstruction(self) -> Refusal | None:
+        """The first reason to refuse tasks and actions, and to stop running ones; None if none."""
+        for objection in self.objections():
+            if not (objection is refusals.KEY_AT_MANUAL and self.key_accepts):
+                return objection
+        return None
+
     def require_ready(self) -> None:
-        """Check that the robot may move by itself.
+        """Check that the robot accepts tasks and actions.
 
         Raises:
-            RefusedError: It may not. The text gives the first reason.
+            RefusedError: It does not.
         """
-        objections = self.objections()
-        if objections:
-            raise RefusedError(objections[0])
+        if self.obstruction:
+            raise RefusedError(self.obstruction)
 
-    def objections(self) -> list[str]:
-        """Return every reason why the robot may not move by itself, each with its remedy."""
+    def objections(self) -> list[Refusal]:
+        """Return every reason why the robot may not move by itself."""
+        manual, maintenance = util_robot_pb2.kManual, util_robot_pb2.kMaintain
+        deployment, schedule = util_robot_pb2.kDeployMode, util_robot_pb2.kScheduleMode
         reasons = (
-            (self.emergency_stop, "emergency stop is pressed: release it first"),
-            (self.key_manual, "key switch is at manual: turn it to automatic first"),
-            (
-                self.ctrl == util_robot_pb2.kManual,
-                "robot is in manual mode: switch to automatic first",
-            ),
-            (
-                self.ctrl == util_robot_pb2.kMaintain,
-                "robot is in maintenance mode: switch to automatic first",
-            ),
-            (
-                self.work == util_robot_pb2.kDeployMode,
-                "robot is in deployment mode: switch to task mode first",
-            ),
-            (
-                self.work == util_robot_pb2.kScheduleMode,
-                "robot is in schedule mode: a dispatch system drives it; switch to task mode first",
-            ),
-            (not self.initialised, "robot is not initialised: send InitRobot first"),
-            (
-                self.initialised and not self.located,
-                "robot has lost its localisation: send InitRobot or SetRobotPose first",
-            ),
-            (self.battery_empty, "battery is empty: charge first"),
+            (self.emergency_stop, refusals.EMERGENCY_STOP),
+            (self.key_manual, refusals.KEY_AT_MANUAL),
+            (self.ctrl == manual, refusals.MANUAL_MODE),
+            (self.ctrl == maintenance, refusals.MAINTENANCE_MODE),
+            (self.work == deployment, refusals.DEPLOYMENT_MODE),
+            (self.work == schedule, refusals.SCHEDULE_MODE),
+            (not self.initialised, refusals.NOT_INITIALISED),
+            (self.initialised and not self.located, refusals.LOCALISATION_LOST),
+            (self.battery_empty, refusals.BATTERY_EMPTY),
         )
-        return [text for applies, text in reasons if applies]
+        return [refusal for applies, refusal in reasons if applies]

@@ -6,7 +6,8 @@ import json
 from typing import Any
 
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 _REACHABLE = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
 """Signal strengths of the networks within reach, in percent."""
@@ -70,7 +71,7 @@ class WiFi:
         """
         ssid = _ssid(content)
         if ssid not in self._known and len(self._known) >= _MAX_KNOWN:
-            raise RefusedError(f"{_MAX_KNOWN} networks are already known: forget one first")
+            raise RefusedError(refusals.TOO_MANY_NETWORKS, limit=_MAX_KNOWN)
         self._known.add(ssid)
         if connect:
             self._connect(ssid)
@@ -86,7 +87,7 @@ class WiFi:
         """
         ssid = _ssid(content)
         if ssid not in self._known:
-            raise RefusedError(f"network {ssid} is not known: add it first")
+            raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)
         self._connect(ssid)
 
     def forget(self, content: bytes) -> None:
@@ -100,7 +101,7 @@ class WiFi:
         """
         ssid = content.decode(errors="replace")
         if ssid not in self._known:
-            raise RefusedError(f"network {ssid} is not known: nothing to forget")
+            raise RefusedError(refusals.NO_NETWORK_TO_FORGET, ssid=ssid)
         self._known.remove(ssid)
         if self.name == ssid:
             self.name = ""
@@ -111,7 +112,7 @@ class WiFi:
 
     def _connect(self, ssid: str) -> None:
         if ssid not in _REACHABLE:
-            raise RefusedError(f"network {ssid} is out of reach: choose one of the last scan")
+            raise RefusedError(refusals.NETWORK_OUT_OF_REACH, ssid=ssid)
         self.name = ssid
         self.hotspot = False
 
@@ -120,10 +121,10 @@ def _ssid(content: bytes) -> str:
     try:
         parsed: Any = json.loads(content)
     except (ValueError, RecursionError):
-        raise RefusedError("content is not a JSON object with an ssid") from None
+        raise RefusedError(refusals.NO_SSID) from None
     ssid = parsed.get("ssid") if isinstance(parsed, dict) else None
     if not isinstance(ssid, str) or not ssid:
-        raise RefusedError("content is not a JSON object with an ssid")
+        raise RefusedError(refusals.NO_SSID)
     if len(ssid.encode(errors="replace")) > _MAX_SSID:
-        raise RefusedError(f"the ssid is longer than {_MAX_SSID} bytes: give a shorter one")
+        raise RefusedError(refusals.SSID_TOO_LONG, limit=_MAX_SSID)
     return ssid

@@ -6,19 +6,17 @@ import asyncio
 import dataclasses
 from collections.abc import Callable, Iterable
 
+from woosh_robot_agent.simulator.faults.arguments import Argument
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
-from woosh_robot_agent.simulator.faults.parameters import Parameter
 from woosh_robot_agent.simulator.serving.hooks import Outgoing, Release
 
 _MAX_SN = 2**31 - 1
 
-TYPE = Parameter(
+TYPE = Argument(
     "type", str, "", "affects only answers to requests of this type; empty: all", is_message=True
 )
-COUNT = Parameter(
-    "count", int, 0, "number of times that the fault takes effect; 0: no limit", low=0
-)
-FRAMES = Parameter(
+COUNT = Argument("count", int, 0, "number of times that the fault takes effect; 0: no limit", low=0)
+FRAMES = Argument(
     "frames",
     str,
     "answers",
@@ -133,7 +131,7 @@ FAULTS = (
         "requests are not executed, and answered with `ok` false and a text",
         _refuse,
         (
-            Parameter("text", str, "refused by the simulator", "text of the answers"),
+            Argument("text", str, "refused by the simulator", "text of the answers"),
             dataclasses.replace(TYPE, description="affects only requests of this type; empty: all"),
             COUNT,
         ),
@@ -143,10 +141,10 @@ FAULTS = (
         "answers are delayed; later ones may overtake them",
         on_frames(_delay),
         (
-            Parameter(
+            Argument(
                 "seconds", float, 1.0, "minimum delay", unit="s of real time", low=0.0, high=86400.0
             ),
-            Parameter(
+            Argument(
                 "jitter",
                 float,
                 0.0,
@@ -165,8 +163,8 @@ FAULTS = (
         "answers are collected and sent in another order",
         _reorder,
         (
-            Parameter("window", int, 4, "number of answers to collect", low=2, high=1000),
-            Parameter(
+            Argument("window", int, 4, "number of answers to collect", low=2, high=1000),
+            Argument(
                 "seconds",
                 float,
                 0.2,
@@ -196,7 +194,7 @@ FAULTS = (
         "the `sn` of an answer differs from that of its request",
         on_frames(_wrong_sn),
         (
-            Parameter(
+            Argument(
                 "by",
                 int,
                 1_000_000,
@@ -213,7 +211,7 @@ FAULTS = (
         "the `type` of an answer differs from that of its body",
         on_frames(_wrong_type),
         (
-            Parameter("other", str, "woosh.robot.Network", "wrong type of the answers"),
+            Argument("other", str, "woosh.robot.Network", "wrong type of the answers"),
             TYPE,
             COUNT,
         ),

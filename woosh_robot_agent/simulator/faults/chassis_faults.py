@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET
+from woosh_robot_agent.simulator.faults.arguments import Argument, FaultError
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
-from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
 from woosh_robot_agent.simulator.protocol.pushes import TOPICS
 from woosh_robot_agent.simulator.protocol.reports import STATES
 
 _SLICE = 100
 """Number of pushes of a burst after which clients get time to read."""
+
+_BURST_CODES = (
+    status_codes.OBSTACLE_IN_THE_WAY,
+    status_codes.DRIVING_STRAIGHT,
+    status_codes.TURNING_LEFT,
+    status_codes.TURNING_RIGHT,
+)
+"""Codes of a burst."""
+
+_REPEATED_SHARE = 0.8
+"""Share of the codes of a burst that equal the one before."""
 
 _BACKLOG_TIMEOUT = 1.0
 """Time for which a burst waits for a client that does not read, in seconds of real time."""
@@ -39,6 +53,25 @@ def _lost_localisation(target: Target, injection: Injection) -> End:
     def end() -> None:
         readiness.located = readiness.located or before
         target.push_changes()
+
+    return end
+
+
+def _key_switch(target: Target, injection: Injection) -> End:
+    readiness = target.chassis.readiness
+    before, accepted = readiness.key_manual, readiness.key_accepts
+    target.set_key_switch(True, accept=injection["requests"] == "accepted")
+    return lambda: target.set_key_switch(before, accept=accepted)
+
+
+def _clock_jump(target: Target, injection: Injection) -> End:
+    chassis = target.chassis
+    before = chassis.clock_offset
+    chassis.clock_offset = min(MAX_CLOCK_OFFSET, max(-MAX_CLOCK_OFFSET, before + injection["by"]))
+    jump = chassis.clock_offset - before
+
+    def end() -> None:
+        chassis.clock_offset -= jump
 
     return end
 
@@ -67,7 +100,29 @@ def _check_position(arguments: Mapping[str, Any]) -> None:
 
 
 def _burst(target: Target, injection: Injection) -> End:
-    pushing = asyncio.ensure_future(_push(target, injection))
+    def push() -> None:
+        target.push(_current(target.chassis, injection["type"]))
+
+    return _repeat(target, injection, push)
+
+
+def _code_burst(target: Target, injection: Injection) -> End:
+    rng = injection.rng
+    code = rng.choice(_BURST_CODES)
+
+    def report() -> None:
+        nonlocal code
+        if rng.random() > _REPEATED_SHARE:
+            code = rng.choice(_BURST_CODES)
+        target.chassis.codes.report(code, util_action_pb2.kNav)
+        target.push_changes()
+
+    return _repeat(target, injection, report)
+
+
+def _repeat(target: Target, injection: Injection, push: Callable[[], None]) -> End:
+    """Call `push` repeatedly, as the arguments `count` and `rate` say."""
+    pushing = asyncio.ensure_future(_pushing(target, injection, push))
 
     def end() -> None:
         pushing.cancel()
@@ -75,7 +130,7 @@ def _burst(target: Target, injection: Injection) -> End:
     return end
 
 
-async def _push(target: Target, injection: Injection) -> None:
+async def _pushing(target: Target, injection: Injection, push: Callable[[], None]) -> None:
     loop = asyncio.get_running_loop()
     begun = loop.time()
     rate, count = injection["rate"], injection["count"]
@@ -84,7 +139,7 @@ async def _push(target: Target, injection: Injection) -> None:
             await asyncio.sleep(max(0.0, begun + number / rate - loop.time()))
         elif number % _SLICE == 0:
             await _wait_for_clients(target)
-        target.push(_current(target.chassis, injection["type"]))
+        push()
         injection.hit()
 
 
@@ -122,20 +177,51 @@ FAULTS = (
         shared=True,
     ),
     Fault(
+        "key_switch",
+        "the key switch is at manual: the motors are off; at the end it is back at automatic",
+        _key_switch,
+        (
+            Argument(
+                "requests",
+                str,
+                "refused",
+                "requests that move the robot are refused, or accepted although nothing moves",
+                choices=("refused", "accepted"),
+            ),
+        ),
+        shared=True,
+    ),
+    Fault(
+        "clock_jump",
+        "the clock of the robot jumps; at the end it jumps back",
+        _clock_jump,
+        (
+            Argument(
+                "by",
+                float,
+                3600.0,
+                "size of the jump, negative for a jump back",
+                unit="s",
+                low=-MAX_CLOCK_OFFSET,
+                high=MAX_CLOCK_OFFSET,
+            ),
+        ),
+    ),
+    Fault(
         "obstacle",
         "a round obstacle appears; at the end it disappears",
         _obstacle,
         (
-            Parameter("x", float, None, "position in the map's frame", unit="m"),
-            Parameter("y", float, None, "position in the map's frame", unit="m"),
-            Parameter(
+            Argument("x", float, None, "position in the map's frame", unit="m"),
+            Argument("y", float, None, "position in the map's frame", unit="m"),
+            Argument(
                 "ahead",
                 float,
                 1.0,
                 "without x and y: distance in front of the current position of the robot",
                 unit="m",
             ),
-            Parameter(
+            Argument(
                 "radius", float, 0.3, "radius of the obstacle", unit="m", low=0.01, high=100.0
             ),
         ),
@@ -146,9 +232,9 @@ FAULTS = (
         "many pushes are sent to all subscribers of their type",
         _burst,
         (
-            Parameter("count", int, 1000, "number of pushes", low=1, high=10_000_000),
-            Parameter("type", str, "woosh.robot.PoseSpeed", "type of the pushes", is_message=True),
-            Parameter(
+            Argument("count", int, 1000, "number of pushes", low=1, high=10_000_000),
+            Argument("type", str, "woosh.robot.PoseSpeed", "type of the pushes", is_message=True),
+            Argument(
                 "rate",
                 float,
                 0.0,
@@ -159,5 +245,22 @@ FAULTS = (
         ),
         lasting=False,
         check=_check_topic,
+    ),
+    Fault(
+        "code_burst",
+        "many status codes are sent, the same ones again and again",
+        _code_burst,
+        (
+            Argument("count", int, 300, "number of status codes", low=1, high=10_000_000),
+            Argument(
+                "rate",
+                float,
+                300.0,
+                "rate of the status codes; 0: as fast as clients read",
+                unit="1/s of real time",
+                low=0.0,
+            ),
+        ),
+        lasting=False,
     ),
 )

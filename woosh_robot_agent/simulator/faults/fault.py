@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter, resolve
+from woosh_robot_agent.simulator.faults.arguments import Argument, FaultError, resolve
 from woosh_robot_agent.simulator.serving.hooks import Hooks
 
 
@@ -41,6 +41,9 @@ class Target(Protocol):
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
 
+    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
+        """Turn the key switch to manual or to automatic; accept requests at manual or not."""
+
     def lose_localisation(self) -> None:
         """Make the robot lose its localisation."""
 
@@ -65,7 +68,7 @@ End = Callable[[], None]
 Begin = Callable[[Target, "Injection"], "End | None"]
 """Begins a fault. Returns the function that ends it, or None for a momentary fault."""
 
-FOR = Parameter(
+FOR = Argument(
     "for",
     float,
     0.0,
@@ -83,7 +86,7 @@ class Fault:
         name: Name of the fault.
         description: Effect of the fault, for the documentation.
         begin: Function that begins the fault.
-        own: Parameters, without the common ones of lasting faults.
+        own: Arguments, without the common ones of lasting faults.
         lasting: The fault lasts until it is cleared or expires. Otherwise it is momentary.
         shared: Simultaneous injections act as one fault, which ends with the last of them.
         check: Raises FaultError for an invalid combination of arguments.
@@ -92,31 +95,31 @@ class Fault:
     name: str
     description: str
     begin: Begin
-    own: tuple[Parameter, ...] = ()
+    own: tuple[Argument, ...] = ()
     lasting: bool = True
     shared: bool = False
     check: Callable[[Mapping[str, Any]], None] | None = None
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """All parameters, with the common ones."""
+    def takes(self) -> tuple[Argument, ...]:
+        """All arguments that it takes, with the common ones."""
         return (*self.own, FOR) if self.lasting else self.own
 
     def resolve(
-        self, arguments: Mapping[str, object], extra: tuple[Parameter, ...] = ()
+        self, arguments: Mapping[str, object], extra: tuple[Argument, ...] = ()
     ) -> dict[str, Any]:
         """Return the checked arguments, with all defaults filled in.
 
         Args:
             arguments: The given arguments.
-            extra: Additional parameters that are allowed here, such as `at`.
+            extra: Additional arguments that are allowed here, such as `at`.
 
         Raises:
             FaultError: An argument is unknown or invalid.
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
             raise FaultError(f"{self.name} is momentary: leave out `for`")
-        resolved = resolve(self.name, (*self.parameters, *extra), arguments)
+        resolved = resolve(self.name, (*self.takes, *extra), arguments)
         if self.check:
             self.check(resolved)
         return resolved
@@ -157,9 +160,9 @@ class Injection:
     def __str__(self) -> str:
         """Return the fault as on the command line, without arguments at their defaults."""
         parts = [
-            f"{parameter.name}={shlex.quote(str(self.arguments[parameter.name]))}"
-            for parameter in self.fault.parameters
-            if self.arguments[parameter.name] != parameter.default
+            f"{argument.name}={shlex.quote(str(self.arguments[argument.name]))}"
+            for argument in self.fault.takes
+            if self.arguments[argument.name] != argument.default
         ]
         return " ".join([self.fault.name, *parts])
 

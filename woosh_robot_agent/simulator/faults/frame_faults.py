@@ -18,8 +18,8 @@ from woosh_robot_agent.link.transport.tcp import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.faults.answer_faults import COUNT, FRAMES, TYPE, on_frames
+from woosh_robot_agent.simulator.faults.arguments import Argument
 from woosh_robot_agent.simulator.faults.fault import Begin, Fault, Injection
-from woosh_robot_agent.simulator.faults.parameters import Parameter
 from woosh_robot_agent.simulator.serving.hooks import Outgoing
 
 _MIB = 1024 * 1024
@@ -185,7 +185,7 @@ FAULTS = (
         "frames are replaced by noise: text instead of JSON, bytes instead of protobuf",
         _damaging(_garbage),
         (
-            Parameter("length", int, 64, "length of the noise", unit="bytes", low=1, high=_MIB),
+            Argument("length", int, 64, "length of the noise", unit="bytes", low=1, high=_MIB),
             *_SELECTION,
         ),
     ),
@@ -194,7 +194,7 @@ FAULTS = (
         "frames are cut in the middle",
         _damaging(_truncated),
         (
-            Parameter(
+            Argument(
                 "where",
                 str,
                 "payload",
@@ -210,7 +210,7 @@ FAULTS = (
         "frames are padded to a size that clients refuse, with blanks or an unknown field",
         _damaging(_oversize),
         (
-            Parameter("mib", int, 65, "size of the frames", unit="MiB", low=1, high=4096),
+            Argument("mib", int, 65, "size of the frames", unit="MiB", low=1, high=4096),
             *_SELECTION,
         ),
     ),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from woosh_robot_agent.simulator.faults.arguments import Argument
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
-from woosh_robot_agent.simulator.faults.parameters import Parameter
 
 
 def _drop(target: Target, injection: Injection) -> None:
@@ -39,7 +39,7 @@ FAULTS = (
         "accept_then_drop",
         "each new connection is accepted and closed at once, a WebSocket after its handshake",
         _accept_then_drop,
-        (Parameter("count", int, 0, "number of connections; 0: all", low=0),),
+        (Argument("count", int, 0, "number of connections; 0: all", low=0),),
     ),
     Fault(
         "off",

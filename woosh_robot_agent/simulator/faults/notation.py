@@ -7,11 +7,11 @@ from pathlib import Path
 
 import yaml
 
-from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
+from woosh_robot_agent.simulator.faults.arguments import Argument, FaultError
 from woosh_robot_agent.simulator.faults.table import find
 from woosh_robot_agent.simulator.scenario import Scenario, Step
 
-_AT = Parameter("at", float, 0.0, "when it begins", unit="s of simulated time", low=0.0)
+_AT = Argument("at", float, 0.0, "when it begins", unit="s of simulated time", low=0.0)
 
 
 def make_step(name: str, **arguments: object) -> Step:
@@ -41,7 +41,7 @@ def parse_fault(text: str) -> Step:
     except ValueError as error:
         raise FaultError(f"fault {text!r}: {error}") from None
     name, words = (words[0], words[1:]) if words else ("", [])
-    parameters = {parameter.name: parameter for parameter in (*find(name).parameters, _AT)}
+    taken = {argument.name: argument for argument in (*find(name).takes, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -50,7 +50,7 @@ def parse_fault(text: str) -> Step:
         if key in arguments:
             raise FaultError(f"{name}: {key} is given twice")
         # `make_step` rejects unknown keys.
-        arguments[key] = parameters[key].parse(value) if key in parameters else value
+        arguments[key] = taken[key].parse(value) if key in taken else value
     return make_step(name, **arguments)
 
 

@@ -8,8 +8,8 @@ from woosh_robot_agent.simulator.faults import (
     frame_faults,
     link_faults,
 )
+from woosh_robot_agent.simulator.faults.arguments import Argument, FaultError
 from woosh_robot_agent.simulator.faults.fault import Fault
-from woosh_robot_agent.simulator.faults.parameters import FaultError, Parameter
 
 FAULTS: dict[str, Fault] = {
     fault.name: fault
@@ -35,18 +35,18 @@ def markdown() -> str:
     """Return the table as Markdown."""
     rows = [("Fault", "Effect", "Kind", "Arguments"), ("---",) * 4]
     for fault in FAULTS.values():
-        arguments = "<br>".join(_argument(parameter) for parameter in fault.own)
+        arguments = "<br>".join(_argument(argument) for argument in fault.own)
         kind = "lasting" if fault.lasting else "momentary"
         rows.append((f"`{fault.name}`", fault.description, kind, arguments))
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
-def _argument(parameter: Parameter) -> str:
-    default = parameter.default
+def _argument(argument: Argument) -> str:
+    default = argument.default
     if default is None:
         text = "none"
     elif isinstance(default, float):
         text = f"{default:g}"
     else:
         text = str(default) or "empty"
-    return f"`{parameter.name}` ({parameter.allowed}, default {text}): {parameter.description}"
+    return f"`{argument.name}` ({argument.allowed}, default {text}): {argument.description}"

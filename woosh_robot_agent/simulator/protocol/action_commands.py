@@ -8,6 +8,7 @@ from typing import Any
 
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.charging import Charge, EndCharge
 from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
@@ -15,7 +16,6 @@ from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps, Turn
 from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handlers,
     Result,
@@ -23,6 +23,7 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     poses,
     usable_speed,
 )
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 _MAX_STEPS = 1000
@@ -42,12 +43,12 @@ _Lift3 = action_pb2.LiftControl3
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     which = request.WhichOneof("action")
     if which is None:
-        raise RefusedError("CallAction names no action: set one of its fields")
+        raise RefusedError(refusals.NO_ACTION)
     command: Any = getattr(request, which)
     if which == "nav_mode":
         return _navigation_mode(chassis, command)
     if which not in _JOBS:
-        raise RefusedError(f"unknown action {command.type}: this chassis has {', '.join(_JOBS)}")
+        raise RefusedError(refusals.UNKNOWN_ACTION, action=command.type, actions=", ".join(_JOBS))
     name = command.DESCRIPTOR.full_name
     if command.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
@@ -60,9 +61,7 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         chassis.readiness.require_ready()
         chassis.ownership.resume_action(name)
     else:
-        raise RefusedError(
-            f"unknown control action {command.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
-        )
+        raise RefusedError(refusals.UNKNOWN_CONTROL, control=command.action)
     return None
 
 
@@ -74,7 +73,7 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
     if command.mode not in modes:
-        raise RefusedError(f"unknown navigation mode {command.mode}: use one of {list(modes)}")
+        raise RefusedError(refusals.UNKNOWN_NAVIGATION_MODE, mode=command.mode, modes=list(modes))
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
@@ -83,19 +82,16 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         max_speed=usable_speed(command.max_speed, _MIN_SPEED),
     )
     if chassis.ownership.navigation is None:
-        return "no effect: a navigation mode counts only while a task is navigating"
+        raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
     chassis.ownership.navigation.change_mode(setting)
     return None
 
 
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
     if not command.steps:
-        raise RefusedError("StepControl has no steps: give at least one")
+        raise RefusedError(refusals.NO_STEPS)
     if len(command.steps) > _MAX_STEPS:
-        raise RefusedError(
-            f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: split it into "
-            "several requests"
-        )
+        raise RefusedError(refusals.TOO_MANY_STEPS, count=len(command.steps), limit=_MAX_STEPS)
     steps = [_step(chassis, step) for step in command.steps]
     return Steps(steps, avoid=command.avoid == 0)
 
@@ -110,13 +106,9 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
         _StepMode.kDiagonalize: step.angle,
     }
     if step.mode not in directions:
-        raise RefusedError(
-            f"unknown step mode {step.mode}: 1 is straight, 2 rotate, 3 lateral, 4 diagonal"
-        )
+        raise RefusedError(refusals.UNKNOWN_STEP_MODE, mode=step.mode)
     if step.mode != _StepMode.kStraight and not chassis.omnidirectional:
-        raise RefusedError(
-            "a differential base cannot move sideways: use step modes 1 (straight) and 2 (rotate)"
-        )
+        raise RefusedError(refusals.STEP_SIDEWAYS)
     return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED, MAX_SPEED))
 
 
@@ -125,7 +117,7 @@ def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
         return MoveLift(chassis.jack, chassis.jack.travel)
     if command.execute_mode == action_pb2.LiftControl.kDown:
         return MoveLift(chassis.jack, 0.0)
-    raise RefusedError(f"unknown lift mode {command.execute_mode}: 1 is up, 2 is down")
+    raise RefusedError(refusals.UNKNOWN_LIFT_MODE, mode=command.execute_mode)
 
 
 def _lift_control2(chassis: Chassis, command: action_pb2.LiftControl2) -> Job:
@@ -146,19 +138,17 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
         return MoveLift(column, 0.0, speed=speed)
     if mode == _Lift3.kTsetMode:
         return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
-    raise RefusedError(
-        f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"
-    )
+    raise RefusedError(refusals.UNKNOWN_LIFT3_MODE, mode=mode)
 
 
 def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
     if command.execute_mode == action_pb2.ChargeControl.kAuto:
         if not chassis.at_charger():
-            raise RefusedError("robot is not at a charger: start a charge task instead")
+            raise RefusedError(refusals.NOT_AT_CHARGER)
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:
         return EndCharge()
-    raise RefusedError(f"unknown charge mode {command.execute_mode}: 1 is automatic, 2 is exit")
+    raise RefusedError(refusals.UNKNOWN_CHARGE_MODE, mode=command.execute_mode)
 
 
 def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
@@ -171,7 +161,7 @@ def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
     elif way:
         target = way.pop()
     else:
-        raise RefusedError("MoveBase has no target: give target_pose or poses")
+        raise RefusedError(refusals.NO_GOAL)
     one_by_one = command.execution_mode == action_pb2.MoveBase.kOneByOne
     return Navigate(target, way, one_by_one=one_by_one)
 

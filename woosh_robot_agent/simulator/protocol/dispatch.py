@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import (
     action_commands,
     drive_commands,
@@ -18,6 +19,10 @@ from woosh_robot_agent.simulator.protocol import (
     task_commands,
 )
 from woosh_robot_agent.simulator.protocol.handlers import Handler, non_finite
+from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.status_codes import Code
+
+_LOG = logging.getLogger(__name__)
 
 SUCCESS = "Request succeed"
 
@@ -31,12 +36,14 @@ class Answer:
         body: Body, None for an empty one.
         ok: The request was executed.
         msg: Text for people; the reason if the request was refused.
+        code: Status code that follows the answer, None if there is none.
     """
 
     type: str
     body: Message | None
     ok: bool
     msg: str
+    code: Code | None = None
 
 
 def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
@@ -57,24 +64,38 @@ HANDLERS: dict[str, Handler] = {**_QUERIES, **_COMMANDS}
 """Handlers by the full protobuf name of the request."""
 
 
+def is_query(name: str) -> bool:
+    """Return True if a request, given its full name, only reads values."""
+    return name in _QUERIES
+
+
 def dispatch(chassis: Chassis, request: Message) -> Answer:
     """Execute a request, whose type must be in `HANDLERS`, and return the answer."""
     name = request.DESCRIPTOR.full_name
     try:
         number = non_finite(request)
         if number:
-            raise RefusedError(f"{number} is not a finite number")
+            raise RefusedError(refusals.NOT_FINITE, field=number)
         if name in _COMMANDS:
             chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)
     except RefusedError as refusal:
-        return Answer(name, None, False, str(refusal))
+        return _refused(chassis, name, refusal)
     if isinstance(result, str):
-        return Answer(name, None, True, result)
+        explained = chassis.profile.refusals.explained
+        return Answer(name, None, True, result if explained else SUCCESS)
     msg = "" if name in _QUERIES else SUCCESS
     if result is None:
         return Answer(name, None, True, msg)
     return Answer(result.DESCRIPTOR.full_name, result, True, msg)
+
+
+def _refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
+    refusal, profile = error.refusal, chassis.profile.refusals
+    _LOG.info("%s is refused: %s", name, error)
+    if refusal.words is None or profile.explained:
+        return Answer(name, None, refusal.harmless, str(error))
+    return Answer(name, None, False, refusal.words, refusal.code if profile.codes else None)
 
 
 def refusal(name: str, reason: str) -> Answer:

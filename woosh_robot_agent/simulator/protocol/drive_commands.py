@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
@@ -16,14 +17,17 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
         driver = chassis.ownership.driver
         chassis.ownership.stop_wheels("stopped by a velocity of zero")
         return f"stopped: {driver} is paused, continue or cancel it" if driver else None
-    if chassis.readiness.emergency_stop:
-        raise RefusedError("emergency stop is pressed: release it first")
-    if chassis.readiness.battery_empty:
-        raise RefusedError("battery is empty: charge first")
-    if chassis.readiness.control == util_robot_pb2.kMaintain:
-        raise RefusedError("robot is in maintenance mode: switch to automatic or manual first")
+    readiness = chassis.readiness
+    if readiness.key_manual and not readiness.key_accepts:
+        raise RefusedError(refusals.KEY_AT_MANUAL)
+    if readiness.emergency_stop:
+        raise RefusedError(refusals.TWIST_IN_EMERGENCY_STOP)
+    if readiness.battery_empty:
+        raise RefusedError(refusals.TWIST_WITH_EMPTY_BATTERY)
+    if readiness.control == util_robot_pb2.kMaintain:
+        raise RefusedError(refusals.TWIST_IN_MAINTENANCE_MODE)
     if velocity.left and not chassis.omnidirectional:
-        raise RefusedError("a differential base cannot move sideways: linear_y must be 0")
+        raise RefusedError(refusals.TWIST_SIDEWAYS)
     chassis.ownership.drive(velocity)
     return None
 

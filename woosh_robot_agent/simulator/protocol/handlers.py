@@ -9,8 +9,9 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 Result = Message | str | None
@@ -39,7 +40,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """
     found = [pose(message) for message in messages]
     if len(found) > MAX_POSES:
-        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: send fewer")
+        raise RefusedError(refusals.TOO_MANY_POSES, count=len(found), limit=MAX_POSES)
     return found
 
 
@@ -50,9 +51,7 @@ def usable_speed(speed: float, minimum: float) -> float:
         RefusedError: The speed is less than `minimum`.
     """
     if 0.0 < abs(speed) < minimum:
-        raise RefusedError(
-            f"speed {speed:g} is too slow: use at least {minimum:g}, or 0 for the default"
-        )
+        raise RefusedError(refusals.SPEED_TOO_LOW, speed=speed, limit=minimum)
     return abs(speed)
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import uploads
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 
 _MAX_SCENES = 20
@@ -17,25 +18,22 @@ _MAX_SCENES = 20
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:
-        raise RefusedError(f"task {chassis.tasks.proc.robot_task_id} is paused: cancel it first")
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
     if chassis.tasks.active:
-        raise RefusedError("a task is running: wait for it or cancel it first")
+        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
     if chassis.ownership.driver:
-        raise RefusedError(f"{chassis.ownership.driver} is driving: wait for it or cancel it first")
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
     if chassis.ownership.navigation:
-        raise RefusedError("a navigation is paused: cancel it first")
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
     name = request.scene_name or chassis.scene.name
     scene = _with_files(chassis, name, request) if request.file_datas else chassis.scenes.get(name)
     if scene is None:
-        raise RefusedError(
-            f"unknown scene {name}: send it in file_datas, or use one of "
-            + ", ".join(chassis.scenes)
-        )
+        raise RefusedError(refusals.UNKNOWN_SCENE, scene=name, scenes=", ".join(chassis.scenes))
     wanted = request.map_name or uploads.first_map(scene, request.file_datas)
     area = scene.map(wanted)
     if area is None:
         maps = ", ".join(each.name for each in scene.maps)
-        raise RefusedError(f"unknown map {wanted} of scene {name}, which has {maps}")
+        raise RefusedError(refusals.UNKNOWN_MAP, map=wanted, scene=name, maps=maps)
     chassis.enter(scene, area)
     return None
 
@@ -44,7 +42,7 @@ def _with_files(chassis: Chassis, name: str, request: pack.SwitchMap) -> Scene:
     """Return the scene after an upload."""
     old = chassis.scenes.get(name)
     if not old and len(chassis.scenes) >= _MAX_SCENES:
-        raise RefusedError(f"there are already {_MAX_SCENES} scenes: replace one of them")
+        raise RefusedError(refusals.TOO_MANY_SCENES, limit=_MAX_SCENES)
     files = uploads.merge_files(old.files if old else {}, request.file_datas)
     scene = uploads.updated_scene(name, old, files)
     if scene:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
@@ -11,6 +13,7 @@ from woosh_robot_agent.simulator.protocol.reports import STATES
 
 _STATES = {cls.DESCRIPTOR.full_name: report for cls, report in STATES.items()}
 _POSE_SPEED = robot_pb2.PoseSpeed.DESCRIPTOR.full_name
+_BATTERY = robot_pb2.Battery.DESCRIPTOR.full_name
 
 _EVENTS = {
     cls.DESCRIPTOR.full_name
@@ -23,14 +26,23 @@ TOPICS = frozenset(_STATES) | _EVENTS
 
 
 class StateWatch:
-    """Detects which of the watched states have changed since the last call."""
+    """Detects which of the watched states have changed since the last call.
+
+    It limits the rate of PoseSpeed, and repeats an unchanged Battery, as the profile says.
+    """
 
     def __init__(self, chassis: Chassis) -> None:
         self._chassis = chassis
         self._last: dict[str, bytes] = {}
+        self._next_pose = 0.0
+        """Simulated time from which PoseSpeed may be pushed again, in seconds."""
+        self._repeat_battery = math.inf
+        """Simulated time at which an unchanged Battery is pushed again, in seconds."""
 
     def watch(self, topics: set[str]) -> None:
         """Watch these topics only. Their current states do not count as changes."""
+        if _BATTERY in topics and _BATTERY not in self._last:
+            self._plan_battery()
         self._last = {
             topic: self._last.get(topic) or _STATES[topic](self._chassis).SerializeToString()
             for topic in _STATES
@@ -45,11 +57,35 @@ class StateWatch:
         """
         found = []
         for topic, last in self._last.items():
-            if topic == _POSE_SPEED and not while_moving:
+            if topic == _POSE_SPEED and not (while_moving and self._pose_is_due()):
                 continue
             message = _STATES[topic](self._chassis)
             now = message.SerializeToString()
-            if now != last:
+            if now != last or (topic == _BATTERY and self._battery_is_due()):
                 self._last[topic] = now
                 found.append(message)
+                if topic == _POSE_SPEED:
+                    self._plan_pose()
+                elif topic == _BATTERY:
+                    self._plan_battery()
         return found
+
+    def _pose_is_due(self) -> bool:
+        return self._chassis.elapsed >= self._next_pose - 1e-9
+
+    def _battery_is_due(self) -> bool:
+        return self._chassis.elapsed >= self._repeat_battery - 1e-9
+
+    def _plan_pose(self) -> None:
+        self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)
+
+    def _plan_battery(self) -> None:
+        period = self._chassis.profile.rates.battery
+        if period:
+            self._repeat_battery = self._wake_after(period.at(self._chassis.chance.random()))
+
+    def _wake_after(self, delay: float) -> float:
+        """Look for changes again after `delay` seconds, and return that time."""
+        if delay > 0.0:
+            self._chassis.after(delay, lambda: None)  # the chassis reports the end of each call
+        return self._chassis.elapsed + delay

@@ -12,7 +12,6 @@ from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
@@ -27,14 +26,19 @@ def pose2d(pose: Pose) -> common_pb2.Pose2D:
 
 def general(chassis: Chassis) -> robot_pb2.General:
     """Return the model and the versions of the robot."""
+    model = chassis.profile.model
     return robot_pb2.General(
         robot_id=chassis.robot_id,
         type=util_robot_pb2.kBaseRobot_200,
         model_data=robot_pb2.General.ModelData(
-            length=1250, width=670, height=1550, weight=50, load=150
+            length=model.length,
+            width=model.width,
+            height=model.height,
+            weight=model.weight,
+            load=model.load,
         ),
-        urdf_name="wooshmodel_robase200_cp_y",
-        display_model="Robase200",
+        urdf_name=model.urdf_name,
+        display_model=model.display_model,
         serial_number=chassis.robot_id,
         service_id="RB2000030100000000Z",
         driver_method=1 if chassis.omnidirectional else 0,
@@ -66,7 +70,7 @@ def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
     return robot_pb2.PoseSpeed(
         robot_id=chassis.robot_id,
         twist=common_pb2.Twist(linear=base.velocity.forward, angular=base.velocity.turn),
-        pose=pose2d(base.pose),
+        pose=pose2d(chassis.pose),
         map_id=chassis.map.id,
         mileage=int(base.odometer),
     )
@@ -74,10 +78,15 @@ def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
 
 def battery(chassis: Chassis) -> robot_pb2.Battery:
     """Return charge and state of charging."""
+    values = chassis.battery.profile
     return robot_pb2.Battery(
         robot_id=chassis.robot_id,
         charge_state=chassis.battery.charging,
         power=chassis.battery.percent,
+        health=values.health,
+        charge_cycle=values.charge_cycle,
+        battery_cycle=values.battery_cycle,
+        temp_max=values.temp_max,
     )
 
 
@@ -100,9 +109,9 @@ def scene(chassis: Chassis) -> robot_pb2.Scene:
 
 
 def task_proc(chassis: Chassis) -> robot_pb2.TaskProc:
-    """Return the state of the current or last task."""
+    """Return the last report about a task."""
     proc = robot_pb2.TaskProc(robot_id=chassis.robot_id)
-    proc.MergeFrom(chassis.tasks.proc)
+    proc.MergeFrom(chassis.tasks.reported)
     return proc
 
 
@@ -155,10 +164,9 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
 
 def model(chassis: Chassis) -> robot_pb2.Model:
     """Return the current footprint."""
-    outline = FOOTPRINTS[chassis.footprint]
     return robot_pb2.Model(
         robot_id=chassis.robot_id,
-        model=[common_pb2.Point(x=x, y=y) for x, y in outline],
+        model=[common_pb2.Point(x=x, y=y) for x, y in chassis.outline],
         type=chassis.footprint,
     )
 
@@ -229,7 +237,7 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
         range_min=laser.range_min,
         range_max=laser.range_max,
         ranges=chassis.scan(),
-        pose=pose2d(chassis.base.pose),
+        pose=pose2d(chassis.scan_pose),
         offset=common_pb2.Vector3(x=laser.forward),
     )
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, copy_of
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 _MAX_NAME = 100
 _MAX_HOST = 253
@@ -14,7 +15,7 @@ _MAX_HOST = 253
 
 def _check_length(field: str, text: str, most: int) -> None:
     if len(text) > most:
-        raise RefusedError(f"{field} is longer than {most} characters: give a shorter one")
+        raise RefusedError(refusals.TEXT_TOO_LONG, field=field, limit=most)
 
 
 def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
@@ -25,7 +26,7 @@ def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
 
 def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     if request.port > 65535:
-        raise RefusedError(f"port {request.port} is not within 0 to 65535")
+        raise RefusedError(refusals.PORT_OUT_OF_RANGE, port=request.port)
     _check_length("ip", request.ip, _MAX_HOST)
     chassis.setting.server.ip = request.ip
     chassis.setting.server.port = request.port
@@ -50,9 +51,7 @@ def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
 def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
-        raise RefusedError(
-            f"power levels {levels} must rise from alarm to full, which must be at most 100"
-        )
+        raise RefusedError(refusals.POWER_LEVELS_INVALID, levels=levels)
     power = chassis.setting.power
     power.alarm, power.low, power.idle, power.full = levels
     return copy_of(power)
@@ -60,7 +59,7 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
 
 def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
     if request.volume > 100:
-        raise RefusedError(f"volume {request.volume} is not within 0 to 100")
+        raise RefusedError(refusals.VOLUME_OUT_OF_RANGE, volume=request.volume)
     chassis.setting.sound.mute = request.mute
     chassis.setting.sound.volume = request.volume
     return copy_of(chassis.setting.sound)

@@ -5,17 +5,20 @@ from __future__ import annotations
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol import reports
 from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, pose
-from woosh_robot_agent.simulator.world.footprints import FOOTPRINTS
+from woosh_robot_agent.simulator.refusals import RefusedError
 
 _MAX_SPEECH = 1000
 """Number of characters of a spoken text that are kept."""
 
 
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
+    if chassis.profile.refusals.while_busy and chassis.tasks.active:
+        task = chassis.tasks.proc.robot_task_id
+        raise RefusedError(refusals.INIT_DURING_TASK, task=task)
     # Clients may send both, with an empty pose: the record takes precedence.
     where = chassis.base.pose if request.is_record else pose(request.pose)
     chassis.localise(where)
@@ -24,13 +27,14 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     chassis.base.halt()
     if chassis.tasks.active:
         chassis.tasks.cancel(reason)
-    chassis.readiness.initialised = True
+    # The answer comes when it is done.
+    chassis.answer_delay = chassis.initialise()
     return None
 
 
 def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
     if not chassis.readiness.initialised:
-        raise RefusedError("robot is not initialised: send InitRobot first")
+        raise RefusedError(refusals.NOT_INITIALISED)
     chassis.localise(pose(request.pose))
     return None
 
@@ -53,11 +57,9 @@ def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
 def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
-        raise RefusedError(
-            f"unknown control mode {request.mode}: 1 is automatic, 2 manual, 3 maintenance"
-        )
+        raise RefusedError(refusals.UNKNOWN_CONTROL_MODE, mode=request.mode)
     if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
-        raise RefusedError("key switch is at manual: turn it to automatic first")
+        raise RefusedError(refusals.KEY_AT_MANUAL)
     chassis.readiness.ctrl = request.mode
     return reports.mode(chassis)
 
@@ -69,14 +71,16 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
         util_robot_pb2.kScheduleMode,
     )
     if request.mode not in known:
-        raise RefusedError(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
+        raise RefusedError(refusals.UNKNOWN_WORK_MODE, mode=request.mode)
     chassis.readiness.work = request.mode
     return reports.mode(chassis)
 
 
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
-    if request.type not in FOOTPRINTS:
-        raise RefusedError(f"unknown footprint {request.type}: use one of {list(FOOTPRINTS)}")
+    if request.type not in chassis.footprints:
+        raise RefusedError(
+            refusals.UNKNOWN_FOOTPRINT, footprint=request.type, footprints=list(chassis.footprints)
+        )
     chassis.footprint = request.type
     if chassis.ownership.navigation:
         chassis.ownership.navigation.replan()
@@ -106,9 +110,7 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
         wifi.switch_hotspot(on=request.enable)
         answer.enable = request.enable
     else:
-        raise RefusedError(
-            f"unknown Wi-Fi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
-        )
+        raise RefusedError(refusals.UNKNOWN_WIFI_ORDER, order=order)
     return answer
 
 

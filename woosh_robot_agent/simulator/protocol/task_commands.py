@@ -10,12 +10,12 @@ from woosh_robot_agent.pb.task import task_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
-from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, work_jobs
+from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, leave_dock, work_jobs
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.errors import RefusedError
 from woosh_robot_agent.simulator.protocol.handlers import (
     MAX_POSES,
     Handlers,
@@ -24,6 +24,7 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     poses,
     usable_speed,
 )
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
@@ -43,13 +44,17 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
         jobs = jobs_at_mark(chassis, mark, kind, direction)
     elif request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
-        jobs = [Navigate(via.pop(), via, strict=strict), *work_jobs(chassis, kind, direction)]
+        drive = Navigate(via.pop(), via, strict=strict)
+        jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
     elif request.HasField("pose"):
-        jobs = [Navigate(pose(request.pose)), *work_jobs(chassis, kind, direction)]
+        drive = Navigate(pose(request.pose))
+        jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
     else:
-        raise RefusedError("the task has no target: give mark_no, plan_path or pose")
+        raise RefusedError(refusals.NO_TARGET)
     number = request.task_id or chassis.tasks.new_id()
-    chassis.ownership.start_tasks([TaskOrder(number, kind, request.mark_no, jobs)])
+    own_id = not request.task_id
+    order = TaskOrder(number, kind, request.mark_no, jobs, own_id=own_id)
+    chassis.ownership.start_tasks([order])
     return None
 
 
@@ -63,7 +68,7 @@ def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
             chassis.ownership.start_tasks(orders)
             return None
     known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
-    raise RefusedError(f"unknown task set {request.task_set_id}: RepeatTasks lists {known}")
+    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=request.task_set_id, task_sets=known)
 
 
 def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
@@ -78,11 +83,9 @@ def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
     mark = chassis.map.marks.get(number)
     if mark is None:
         known = ", ".join(chassis.map.marks) or "none"
-        raise RefusedError(
-            f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
-        )
+        raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise RefusedError(f"mark {number} is not a charger: choose one that is")
+        raise RefusedError(refusals.NOT_A_CHARGER, mark=number)
     return mark
 
 
@@ -95,37 +98,37 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
         if not segment.path.poses and segment.HasField("target"):
             route.append(pose(segment.target))
         if len(route) > MAX_POSES:
-            raise RefusedError(f"the path has more than {MAX_POSES} poses: send fewer")
+            raise RefusedError(refusals.PATH_TOO_LONG, limit=MAX_POSES)
     if not route:
-        raise RefusedError("the path has no poses: give at least one pose or target")
+        raise RefusedError(refusals.PATH_EMPTY)
     return route, strict
 
 
 def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     tasks, order = chassis.tasks, request.order
     if order == util_action_pb2.kPause:
-        tasks.pause("paused")
+        tasks.pause("paused", ordered=True)
     elif order in (util_action_pb2.kContinue, util_action_pb2.kReleaseCtrl):
         chassis.ownership.resume_task()
     elif order == util_action_pb2.kCancel:
-        tasks.cancel("cancelled")
+        tasks.cancel("cancelled", ordered=True)
     elif order == util_action_pb2.kRecover:
         chassis.ownership.recover_task()
     elif order == util_action_pb2.kWaitBreak:
         tasks.end_wait()
     elif order == util_action_pb2.kTmCtrl:
-        tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl)
+        tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl, ordered=True)
     elif order == util_action_pb2.kStart:
-        raise RefusedError("order 1 (start) is not supported: a task starts by itself")
+        raise RefusedError(refusals.START_ORDER)
     else:
-        raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
+        raise RefusedError(refusals.UNKNOWN_ORDER, order=order)
     return None
 
 
 def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     navigation = chassis.ownership.navigation
     if navigation is None:
-        raise RefusedError("no navigation is running: start a task first")
+        raise RefusedError(refusals.NO_NAVIGATION)
     via, strict = _route(request.paths)
     if via[-1] == navigation.goal:
         via.pop()
@@ -135,11 +138,9 @@ def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
 
 def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
     if chassis.ownership.navigation is None:
-        return "no effect: a navigation mode counts only while a task is navigating"
+        raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
     if request.nav_mode.max_speed < 0.0:
-        raise RefusedError(
-            f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
-        )
+        raise RefusedError(refusals.NEGATIVE_SPEED, speed=request.nav_mode.max_speed)
     usable_speed(request.nav_mode.max_speed, _MIN_SPEED)
     chassis.ownership.navigation.change_mode(request.nav_mode)
     return None

@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import PurePosixPath, PureWindowsPath
 
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.simulator.errors import RefusedError
+from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import SCENE_FILE, read_scene
 from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import SceneError
 from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
 _MAX_BYTES = 32 * 1024 * 1024
@@ -39,8 +40,8 @@ def updated_scene(name: str, before: Scene | None, files: dict[str, bytes]) -> S
     """
     try:
         scene = read_scene(name, files, _reader(files))
-    except SceneError as error:
-        raise RefusedError(f"scene {name} is not changed: {error}") from error
+    except DataFileError as error:
+        raise RefusedError(refusals.SCENE_INVALID, scene=name, error=error) from error
     if before is None:
         return scene and dataclasses.replace(scene, files=files)
     newer = [dataclasses.replace(each, version=each.version + 1) for each in before.maps]
@@ -78,19 +79,19 @@ def merge_files(
         # Nothing is written to disk, but a name must not be a path on any system.
         plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
         if not plain or name in ("", "..") or not name.isprintable() or len(name) > _MAX_NAME:
-            raise RefusedError(
-                f"file {name[:_MAX_NAME]!r}: the name must be a plain file name of at most "
-                f"{_MAX_NAME} characters"
-            )
+            raise RefusedError(refusals.FILE_NAME_INVALID, file=name[:_MAX_NAME], limit=_MAX_NAME)
         if name in new:
-            raise RefusedError(f"file {name} is uploaded twice")
+            raise RefusedError(refusals.FILE_TWICE, file=name)
         new[name] = file.data
     files = {**before, **new}
     size = sum(map(len, files.values()))
     if len(files) > _MAX_FILES or size > _MAX_BYTES:
         raise RefusedError(
-            f"{len(files)} files of {size} bytes are more than the limit of a scene: {_MAX_FILES} "
-            f"files, {_MAX_BYTES} bytes"
+            refusals.SCENE_TOO_LARGE,
+            count=len(files),
+            size=size,
+            max_count=_MAX_FILES,
+            max_size=_MAX_BYTES,
         )
     return files
 
@@ -100,7 +101,7 @@ def _reader(files: Mapping[str, bytes]) -> Callable[[str], bytes]:
         try:
             return files[name]
         except KeyError:
-            raise SceneError(f"{name}: the file is missing: upload it too") from None
+            raise DataFileError(f"{name}: the file is missing: upload it too") from None
 
     return read
 

@@ -41,9 +41,9 @@ from typing import TYPE_CHECKING
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError, parse
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 
 if TYPE_CHECKING:
     from woosh_robot_agent.simulator.world.grid import Grid
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 SCENE_FILE = "scene.yaml"
 
 Read = Callable[[str], bytes]
-"""Returns the content of the file with the given name, or raises `SceneError`."""
+"""Returns the content of the file with the given name, or raises `DataFileError`."""
 
 _MAX_MAPS = 50
 _MAX_MARKS = 5000
@@ -79,17 +79,17 @@ def load_scene(path: Path) -> Scene:
     """Read the scene in a folder or of one YAML file: a `scene.yaml` or a map of map_server.
 
     Raises:
-        SceneError: A file cannot be used.
+        DataFileError: A file cannot be used.
     """
 
     def read(name: str) -> bytes:
         file = folder / name
         try:
             if file.stat().st_size > _MAX_FILE_BYTES:
-                raise SceneError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")
+                raise DataFileError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")
             return file.read_bytes()
         except OSError as error:
-            raise SceneError(f"{file}: {error.strerror or error}") from error
+            raise DataFileError(f"{file}: {error.strerror or error}") from error
 
     if path.is_dir():
         folder, name = path, path.resolve().name
@@ -99,7 +99,7 @@ def load_scene(path: Path) -> Scene:
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
     scene = read_scene(name, names, read, use_own_name=True)
     if scene is None:
-        raise SceneError(
+        raise DataFileError(
             f"{path}: not a scene: give a {SCENE_FILE}, a YAML file of nav2's map_server, or a "
             "folder with one of them"
         )
@@ -118,7 +118,7 @@ def read_scene(
         use_own_name: Prefer the name in `scene.yaml`, if it has one.
 
     Raises:
-        SceneError: A file cannot be used.
+        DataFileError: A file cannot be used.
     """
     if SCENE_FILE in names:
         root = parse(SCENE_FILE, read(SCENE_FILE)).check_keys(("name", "start", "maps", "tasks"))
@@ -221,7 +221,7 @@ def _check_pictures(node: Node, maps: Iterable[Map]) -> None:
     """Check the total size of the pictures of a scene, the last of which `node` describes.
 
     Raises:
-        SceneError: They are too large.
+        DataFileError: They are too large.
     """
     pixels = sum(each.grid.cells.size for each in maps if each.grid)
     if pixels > _MAX_PIXELS:

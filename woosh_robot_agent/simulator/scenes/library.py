@@ -29,7 +29,7 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
             the same name. The robot starts in the first of them.
 
     Raises:
-        SceneError: A file cannot be used.
+        DataFileError: A file cannot be used.
     """
     shipped, own = [_loaded(path) for path in _SHIPPED], [_loaded(path) for path in given]
     return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from woosh_robot_agent.simulator.scenes.yaml_fields import Node, SceneError
 from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node
 
 _MAX_PIXELS = 4096 * 4096
 """Cells of 5 cm for 200 x 200 m. Computing the distance fields then takes some seconds."""
@@ -30,10 +30,10 @@ def read_grid(description: Node, read: Callable[[str], bytes]) -> Grid:
 
     Args:
         description: Content of the YAML file. Unknown keys are ignored, as by map_server.
-        read: Returns the content of the file with the given name, or raises `SceneError`.
+        read: Returns the content of the file with the given name, or raises `DataFileError`.
 
     Raises:
-        SceneError: The YAML file or the picture is invalid.
+        DataFileError: The YAML file or the picture is invalid.
     """
     name = description.required("image").text()
     mode = description.get("mode")
@@ -70,7 +70,7 @@ def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
         image: Image.Image = Image.open(io.BytesIO(data), formats=("PNG", "PPM"))
         width, height = image.size
         if not 0 < width * height <= _MAX_PIXELS:
-            raise SceneError(
+            raise DataFileError(
                 f"{name}: {width} x {height} pixels are not within 1 to {_MAX_PIXELS}: split the "
                 "map into several ones, or use larger pixels"
             )
@@ -81,10 +81,10 @@ def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
             image = image.convert("RGB")
         elif image.mode == "1":
             image = image.convert("L")
-    except SceneError:
+    except DataFileError:
         raise
     except Exception as error:  # Pillow raises errors of any type
-        raise SceneError(f"{name}: not readable as a PNG or PGM picture: {error}") from error
+        raise DataFileError(f"{name}: not readable as a PNG or PGM picture: {error}") from error
     pixels = np.asarray(image)
     # Modes that begin with I have 16 bits per pixel.
     pixels = pixels.astype(np.float32) / (65535.0 if image.mode.startswith("I") else 255.0)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 from google.protobuf.message import Message
@@ -14,10 +16,18 @@ from woosh_robot_agent.link.codecs.choice import server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, Answer, dispatch, refusal
+from woosh_robot_agent.simulator.protocol.dispatch import (
+    HANDLERS,
+    Answer,
+    dispatch,
+    is_query,
+    refusal,
+)
 from woosh_robot_agent.simulator.protocol.pushes import TOPICS, StateWatch
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.serving.client import Client
 from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
 
@@ -69,6 +79,7 @@ class Exchange:
         received: The last messages from clients, oldest first: at most 10,000 and 64 MiB.
         counts: Number of messages from clients since the start, by type.
         bad_frames: Number of frames that could not be decoded.
+        before_request: Called before each request is read.
     """
 
     def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
@@ -79,12 +90,14 @@ class Exchange:
         self._received_bytes = 0
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
+        self.before_request: Callable[[], object] = lambda: None
         self._chassis = chassis
         self._max_waiting = max_waiting
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
         self._frozen = False
         self._queue: deque[_Request] = deque()
+        chassis.on_change = partial(self.report_changes, while_moving=True)
 
     def join(self, client: Client) -> None:
         """Add a client."""
@@ -98,6 +111,7 @@ class Exchange:
 
     def receive(self, client: Client, data: str | bytes) -> None:
         """Handle a frame from a client. The answer has the same encoding."""
+        self.before_request()
         codec = server_codec(data)
         try:
             request = self._read(client, codec, data)
@@ -167,25 +181,55 @@ class Exchange:
             pass
         except FrameError as error:
             self.bad_frames += 1
-            refusal_reason = f"unreadable body: {error}"
+            refusal_reason = str(RefusedError(refusals.UNREADABLE_BODY, error=error))
         if not name:
-            refusal_reason = "the request has no type"
+            refusal_reason = str(RefusedError(refusals.NO_TYPE))
         elif name not in HANDLERS and not refusal_reason:
-            refusal_reason = f"unknown message type {name}"
+            refusal_reason = str(RefusedError(refusals.UNKNOWN_TYPE, type=name))
         return _Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: _Request) -> None:
         if isinstance(request.message, Subscription):
             self._subscribe(request.client, request.codec, request.message)
             return
+        chassis = self._chassis
+        chassis.begin_request(request.type)
+        if is_query(request.type):
+            # Read when it is sent: an older value must not follow a newer push.
+            self._after_delay(request, lambda: self._send_answer(request, self._answer(request)))
+            return
         answer = self._answer(request)
-        # Events are pushed before the answer to the request that caused them, changes after it.
-        self._push_events()
+        # Events are pushed before the answer to the request that caused them, changes after it,
+        # unless the chassis pushes them first.
+        if chassis.state_first:
+            self.report_changes(while_moving=False)
+        else:
+            self._push_events()
+        self._after_delay(request, lambda: self._send_answer(request, answer))
+
+    def _after_delay(self, request: _Request, send: Callable[[], None]) -> None:
+        """Send the answer to a request after the delay that the chassis has chosen for it."""
+        delay = self._chassis.answer_delay
+        if delay <= 0.0:
+            send()
+            self.report_changes(while_moving=False)
+            return
+        request.client.waiting += 1
+
+        def send_late() -> None:
+            request.client.waiting -= 1
+            if request.client in self.clients:
+                send()
+
+        self._chassis.after(delay, send_late)
+
+    def _send_answer(self, request: _Request, answer: Answer) -> None:
         out = Outgoing(
             answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
         )
         self._send(request.client, request.codec, out)
-        self.report_changes(while_moving=False)
+        if answer.code:
+            self._chassis.codes.report(answer.code)
 
     def _answer(self, request: _Request) -> Answer:
         name = request.type
@@ -198,14 +242,11 @@ class Exchange:
             return dispatch(self._chassis, request.message)
         except Exception:  # a bug in a handler must not end the client's connection
             _LOG.exception("cannot execute %s", name)
-            return refusal(name, "internal error of the simulator: see its log")
+            return refusal(name, str(RefusedError(refusals.INTERNAL_ERROR)))
 
     def _refuse_excess(self, request: _Request) -> None:
         """Refuse a request beyond the limit at once. Faults do not affect this answer."""
-        text = (
-            f"{self._max_waiting} requests of this connection are waiting: "
-            "wait for their answers first"
-        )
+        text = str(RefusedError(refusals.TOO_MANY_REQUESTS, limit=self._max_waiting))
         if request.type == SUBSCRIPTION_TYPE:  # subscriptions have no answer
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()

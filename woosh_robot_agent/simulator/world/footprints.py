@@ -10,29 +10,25 @@ from woosh_robot_agent.simulator.world.geometry import Point
 Outline = tuple[Point, ...]
 """Corners in the frame of the base (x forward, y left), in metres."""
 
-_ORIGINAL: Outline = (
-    (0.35, 0.265),
-    (0.4, 0.215),
-    (0.4, -0.215),
-    (0.35, -0.265),
-    (-0.35, -0.265),
-    (-0.4, -0.215),
-    (-0.4, 0.215),
-    (-0.35, 0.265),
-)
+
+def footprints(original: Outline) -> dict[int, Outline]:
+    """Return the outlines of a robot by `woosh.robot.FootPrint`.
+
+    They are the robot as built, with goods on top, a spare one, and for docking.
+
+    Args:
+        original: Outline of the robot as built.
+    """
+    return {
+        util_robot_pb2.kOriginal: original,
+        util_robot_pb2.kExpand: _grown(original, 0.15),
+        util_robot_pb2.kSpare: _grown(original, 0.05),
+        util_robot_pb2.kDock: _grown(original, -0.05),
+    }
 
 
-def _grown(margin: float) -> Outline:
-    return tuple((x + math.copysign(margin, x), y + math.copysign(margin, y)) for x, y in _ORIGINAL)
-
-
-FOOTPRINTS: dict[int, Outline] = {
-    util_robot_pb2.kOriginal: _ORIGINAL,
-    util_robot_pb2.kExpand: _grown(0.15),
-    util_robot_pb2.kSpare: _grown(0.05),
-    util_robot_pb2.kDock: _grown(-0.05),
-}
-"""Outlines by `woosh.robot.FootPrint`: as built, with goods on top, a spare one, for docking."""
+def _grown(outline: Outline, margin: float) -> Outline:
+    return tuple((x + math.copysign(margin, x), y + math.copysign(margin, y)) for x, y in outline)
 
 
 def outer_radius(outline: Outline) -> float:

@@ -14,6 +14,7 @@ from woosh_robot_agent.tools.doctor.connection import (
     resolve,
 )
 from woosh_robot_agent.tools.doctor.readiness_checks import (
+    check_codes,
     check_emergency_stop,
     check_initialisation,
     check_localisation,
@@ -33,6 +34,7 @@ CHECKS = (
     "localisation",
     "emergency stop",
     "taskable",
+    "status codes",
     "clock",
 )
 """Names of the checks, in order."""
@@ -80,4 +82,5 @@ async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Resu
     yield check_localisation(answer.info)
     yield check_emergency_stop(answer.info)
     yield check_taskable(answer.info)
+    yield check_codes(answer.info)
     yield check_clock(answer, max_skew)

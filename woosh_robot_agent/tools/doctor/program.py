@@ -8,6 +8,7 @@ import json
 from collections.abc import Sequence
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.robot_clock import TOLERANCE
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.doctor.examination import CHECKS, NOT_REACHED, examine
 from woosh_robot_agent.tools.doctor.result import Result, Status
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--max-skew",
         type=float,
-        default=1.0,
+        default=TOLERANCE,
         help="maximum difference of the clocks, in seconds (default: %(default)g)",
     )
     parser.add_argument(

@@ -11,14 +11,17 @@ from woosh_robot_agent.readiness import (
     MAINTENANCE,
     MANUAL,
     NO_CONTROL_MODE,
+    NO_MAP,
     NO_WORK_MODE,
     NOT_INITIALISED,
     SCHEDULE,
     Objection,
+    has_map,
     is_located,
     is_taskable,
     objections,
 )
+from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.doctor.result import Result, Status
 from woosh_robot_agent.tools.enum_names import enum_name
 
@@ -56,7 +59,10 @@ def check_localisation(info: RobotInfo) -> Result:
     """Check that the robot knows its position."""
     if info.state == robot.kUninit:
         return Result(Status.SKIPPED, "not checked until the robot is initialised")
-    return _check(is_located(info), LOST, "the robot knows its position")
+    result = _check(is_located(info), LOST, "the robot knows its position")
+    if result.status is Status.OK and has_map(info) is False:
+        return Result(Status.WARN, NO_MAP.reason, NO_MAP.remedy)
+    return result
 
 
 def check_emergency_stop(info: RobotInfo) -> Result:
@@ -81,6 +87,14 @@ def check_taskable(info: RobotInfo) -> Result:
         "the robot rejects tasks, for the reasons above",
         "resolve the failed checks above",
     )
+
+
+def check_codes(info: RobotInfo) -> Result:
+    """Report the problems that the robot has reported and that are not resolved."""
+    codes = [explained(code.code, code.msg) for code in info.abnormal_codes.scs]
+    if codes:
+        return Result(Status.WARN, "; ".join(codes), "resolve what the codes report")
+    return Result(Status.OK, "no unresolved problem is reported")
 
 
 def _check(good: bool | None, objection: Objection, text: str) -> Result:

@@ -16,7 +16,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import is_taskable, objections
+from woosh_robot_agent.readiness import NO_MAP, has_map, is_taskable, objections
+from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.monitor.robot_view import RobotView
 from woosh_robot_agent.tools.monitor.source import LinkReport
@@ -127,9 +128,10 @@ def _pose(info: RobotInfo) -> Text:
         return _UNKNOWN
     pose = info.pose_speed.pose
     degrees = math.degrees(pose.theta)
-    return Text(
+    text = Text(
         f"x {pose.x:.3f} m   y {pose.y:.3f} m   theta {pose.theta:.3f} rad ({degrees:.1f}°)"
     )
+    return text if has_map(info) else text.append(f"\n{NO_MAP.reason}", _WARNING)
 
 
 def _speed(info: RobotInfo) -> Text:
@@ -180,7 +182,7 @@ def _action(view: RobotView, name: str) -> Text:
     feedback = view.actions[name]
     text = Text(enum_name(ActionState, feedback.state))
     if feedback.code:
-        text.append(f"   {feedback.code}")
+        return text.append(f"   {_printable(explained(feedback.code, feedback.msg))}")
     return text.append(f"   {_printable(feedback.msg)}" if feedback.msg else "")
 
 
@@ -190,7 +192,7 @@ def _codes(view: RobotView) -> Text:
         when = time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000))
         level = enum_name(StatusCode.Level, code.level)
         text.append(
-            f"{when}  {level:<6}  {code.code}  {_printable(code.msg)}\n".replace("\n\n", "\n"),
+            f"{when}  {level:<6}  {_printable(explained(code.code, code.msg))}\n",
             _LEVEL_STYLES.get(code.level, ""),
         )
     text.rstrip()

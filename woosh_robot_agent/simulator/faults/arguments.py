@@ -1,4 +1,4 @@
-"""Typed parameters of faults, the same for command line, scenario files and Python."""
+"""Arguments of faults: name, type and range, the same for command line, scenario and Python."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class FaultError(ValueError):
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A parameter of a fault.
+class Argument:
+    """An argument that a fault takes.
 
     Attributes:
-        name: Name of the parameter.
+        name: Name of the argument.
         kind: Type of the value.
-        default: Default value; None for an optional parameter without a default.
-        description: Meaning of the parameter, for the documentation.
+        default: Default value; None for an optional argument without a default.
+        description: Meaning of the argument, for the documentation.
         unit: Unit of a number.
         low: Minimum of a number.
         high: Maximum of a number.
@@ -56,7 +56,7 @@ class Parameter:
             return text
 
     def check(self, value: object) -> Value:
-        """Return `value` in the type of the parameter.
+        """Return `value` in the type of the argument.
 
         Raises:
             FaultError: The value is invalid.
@@ -97,19 +97,19 @@ class Parameter:
 
 
 def resolve(
-    fault: str, parameters: Sequence[Parameter], given: Mapping[str, object]
+    fault: str, declared: Sequence[Argument], given: Mapping[str, object]
 ) -> dict[str, Any]:
     """Return the checked arguments, with all defaults filled in.
 
     Args:
         fault: Name of the fault, for errors.
-        parameters: All parameters.
+        declared: All arguments that it takes.
         given: The given arguments. A trailing underscore, as in `for_`, is ignored.
 
     Raises:
         FaultError: An argument is unknown or invalid.
     """
-    known = {parameter.name: parameter for parameter in parameters}
+    known = {argument.name: argument for argument in declared}
     arguments: dict[str, Any] = {name: known[name].default for name in known}
     for key, value in given.items():
         name = key.removesuffix("_")

@@ -32,8 +32,8 @@ class _Loader(_SafeLoader):
             )
 
 
-class SceneError(ValueError):
-    """A file of a scene cannot be used. The text names the file, the problem and the remedy."""
+class DataFileError(ValueError):
+    """A file of a scene or profile cannot be used. The text names file, problem and remedy."""
 
 
 class Node:
@@ -48,9 +48,9 @@ class Node:
         self.value = value
         self.where = where
 
-    def error(self, text: str) -> SceneError:
+    def error(self, text: str) -> DataFileError:
         """Return an error about this value."""
-        return SceneError(f"{self.where}: {text}")
+        return DataFileError(f"{self.where}: {text}")
 
     def preview(self) -> str:
         """Return this value as a text of limited length."""
@@ -60,7 +60,7 @@ class Node:
         """Check that this is a mapping with no other keys than these, and return it.
 
         Raises:
-            SceneError: It is not.
+            DataFileError: It is not.
         """
         self._mapping()
         for key in self.value:
@@ -72,7 +72,7 @@ class Node:
         """Return the value of a key of this mapping, or None if it is missing or null.
 
         Raises:
-            SceneError: This is not a mapping.
+            DataFileError: This is not a mapping.
         """
         value = self._mapping().get(key)
         separator = ": " if self.where.endswith((".yaml", ".yml")) else "."
@@ -82,7 +82,7 @@ class Node:
         """Return the value of a key of this mapping.
 
         Raises:
-            SceneError: The key is missing.
+            DataFileError: The key is missing.
         """
         found = self.get(key)
         if found is None:
@@ -93,7 +93,7 @@ class Node:
         """Return the values of this list.
 
         Raises:
-            SceneError: This is not a list, or it is longer than `most`.
+            DataFileError: This is not a list, or it is longer than `most`.
         """
         if not isinstance(self.value, list):
             raise self.error("must be a list")
@@ -106,7 +106,7 @@ class Node:
         """Return this text, which must not be empty.
 
         Raises:
-            SceneError: This is not such a text.
+            DataFileError: This is not such a text.
         """
         if not isinstance(self.value, str) or not self.value:
             raise self.error(f"must be a text, not {self.preview()}; put numbers into quotes")
@@ -116,7 +116,7 @@ class Node:
         """Return this number.
 
         Raises:
-            SceneError: This is not a number, or it is infinite or NaN.
+            DataFileError: This is not a number, or it is infinite or NaN.
         """
         # In Python a bool is an int too. 1e400 is read as infinity.
         if isinstance(self.value, int | float) and not isinstance(self.value, bool):
@@ -132,7 +132,7 @@ class Node:
         """Return this whole number from `least` to `most`.
 
         Raises:
-            SceneError: This is not such a number.
+            DataFileError: This is not such a number.
         """
         value = self.value
         if isinstance(value, int) and not isinstance(value, bool) and least <= value <= most:
@@ -146,7 +146,7 @@ class Node:
             shape: Names of the numbers, such as "x, y, theta".
 
         Raises:
-            SceneError: This is not a list of as many numbers.
+            DataFileError: This is not a list of as many numbers.
         """
         count = shape.count(",") + 1
         if not isinstance(self.value, list) or len(self.value) != count:
@@ -157,7 +157,7 @@ class Node:
         """Return this text, which must be one of `choices`.
 
         Raises:
-            SceneError: It is not.
+            DataFileError: It is not.
         """
         if not isinstance(self.value, str) or self.value not in choices:
             raise self.error(f"{self.preview()} is not one of {', '.join(choices)}")
@@ -177,21 +177,21 @@ def parse(name: str, data: bytes) -> Node:
         data: Content of the file.
 
     Raises:
-        SceneError: The file is not YAML, too large or too deeply nested.
+        DataFileError: The file is not YAML, too large or too deeply nested.
     """
     if len(data) > _MAX_BYTES:
-        raise SceneError(f"{name}: the file has {len(data)} bytes, more than {_MAX_BYTES}")
+        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {_MAX_BYTES}")
     try:
         depth = 0
         for event in yaml.parse(data, _Loader):
             depth += isinstance(event, yaml.events.CollectionStartEvent)
             depth -= isinstance(event, yaml.events.CollectionEndEvent)
             if depth > _MAX_DEPTH:  # the C loader crashes at a depth of some thousands
-                raise SceneError(f"{name}: nested more than {_MAX_DEPTH} levels deep")
+                raise DataFileError(f"{name}: nested more than {_MAX_DEPTH} levels deep")
         return Node(yaml.load(data, _Loader), name)
-    except SceneError:
+    except DataFileError:
         raise
     except (yaml.YAMLError, ValueError) as error:
         # The loader raises ValueError for an invalid date.
         reason = " ".join(str(error).split())
-        raise SceneError(f"{name}: not readable as YAML: {reason[:300]}") from error
+        raise DataFileError(f"{name}: not readable as YAML: {reason[:300]}") from error

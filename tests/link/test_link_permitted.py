@@ -1,0 +1,71 @@
+"""A client that may send only some requests."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from google.protobuf.message import Message
+
+from tests.link.link_peer import TIMEOUT, Peer, aio, soon, turns
+from woosh_robot_agent.link import NotPermittedError, SupersededError
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery
+
+SPEAK = "woosh.robot.Speak"
+BATTERY = "woosh.robot.Battery"
+LOAD = "x" * 16_000_000
+"""Text larger than the socket buffers."""
+
+
+def is_battery(message: Message) -> bool:
+    return isinstance(message, Battery)
+
+
+@pytest.mark.parametrize("reserved", [False, True])
+@aio
+async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        send = client.reserve(is_battery) if reserved else client.request
+        client.permit_only(is_battery, "it may not speak")
+        for way in {send, client.request}:
+            with pytest.raises(NotPermittedError, match=f"{SPEAK} was not sent: it may not speak"):
+                await way(Speak())
+        assert client.refusal(Speak()) == "it may not speak"
+        assert client.refusal(Battery()) == ""
+        request = asyncio.ensure_future(send(Battery()))
+        await wire.answer(await wire.next(BATTERY))
+        assert (await soon(request)).ok
+        client.permit_only(None)
+        request = asyncio.ensure_future(client.request(Speak()))
+        await wire.answer(await wire.next(SPEAK))
+        assert (await soon(request)).ok
+        assert [f["type"] for f in wire.seen if f["type"] in (SPEAK, BATTERY)] == [BATTERY, SPEAK]
+
+
+@aio
+async def test_requests_that_wait_are_withdrawn() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        wire.freeze()
+        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+        await turns()
+        waiting = asyncio.ensure_future(client.request(Speak(text="late")))
+        await turns()
+        client.permit_only(is_battery, "it may not speak")
+        with pytest.raises(SupersededError, match="it may not speak"):
+            await soon(waiting)
+        wire.thaw()
+        await wire.answer(await wire.next(SPEAK))
+        await soon(load)
+        assert len([frame for frame in wire.seen if frame["type"] == SPEAK]) == 1
+
+
+@aio
+async def test_the_links_own_requests_are_sent() -> None:
+    async with Peer() as peer:
+        client = peer.client()
+        client.permit_only(lambda _message: False, "nothing")
+        async with client:
+            await client.wait_ready(TIMEOUT)

@@ -1,0 +1,45 @@
+"""Bursts of status codes, as a real robot sends them, reach every subscriber that keeps up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.harness import Client, wait_until
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_msgs.msg import StatusCode
+
+TYPE = "woosh.robot.count.StatusCode"
+COUNT = 308
+"""Number of codes in the greatest burst that a real robot has sent within a second."""
+
+
+@pytest.fixture
+def sent(simulator: SimulatorThread) -> list[tuple[int, int]]:
+    """Numbers and times of all codes that the chassis has sent, in order."""
+    found: list[tuple[int, int]] = []
+
+    def record(frame: Outgoing) -> list[Outgoing]:
+        body: Any = frame.body
+        if frame.type == TYPE and not frame.is_answer:
+            found.append((body.code, body.time))
+        return [frame]
+
+    simulator.intercept(record)
+    return found
+
+
+@pytest.mark.usefixtures("agent")
+@pytest.mark.parametrize("rate", [COUNT, 0], ids=["in a second", "at once"])
+def test_every_code_of_a_burst_arrives_in_order(
+    simulator: SimulatorThread, client: Client, sent: list[tuple[int, int]], rate: int
+) -> None:
+    codes = client.echo(StatusCode, "robot/StatusCode", depth=1000)
+    wait_until(lambda: client.publishers("robot/StatusCode"), "the publisher")
+    simulator.wait_received("woosh.Subscription")
+    for burst in range(1, 4):
+        simulator.inject("code_burst", count=COUNT, rate=rate)
+        codes.wait_count(burst * COUNT)
+    assert [(each.code, each.time) for each in codes.messages] == sent
+    assert len({code for code, _ in sent}) < 10  # the same ones again and again

@@ -1,0 +1,195 @@
+"""80 tasks of a real robot, frame by frame: each ends as the robot ended it.
+
+The frames are sent in their recorded order, without the pauses between them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.harness import Client, GoalClient, RunningAgent, own_domain
+from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED
+from tests.node.scripted_chassis import EXEC_TASK, TASK_PROC, Body, ScriptedChassis
+from woosh_robot_msgs.action import ExecTask
+from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
+from woosh_robot_msgs.srv import ExecPreTask
+
+FACTS = Path(__file__).parents[1] / "facts" / "real_tasks.json"
+TASKS: list[dict[str, Any]] = json.loads(FACTS.read_text("utf-8"))
+GOALS = [n for n, task in enumerate(TASKS) if task["request"] == EXEC_TASK]
+SETS = [n for n, task in enumerate(TASKS) if task["request"] != EXEC_TASK]
+NO_ID = "None"
+"""Id of a task whose request had none, and on which the robot never reported."""
+EXEC_PRE_TASK = "woosh.robot.ExecPreTask"
+ENDS = {
+    "kCompleted": (SUCCEEDED, COMPLETED),
+    "kCanceled": (ABORTED, TASK_CANCELED),  # another client did it
+    "kFailed": (ABORTED, FAILED),
+}
+"""Status of the goal and state of the task in its result, by the recorded end."""
+
+
+@pytest.fixture(scope="module")
+def chassis() -> Iterator[ScriptedChassis]:
+    with ScriptedChassis() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def domain() -> Iterator[int]:
+    with own_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def agent(chassis: ScriptedChassis, domain: int) -> Iterator[RunningAgent]:
+    """Return an agent that executes all tasks one after the other."""
+    running = RunningAgent(
+        domain,
+        ip="127.0.0.1",
+        port=chassis.port,
+        goal_link_timeout=1.0,
+        backoff_min=0.05,
+        backoff_max=0.05,
+    )
+    running.wait_connected()
+    yield running
+    running.close()
+
+
+@pytest.fixture(scope="module")
+def client(agent: RunningAgent, domain: int) -> Iterator[Client]:
+    running = Client(domain)
+    yield running
+    running.close()
+
+
+def script(chassis: ScriptedChassis, task: dict[str, Any]) -> list[Callable[[], None]]:
+    """Return what the chassis does in a task, frame by frame."""
+    refused = task["refused"]
+    steps: list[Callable[[], None]] = []
+    for _, kind, name, body in task["frames"]:
+        if kind == "answer":
+            steps.append(lambda: chassis.answer(refused is None, refused or "Request succeed"))
+        elif kind == "push":
+            steps.append(lambda name=name, body=body: chassis.push(name, body))  # type: ignore[misc]
+    return steps
+
+
+def reports(task: dict[str, Any], task_id: str | None) -> list[Body]:
+    """Return the reports on a task, in order; on all tasks if `task_id` is None."""
+    procs = [body for _, kind, name, body in task["frames"] if (kind, name) == ("push", TASK_PROC)]
+    return [body for body in procs if task_id in (None, body.get("robotTaskId"))]
+
+
+def wire(proc: Any) -> Body:
+    """Return a ROS TaskProc as the chassis sends it."""
+    action = {
+        "type": proc.action.type.value,
+        "state": proc.action.state.value,
+        "waitId": proc.action.wait_id,
+    }
+    body = {
+        "robotTaskId": str(proc.robot_task_id or ""),
+        "type": proc.type.value,
+        "state": proc.state.value,
+        "dest": proc.dest,
+        "time": proc.time,
+        "robotId": proc.commu.robot_id,
+        "msg": proc.msg,
+    }
+    found = {name: value for name, value in body.items() if value}
+    return {**found, "action": {name: value for name, value in action.items() if value}}
+
+
+def send(client: Client, task: dict[str, Any]) -> GoalClient:
+    goal = ExecTask.Goal()
+    goal.arg.task_id = 0 if task["task_id"] == NO_ID else int(task["task_id"])
+    goal.arg.type.value = 1
+    return client.send_goal(ExecTask, "robot/ExecTask", goal)
+
+
+@pytest.mark.parametrize("pace", ["at once", "one by one"])
+@pytest.mark.parametrize("number", GOALS)
+def test_goal_ends_as_the_robot_ended_the_task(
+    chassis: ScriptedChassis, agent: RunningAgent, client: Client, number: int, pace: str
+) -> None:
+    task = TASKS[number]
+    steps = script(chassis, task)
+    expected = reports(task, task["task_id"])
+    asked = chassis.count(EXEC_TASK)
+    if pace == "at once":
+
+        def play() -> None:
+            for step in steps:
+                step()
+
+        chassis.expect(EXEC_TASK, play)
+        goal = send(client, task)
+    else:
+        chassis.expect(EXEC_TASK)
+        goal = send(client, task)
+        chassis.wait_request(EXEC_TASK, asked + 1)
+        told = 0
+        for (_, kind, name, body), step in zip(frames(task), steps, strict=True):
+            assert kind == "answer" or told == len(expected) or not goal.done
+            step()
+            if (kind, name) == ("push", TASK_PROC) and body in expected:
+                told += 1
+                goal.feedback.wait_count(told)
+    if "link_lost_at" in task:
+        chassis.wait_request(EXEC_TASK, asked + 1)
+        chassis.vanish()
+
+    status, ret = goal.result()
+
+    goal.feedback.wait_count(len(expected))
+    assert [wire(fb) for fb in goal.feedback.messages] == expected
+    if "link_lost_at" in task:
+        assert (status, ret.state.value) == (ABORTED, FAILED)
+        assert "the link was lost" in ret.msg
+        chassis.listen()
+        agent.wait_connected()
+    elif task["refused"]:
+        assert (status, ret.state.value) == (ABORTED, FAILED)
+        assert ret.msg.split(" (")[0] == task["refused"]
+    else:
+        assert (status, ret.state.value) == ENDS[task["end"]]
+        assert wire(ret) == expected[-1]
+
+
+def frames(task: dict[str, Any]) -> list[Any]:
+    return [frame for frame in task["frames"] if frame[1] in ("answer", "push")]
+
+
+@pytest.mark.parametrize("number", SETS)
+def test_each_report_on_a_set_of_tasks_is_published(
+    chassis: ScriptedChassis, client: Client, number: int
+) -> None:
+    task = TASKS[number]
+    steps = script(chassis, task)
+    topic = client.echo(TaskProcMsg, "robot/TaskProc", depth=1000)
+    # the start is known when the last value has arrived, and a push after it
+    chassis.push(TASK_PROC, {"msg": f"start {number}"})
+    topic.wait(lambda message: message.msg == f"start {number}")
+
+    def play() -> None:
+        for step in steps:
+            step()
+
+    chassis.expect(EXEC_PRE_TASK, play)
+    response = client.call(ExecPreTask, "robot/ExecPreTask")
+    assert (response.ok, response.msg) == (
+        task["refused"] is None,
+        task["refused"] or "Request succeed",
+    )
+    chassis.push(TASK_PROC, {"msg": f"end {number}"})
+    topic.wait(lambda message: message.msg == f"end {number}")
+    texts = [message.msg for message in topic.messages]
+    published = topic.messages[texts.index(f"start {number}") + 1 : texts.index(f"end {number}")]
+    assert [wire(message) for message in published] == reports(task, None)

@@ -1,0 +1,99 @@
+"""A robot whose clock is wrong works, and no stamp of a ROS message comes from that clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist
+from rclpy.qos import QoSProfile
+
+from tests.harness import Client, RunningAgent, wait_until
+from tests.node.goals import SUCCEEDED, short_task, step
+from tests.quick_chassis import quick_config
+from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.standard.endpoints import STANDARD, Kind
+from woosh_robot_msgs.msg import StatusCode
+from woosh_robot_msgs.srv import TaskHistory
+
+HOUR = 3600.0
+STAMPED = [entry for entry in STANDARD if entry.is_output and entry.type != "std_msgs/Bool"]
+"""Topics of the standard layer with a stamp."""
+
+
+@pytest.fixture(params=[-9 * HOUR, 41 * HOUR], ids=["9 h behind", "41 h ahead"])
+def offset(request: Any) -> float:
+    """Difference between the robot's clock and the real one, in seconds."""
+    return float(request.param)
+
+
+@pytest.fixture
+def simulator(offset: float) -> Iterator[SimulatorThread]:
+    config = quick_config(port=0, tcp_port=0, speed=2, clock_offset=offset)
+    with SimulatorThread(config) as running:
+        yield running
+
+
+def stamps(message: Any) -> Iterator[float]:
+    """Yield all times in a message, in seconds."""
+    if isinstance(message, Time):
+        yield message.sec + message.nanosec * 1e-9
+    elif isinstance(message, list):
+        for each in message:
+            yield from stamps(each)
+    elif hasattr(message, "get_fields_and_field_types"):
+        for name in message.get_fields_and_field_types():
+            yield from stamps(getattr(message, name))
+
+
+def test_everything_works_and_no_stamp_comes_from_the_robot(
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+    client: Client,
+    offset: float,
+) -> None:
+    begin = time.time()
+    echoes = {}
+    for entry in STAMPED:
+        msg = class_of(entry.type, "msg")
+        latched = entry.kind is Kind.LATCHED
+        echoes[entry.name] = (
+            client.echo(msg, entry.name)
+            if latched
+            else client.echo_with(msg, entry.name, QoSProfile(depth=100))
+        )
+    codes = client.echo(StatusCode, "robot/StatusCode")
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
+    agent.wait_connected()
+
+    status, proc = short_task(client, 0.5).result()
+    assert (status, proc.state.value) == (SUCCEEDED, 7)
+    assert step(client, 0.5).result()[0] == SUCCEEDED
+    publisher = client.node.create_publisher(Twist, client.path("cmd_vel"), 1)
+    wait_until(publisher.get_subscription_count, "the agent's subscription")
+    velocity = Twist()
+    velocity.angular.z = 0.5
+
+    def turns() -> bool:
+        publisher.publish(velocity)
+        return simulator.state.velocity.turn > 0.1
+
+    wait_until(turns, "motion")
+    simulator.inject("emergency_stop")
+
+    # What the chassis reports keeps the robot's times.
+    stop = codes.wait(lambda code: code.code == 110201000013)
+    assert abs(stop.time / 1000 - begin - offset) < HOUR
+    (task,) = client.call(TaskHistory, "robot/TaskHistory").info.tes
+    assert abs(task.time - begin - offset) < HOUR
+
+    for name, echo in echoes.items():
+        echo.wait(lambda message: True)
+        found = [stamp for message in echo.messages for stamp in stamps(message)]
+        assert found, name
+        late = [stamp for stamp in found if stamp and not begin <= stamp <= time.time()]
+        assert not late, (name, late)

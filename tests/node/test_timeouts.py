@@ -1,0 +1,90 @@
+"""Timeouts of answers: `poll_timeout`, and the longer ones of slow requests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.harness import Client, RunningAgent
+from woosh_robot_agent.endpoints import COMMANDS, QUERIES, RAW_REQUESTS, minimum_timeouts
+from woosh_robot_agent.pb.robot.robot_pb2 import General
+from woosh_robot_agent.protos import full_name, message_types
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import General as GeneralSrv
+from woosh_robot_msgs.srv import InitRobot, Speak
+
+INIT_ROBOT = "woosh.robot.InitRobot"
+REAL_DELAY = 4.9
+"""Time that a real robot takes to answer InitRobot, in seconds."""
+LONGEST_ANSWERS = {
+    "woosh.robot.BuildMap": 235.538,
+    "woosh.robot.NavPath": 8.833,
+    "woosh.robot.SwitchWorkMode": 6.469,
+    "woosh.robot.InitRobot": REAL_DELAY,
+    "woosh.robot.RobotInfo": 3.497,
+    "woosh.map.SceneData": 4.562,
+    "woosh.map.Download": 9.789,
+    "woosh.map.Upload": 5.141,
+}
+"""Longest answer times of a real robot, in seconds."""
+
+
+@pytest.fixture
+def start(
+    simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> Callable[..., None]:
+    """Function that starts an agent with a given `poll_timeout`, in milliseconds."""
+
+    def start_with(poll_timeout: int) -> None:
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=poll_timeout)
+        agent.wait_connected()
+
+    return start_with
+
+
+def test_a_slow_request_may_take_longer_than_poll_timeout(
+    start: Callable[..., None], client: Client, simulator: SimulatorThread
+) -> None:
+    start(1000)
+    simulator.delay(INIT_ROBOT, REAL_DELAY)
+    arg: Any = InitRobot.Request().arg
+    arg.is_record = True
+    response = client.call(InitRobot, "robot/InitRobot", arg=arg)
+    assert (response.ok, "did not answer" in response.msg) == (True, False), response.msg
+
+
+def test_other_requests_still_end_at_poll_timeout(
+    start: Callable[..., None], client: Client, simulator: SimulatorThread
+) -> None:
+    start(1000)
+    for name in (full_name(General), "woosh.robot.Speak", INIT_ROBOT):
+        simulator.mute(name)
+    slow = client.call_async(InitRobot, "robot/InitRobot")
+    client.call(GeneralSrv, "robot/General")
+    response = client.call(Speak, "robot/Speak")
+    assert not response.ok
+    assert "did not answer woosh.robot.Speak within 1 s" in response.msg
+    assert not slow.done()
+
+
+def test_a_poll_timeout_beyond_the_minimum_wins(
+    simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=40_000)
+    chassis = agent.agent._chassis
+    assert chassis.timeout_of(INIT_ROBOT) == 40.0
+    assert chassis.timeout_of("woosh.robot.BuildMap") == minimum_timeouts()["woosh.robot.BuildMap"]
+    assert chassis.timeout_of("woosh.robot.Speak") == 40.0
+
+
+def test_the_longest_real_answers_fit_twice() -> None:
+    for request, longest in LONGEST_ANSWERS.items():
+        assert minimum_timeouts().get(request, 10.0) >= 2 * longest, request
+
+
+def test_each_raw_request_exists_and_has_no_endpoint() -> None:
+    names = {each.request for each in RAW_REQUESTS}
+    assert names <= set(message_types())
+    assert not names & {each.request for each in (*QUERIES, *COMMANDS)}

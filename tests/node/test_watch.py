@@ -1,0 +1,199 @@
+"""What the agent observes, in /diagnostics and in its log."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist as VelocityMsg
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tests.harness import Client, Collector, Program, RunningAgent, wait_until
+from woosh_robot_agent import second_agent
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_msgs.msg import Twist as TwistMsg
+from woosh_robot_msgs.srv import Twist
+
+WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+@pytest.fixture
+def arrays(client: Client) -> Collector:
+    return client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+
+
+def find(array: Any, name: str) -> Any:
+    """Return a status; an empty one if it is missing, as most are before the first link."""
+    found = [each for each in array.status if each.name.endswith(f": {name}")]
+    return found[0] if found else DiagnosticStatus()
+
+
+def wait_message(arrays: Collector, name: str, *texts: str) -> Any:
+    """Wait for a status whose message has all these texts."""
+    array = arrays.wait(lambda a: all(text in find(a, name).message for text in texts))
+    return find(array, name)
+
+
+def values(status: Any) -> dict[str, str]:
+    return {each.key: each.value for each in status.values}
+
+
+class Publisher:
+    """A node that publishes a velocity on cmd_vel all the time."""
+
+    def __init__(self, domain: int, name: str, linear: float) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node(name, context=self.context)
+        publisher = self.node.create_publisher(VelocityMsg, "/woosh_robot/cmd_vel", 1)
+        message = VelocityMsg()
+        message.linear.x = linear
+        self._end = threading.Event()
+
+        def run() -> None:
+            while not self._end.wait(0.05):
+                publisher.publish(message)
+
+        self._thread = threading.Thread(target=run)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+@pytest.fixture
+def publish(domain: int) -> Iterator[Callable[[str, float], Publisher]]:
+    """Function that starts a publisher of cmd_vel; takes its name and its speed."""
+    publishers: list[Publisher] = []
+
+    def start(name: str, linear: float) -> Publisher:
+        publishers.append(Publisher(domain, name, linear))
+        return publishers[-1]
+
+    yield start
+    for each in publishers:
+        each.close()
+
+
+def test_who_drives_is_shown(simulator, agent, client, arrays, publish):
+    assert find(arrays.wait_count(1)[0], "motion").message == "nobody"
+    joystick = publish("joystick", 0.1)
+    status = wait_message(arrays, "motion", "cmd_vel")
+    assert values(status)["driver"] == "cmd_vel"
+    assert status.level == DiagnosticStatus.OK
+    joystick._end.set()
+    wait_until(lambda: find(arrays.messages[-1], "motion").message == "nobody")
+
+
+def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
+    simulator, agent, client, arrays, publish, logs
+):
+    publish("joystick", 0.1)
+    wait_message(arrays, "motion", "cmd_vel")
+    assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.2)).ok
+    status = wait_message(arrays, "motion", "cmd_vel and robot/Twist command velocities")
+    assert status.level == WARN
+    logs.wait(lambda record: "cmd_vel and robot/Twist command" in record.getMessage())
+
+
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_two_publishers_of_cmd_vel_are_named(
+    simulator, start_agent, client, arrays, publish, executor
+):
+    start_agent(ip="127.0.0.1", port=simulator.port, executor=executor).wait_connected()
+    publish("joystick", 0.0)
+    publish("navigation", 0.2)
+    status = wait_message(arrays, "motion", "/joystick (on cmd_vel) and /navigation (on cmd_vel)")
+    assert status.level == WARN
+
+
+def test_a_velocity_that_moves_nothing_is_a_warning_until_the_robot_moves(
+    simulator, agent, client, arrays, logs
+):
+    end = simulator.intercept(
+        lambda frame: [] if frame.type == "woosh.robot.PoseSpeed" else [frame]
+    )
+    assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.05)).ok
+    text = "robot/Twist was accepted, but the robot does not move: perhaps the key switch"
+    assert wait_message(arrays, "motion", text).level == WARN
+    logs.wait(lambda record: text in record.getMessage())
+    end()
+    simulator.push(PoseSpeed(map_id=3))
+    wait_until(lambda: find(arrays.messages[-1], "motion").level == DiagnosticStatus.OK)
+
+
+def test_a_code_without_a_text_gets_its_meaning(simulator, agent, client, arrays, logs):
+    codes = [StatusCode(code=110201000013, level=StatusCode.kFault)]
+    codes.append(StatusCode(code=110301000042, level=StatusCode.kWarn, msg="左电机过热"))
+    simulator.push(AbnormalCodes(scs=codes))
+    texts = (
+        "110201000013: emergency stop 1 was pressed",
+        "110301000042: 左电机过热 (left motor is too hot)",
+    )
+    assert wait_message(arrays, "abnormal codes", *texts).level == ERROR
+    for text in texts:
+        logs.wait(lambda record, text=text: text in record.getMessage())
+
+
+def test_a_pose_without_a_map_is_a_warning(simulator, agent, client, arrays):
+    assert values(find(arrays.wait_count(1)[0], "chassis"))["map id"] == "3"
+    simulator.push(PoseSpeed(map_id=0))
+    assert wait_message(arrays, "chassis", "the pose may mean nothing").level == WARN
+
+
+def test_a_clock_that_is_off_is_a_warning(simulator, agent, arrays):
+    """The simulated clock begins in 2023 if the simulator has a seed."""
+    status = wait_message(arrays, "clock", "days behind this computer's", "not affected")
+    assert status.level == WARN
+    offset = float(values(status)["offset"].removesuffix(" s"))
+    stamp = arrays.messages[-1].header.stamp.sec
+    assert abs(stamp - time.time()) < abs(offset) / 2
+
+
+class TestSecondAgent:
+    @pytest.fixture(autouse=True)
+    def quick(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(second_agent, "PERIOD", 0.1)
+
+    def test_it_is_named_until_it_ends(
+        self, simulator, agent: RunningAgent, client, arrays, start_program, logs
+    ):
+        assert find(arrays.wait_count(1)[0], "agents").message == "OK"
+        for _ in range(2):  # it is logged again when it comes back
+            logs.messages.clear()
+            program: Program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+            where = f"/woosh_robot/agent on this computer, process {program.process.pid}"
+            assert wait_message(arrays, "agents", "another agent runs", where).level == WARN
+            logs.wait(lambda record, where=where: where in record.getMessage())
+            program.process.send_signal(signal.SIGKILL)
+            program.process.wait()
+            # the middleware still has its endpoints for 20 s
+            arrays.messages.clear()
+            arrays.wait(lambda a: find(a, "agents").message == "OK")
+            wait_until(lambda: not agent.agent._second_agent.warning)
+
+    def test_another_node_with_the_same_services_is_named(
+        self, agent, client, arrays, domain: int
+    ) -> None:
+        from woosh_robot_msgs.srv import RobotInfo
+
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        other = Node("impostor", namespace="/woosh_robot", context=context)
+        other.create_service(RobotInfo, "robot/RobotInfo", lambda _, response: response)
+        wait_message(arrays, "agents", "node /woosh_robot/impostor")
+        other.destroy_node()
+        rclpy.try_shutdown(context=context)
+        wait_until(lambda: find(arrays.messages[-1], "agents").message == "OK")

@@ -1,0 +1,162 @@
+"""A simulated chassis with a client that records all frames, with their simulated times."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.serving.client import Client
+from woosh_robot_agent.simulator.serving.exchange import Exchange
+
+
+class Frame(NamedTuple):
+    """A frame of the chassis.
+
+    Attributes:
+        time: Simulated time at which it was sent, in seconds since any moment.
+        sn: Serial number of an answer, 0 for a push.
+        type: Full name of the body.
+        body: The body.
+        ok: The request was accepted; None for a push.
+    """
+
+    time: float
+    sn: int
+    type: str
+    body: Json
+    ok: bool | None
+
+
+class RecordedChassis(Protocol):
+    """A simulated chassis with one client, which is subscribed to everything.
+
+    Attributes:
+        frames: All frames for the client, oldest first.
+    """
+
+    frames: list[Frame]
+
+    def request(self, type_name: str, **body: Any) -> int:
+        """Send a request, and return its serial number."""
+
+    def run(self, seconds: float) -> None:
+        """Let simulated time pass."""
+
+    def change(self, change: Callable[[Chassis], object]) -> None:
+        """Call a function with the model of the robot."""
+
+
+def wait_frame(
+    chassis: RecordedChassis, wanted: Callable[[Frame], Any], after: int = 0, limit: float = 300.0
+) -> Frame:
+    """Let simulated time pass until the first frame that is `wanted`, and return it.
+
+    Args:
+        chassis: The chassis.
+        wanted: Is true for the frame.
+        after: Number of first frames that do not count.
+        limit: Maximum simulated time, in seconds.
+    """
+    for _ in range(round(limit / TIME_STEP)):
+        found = next((frame for frame in chassis.frames[after:] if wanted(frame)), None)
+        if found:
+            return found
+        chassis.run(TIME_STEP)
+    raise AssertionError(f"no such frame among {chassis.frames[after:]}")
+
+
+def ask(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
+    """Send a request, wait for its answer, which must be ok, and return it."""
+    sn = chassis.request(type_name, **body)
+    answer = wait_frame(chassis, lambda frame: frame.sn == sn)
+    assert answer.ok, answer
+    return answer
+
+
+class SteppedChassis(Client):
+    """A chassis that is stepped by hand: exact times, without sockets and without waiting.
+
+    Args:
+        options: Options of `SimulatorConfig`.
+
+    Attributes:
+        chassis: The model of the robot.
+        frames: All frames for the client, oldest first.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(None, 0)  # type: ignore[arg-type]
+        self.chassis = Chassis(SimulatorConfig(**{"seed": 1, **options}))
+        self.frames: list[Frame] = []
+        self._exchange = Exchange(self.chassis)
+        self._exchange.join(self)
+        self._sn = 0
+        self._receive(SUBSCRIPTION)
+
+    def send(self, frame: str | bytes) -> None:
+        self.frames.append(_frame(json.loads(frame), self.chassis.elapsed))
+
+    def request(self, type_name: str, **body: Any) -> int:
+        self._sn += 1
+        self._receive({"type": type_name, "body": body, "sn": self._sn})
+        return self._sn
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / TIME_STEP)):
+            self.chassis.tick(TIME_STEP)
+            self._exchange.report_changes(while_moving=True)
+
+    def change(self, change: Callable[[Chassis], object]) -> None:
+        change(self.chassis)
+
+    def _receive(self, frame: Json) -> None:
+        self._exchange.receive(self, json.dumps(frame))
+
+
+class ConnectedChassis:
+    """A chassis that runs by itself, with its client at the other end of a WebSocket.
+
+    Args:
+        simulator: The running chassis.
+
+    Attributes:
+        frames: All frames for the client so far, oldest first.
+    """
+
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self.frames: list[Frame] = []
+        self._simulator = simulator
+        self._client = JsonClient(simulator.port)
+        self._client.subscribe(*sorted(TOPICS))
+        self._sn = 1000
+        """Above the serial numbers that the client uses itself."""
+
+    def close(self) -> None:
+        self._client.close()
+
+    def request(self, type_name: str, **body: Any) -> int:
+        self._sn += 1
+        self._client.send({"type": type_name, "body": body, "sn": self._sn})
+        return self._sn
+
+    def run(self, seconds: float) -> None:
+        pass_time(self._simulator, seconds)
+        self._client.ask("woosh.robot.Mode")
+        self.frames += [_frame(each, each["timestamp"] / 1000) for each in self._client.pushes]
+        self._client.pushes.clear()
+
+    def change(self, change: Callable[[Chassis], object]) -> None:
+        self._simulator.call(lambda simulator: change(simulator.chassis))
+
+
+SUBSCRIPTION = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
+
+
+def _frame(frame: Json, time: float) -> Frame:
+    return Frame(time, frame.get("sn", 0), frame["type"], frame["body"], frame.get("ok"))

@@ -1,0 +1,123 @@
+"""Times from requests to their answers: the profile tr200."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import Any
+
+import pytest
+
+from tests.simulator.real_tasks import real_robot, shows
+from tests.simulator.recorded_chassis import SteppedChassis, ask, wait_frame
+from tests.simulator.sim_wire import JsonClient
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+UNINIT, IDLE = 1, 2
+EMERGENCY_STOP = 1024
+FACTS = real_robot()
+INIT_ROBOT, MODE, INFO = "woosh.robot.InitRobot", "woosh.robot.Mode", "woosh.robot.RobotInfo"
+SAMPLES = 300
+
+BODIES: dict[str, dict[str, Any]] = {
+    "woosh.robot.SwitchWorkMode": {"mode": 2},
+    "woosh.robot.Twist": {"linear": 0.0},
+}
+"""Bodies of requests; all others are empty, whether they are then accepted or refused."""
+
+
+def times(type_name: str, count: int = SAMPLES) -> list[float]:
+    """Return the times of answers to one request each, shortest first."""
+    chassis = SteppedChassis()
+    found = []
+    for _ in range(count):
+        sent = chassis.chassis.elapsed
+        sn = chassis.request(type_name, **BODIES.get(type_name, {}))
+        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
+    return sorted(found)
+
+
+@pytest.mark.parametrize("type_name", FACTS["answers"])
+def test_answers_take_as_long_as_those_of_the_real_robot(type_name: str) -> None:
+    median, usual, longest = FACTS["answers"][type_name]
+    found = times(type_name)
+    assert statistics.median(found) == pytest.approx(median, rel=0.2, abs=0.005)
+    assert found[int(0.9 * len(found))] == pytest.approx(usual, rel=0.4, abs=0.02)
+    assert found[-1] <= longest
+
+
+def test_twist_is_answered_as_over_a_radio_link() -> None:
+    median = FACTS["median_answers"]["woosh.robot.Twist"]
+    assert statistics.median(times("woosh.robot.Twist")) == pytest.approx(median, rel=0.2)
+
+
+def test_init_robot_answers_when_it_is_done() -> None:
+    chassis = SteppedChassis()
+    sent = chassis.chassis.elapsed
+    answer = ask(chassis, INIT_ROBOT, isRecord=True)
+    assert answer.time - sent == pytest.approx(FACTS["median_answers"][INIT_ROBOT], rel=0.2)
+    uninit, idle = (wait_frame(chassis, shows(state)) for state in (UNINIT, IDLE))
+    assert uninit.time - sent <= FACTS["times"]["InitRobot to kUninit"][1]
+    least, most = FACTS["times"]["InitRobot to kIdle"]
+    assert least <= idle.time - sent <= most
+
+
+def test_robot_refuses_tasks_until_it_is_initialised() -> None:
+    chassis = SteppedChassis(initialised=False)
+    chassis.request(INIT_ROBOT, isRecord=True)
+    chassis.run(3.0)
+    sn = chassis.request("woosh.robot.ExecTask", taskId="1", type=1, markNo="A2")
+    assert wait_frame(chassis, lambda frame: frame.sn == sn).ok is False
+    chassis.run(3.0)
+    ask(chassis, "woosh.robot.ExecTask", taskId="1", type=1, markNo="A2")
+
+
+def test_second_initialisation_replaces_the_first_one() -> None:
+    chassis = SteppedChassis()
+    chassis.request(INIT_ROBOT, isRecord=True)
+    chassis.run(3.0)
+    second = chassis.chassis.elapsed
+    ask(chassis, INIT_ROBOT, isRecord=True)
+    idle = wait_frame(chassis, shows(IDLE))
+    assert idle.time - second >= FACTS["times"]["InitRobot to kIdle"][0]
+
+
+def test_waiting_answer_delays_no_other_request() -> None:
+    chassis = SteppedChassis()
+    slow = chassis.request(INIT_ROBOT, isRecord=True)
+    chassis.run(0.5)
+    quick = chassis.request(MODE)
+    chassis.run(1.0)
+    assert [frame.sn for frame in chassis.frames if frame.sn] == [quick]
+    chassis.run(5.0)
+    assert [frame.sn for frame in chassis.frames if frame.sn] == [quick, slow]
+
+
+def test_query_is_answered_with_the_value_at_that_time() -> None:
+    """Otherwise an answer could hold an older value than a push before it."""
+    late = 0
+    for seed in range(30):
+        chassis = SteppedChassis(seed=seed)
+        sn = chassis.request(INFO)
+        chassis.chassis.set_emergency_stop(True)
+        answer = wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn)
+        if answer.time > 0.0:
+            late += 1
+            assert answer.body["deviceState"]["hardware"] == EMERGENCY_STOP
+    assert late > 5
+
+
+def test_answers_arrive_after_their_time_over_a_socket() -> None:
+    """The order of the answers over a real socket, and their times by its clock, at least."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)) as simulator:
+        client = JsonClient(simulator.port)
+        client.send({"type": INIT_ROBOT, "body": {"isRecord": True}, "sn": 901})
+        started = time.monotonic()
+        stamp = client.request(MODE)["timestamp"]
+        answer = client.receive()
+        while answer.get("sn") != 901:
+            answer = client.receive()
+        client.close()
+    least = FACTS["times"]["InitRobot to kIdle"][0]
+    assert (answer["timestamp"] - stamp) / 1000 > 0.9 * least
+    assert time.monotonic() - started > 0.9 * least / 5

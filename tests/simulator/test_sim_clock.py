@@ -1,0 +1,80 @@
+"""The robot's clock, which may be wrong."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from tests.simulator.sim_wire import JsonClient
+from tests.simulator.test_sim_program import running
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET, SEEDED_START
+
+HOUR = 3600.0
+CODE, PROC = "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
+
+
+@pytest.mark.parametrize("offset", [-9 * HOUR, 0.0, 41 * HOUR, MAX_CLOCK_OFFSET, -MAX_CLOCK_OFFSET])
+def test_every_time_of_a_message_has_the_offset(offset: float) -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1, clock_offset=offset)
+    with SimulatorThread(config) as simulator:
+        client = JsonClient(simulator.port)
+        client.subscribe(CODE, PROC)
+        client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+        proc = client.next_push(PROC, lambda body: body.get("state") == 3)
+        simulator.inject("emergency_stop")
+        code = client.next_push(CODE, lambda body: body["code"] == "110201000013")
+        frame = client.request("woosh.robot.Mode")
+        begin, end = SEEDED_START + offset, SEEDED_START + offset + simulator.state.elapsed + 1
+        times = [
+            proc["time"],
+            int(code["time"]) / 1000,
+            frame["timestamp"] / 1000,
+        ]
+        assert all(begin <= each <= end for each in times), (begin, times, end)
+        client.close()
+
+
+def test_offset_on_the_command_line_is_to_the_real_clock() -> None:
+    with running("--clock-offset", "-32400") as (_, port, _):
+        client = JsonClient(port)
+        before = time.time()
+        robot = client.request("woosh.robot.Mode")["timestamp"] / 1000
+        assert before - 9 * HOUR - 60 < robot < time.time() - 9 * HOUR + 60
+        client.close()
+
+
+def test_clock_of_a_running_robot_jumps(simulator: SimulatorThread, client: JsonClient) -> None:
+    def clock() -> float:
+        return float(client.request("woosh.robot.Mode")["timestamp"]) / 1000
+
+    def expected() -> float:
+        return SEEDED_START + simulator.state.elapsed
+
+    elapsed = simulator.state.elapsed
+    ahead = simulator.inject("clock_jump", by=41 * HOUR)
+    back = simulator.inject("clock_jump", by=-50 * HOUR)
+    assert clock() == pytest.approx(expected() - 9 * HOUR, abs=60)
+    ahead.clear()
+    assert clock() == pytest.approx(expected() - 50 * HOUR, abs=60)
+    back.clear()
+    assert clock() == pytest.approx(expected(), abs=60)
+    assert simulator.state.elapsed - elapsed < 600  # the simulated time itself does not jump
+
+
+def test_jumps_never_exceed_the_maximum_offset(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    jumps = [simulator.inject("clock_jump", by=-MAX_CLOCK_OFFSET) for _ in range(10)]
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+    assert simulator.call(lambda s: s.chassis.clock_offset) == -MAX_CLOCK_OFFSET
+    for jump in jumps:
+        jump.clear()
+    assert simulator.call(lambda s: s.chassis.clock_offset) == 0.0
+
+
+@pytest.mark.parametrize("offset", [1e10, -1e10, float("nan"), float("inf")])
+def test_offset_is_limited(offset: float) -> None:
+    with pytest.raises(ValueError, match="more than 10 years"):
+        SimulatorConfig(clock_offset=offset)

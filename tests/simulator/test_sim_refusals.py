@@ -1,0 +1,197 @@
+"""Refusals: in the words of the real robot, or explained, as the profile says."""
+
+from __future__ import annotations
+
+import ast
+import string
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, refusals
+from woosh_robot_agent.simulator.refusals import REFUSALS
+
+CALL, CODE, PROC = "woosh.ros.CallAction", "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
+EXEC_TASK, TWIST = "woosh.robot.ExecTask", "woosh.robot.Twist"
+TASK = (EXEC_TASK, {"taskId": 5, "type": 1, "markNo": "A23"})
+OTHER_TASK = (EXEC_TASK, {"taskId": 6, "type": 1, "markNo": "A2"})
+STEP = {"stepControl": {"action": 1, "steps": [{"mode": 1, "value": 2.0, "speed": 0.2}]}}
+LIFT = {"liftControl": {"action": 1, "executeMode": 1}}
+FAILED = "Request failed"
+EXECUTING = "Task is excuting,request failed"
+NOT_AUTO = "It is not auto mode,request failed"
+NOT_TASK_MODE = "It is not task or dispatch mode,request failed"
+NO_TWIST = "State not allow to twist"
+
+Prepare = Callable[[SimulatorThread, JsonClient], object]
+
+
+@pytest.fixture
+def simulator() -> Iterator[SimulatorThread]:
+    """A chassis as real as it gets, in real time."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as simulator:
+        yield simulator
+
+
+def emergency_stop(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("emergency_stop")
+
+
+def key_switch(simulator: SimulatorThread, client: JsonClient) -> None:
+    simulator.inject("key_switch")
+
+
+def asked(name: str, body: Json) -> Prepare:
+    return lambda simulator, client: client.ask(name, body)
+
+
+task_runs, steps_run = asked(*TASK), asked(CALL, STEP)
+
+CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
+    "task at emergency stop": (emergency_stop, *TASK, FAILED, None),
+    "velocity at emergency stop": (
+        emergency_stop, TWIST, {"linear": 0.2}, NO_TWIST, "140801000091",
+    ),
+    "task with the key at manual": (key_switch, *TASK, NOT_AUTO, "140801000081"),
+    "velocity with the key at manual": (
+        key_switch, TWIST, {"linear": 0.2}, NOT_AUTO, "140801000081",
+    ),
+    "steps in manual mode": (
+        asked("woosh.robot.SwitchControlMode", {"mode": 2}), CALL, STEP, NOT_AUTO, "140801000081",
+    ),
+    "task in deployment mode": (
+        asked("woosh.robot.SwitchWorkMode", {"mode": 1}), *TASK, NOT_TASK_MODE, None,
+    ),
+    "task while lost": (lambda sim, client: sim.inject("lost_localisation"), *TASK, FAILED, None),
+    "task while another runs": (task_runs, *OTHER_TASK, EXECUTING, "140801000131"),
+    "task set while a task runs": (
+        task_runs, "woosh.robot.ExecPreTask", {"taskSetId": 666}, EXECUTING, "140801000131",
+    ),
+    "velocity during a task": (task_runs, TWIST, {"linear": 0.2}, NO_TWIST, "140801000091"),
+    "initialisation during a task": (
+        task_runs, "woosh.robot.InitRobot", {"isRecord": True}, FAILED, "140801000232",
+    ),
+    "map change during a task": (
+        task_runs, "woosh.robot.SwitchMap", {"mapName": "1F"}, FAILED, "140801000221",
+    ),
+    "steps during a task": (task_runs, CALL, STEP, FAILED, "120301000022"),
+    "steps while steps run": (steps_run, CALL, STEP, FAILED, "120301000022"),
+    "velocity while steps run": (steps_run, TWIST, {"linear": 0.2}, NO_TWIST, "140801000091"),
+    "navigation mode without navigation": (
+        None, "woosh.robot.ChangeNavMode", {"navMode": {"mode": 1}}, FAILED, "140801000071",
+    ),
+    "path without navigation": (
+        None, "woosh.robot.ChangeNavPath", {}, FAILED, "140801000061",
+    ),
+    "unknown task set": (
+        None, "woosh.robot.ExecPreTask", {"taskSetId": 4}, FAILED, "140801000141",
+    ),
+    "unknown mark": (None, EXEC_TASK, {"type": 1, "markNo": "Z"}, FAILED, None),
+    "pause without a task": (
+        None, "woosh.robot.ActionOrder", {"order": 2}, FAILED, "140801000271",
+    ),
+    "cancel without a task": (None, "woosh.robot.ActionOrder", {"order": 4}, FAILED, None),
+    "a lift mode that does not exist": (
+        None, CALL, {"liftControl": {"action": 1, "executeMode": 9}}, FAILED, None,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("prepare", "name", "body", "words", "code"), list(CASES.values()), ids=list(CASES)
+)
+def test_real_robot_refuses_in_few_words_and_gives_its_reason_by_a_code(
+    simulator: SimulatorThread,
+    client: JsonClient,
+    prepare: Prepare | None,
+    name: str,
+    body: Json,
+    words: str,
+    code: str | None,
+) -> None:
+    if prepare:
+        prepare(simulator, client)
+    client.subscribe(CODE)
+    client.pushes.clear()
+    answer = client.request(name, body)
+    assert (answer["ok"], answer["msg"], answer["body"]) == (False, words, {})
+    assert not [push for push in client.pushes if push["type"] == CODE]  # not before the answer
+    pass_time(simulator, 0.2)
+    client.ask("woosh.robot.Mode")
+    pushed = [push for push in client.pushes if push["type"] == CODE]
+    reasons = [push for push in pushed if push["body"]["code"].startswith(("140801", "120301"))]
+    assert [push["body"]["code"] for push in reasons] == ([code] if code else [])
+    for push in reasons:
+        assert 0 <= push["timestamp"] - answer["timestamp"] <= 50
+
+
+def test_nothing_is_pushed_about_a_refused_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe(PROC)
+    client.ask(*TASK)
+    assert client.refusal(*OTHER_TASK) == EXECUTING
+    pass_time(simulator, 2.0)
+    ids = {body.get("robotTaskId") for body in client.take_pushes(PROC)}
+    assert ids == {"5"}
+    assert client.ask(PROC)["robotTaskId"] == "5"
+
+
+def test_own_task_of_the_robot_gives_way_only_to_another_kind() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1, park_after=1.0)
+    with SimulatorThread(config) as simulator:
+        client = JsonClient(simulator.port)
+        client.subscribe("woosh.robot.RobotState")
+        client.next_push("woosh.robot.RobotState", lambda body: body["state"] == 3)
+        parking = {"taskId": 7, "type": 2, "markNo": "P1"}
+        assert client.refusal(EXEC_TASK, parking) == EXECUTING
+        client.ask(*TASK)
+        client.close()
+
+
+@pytest.mark.parametrize("profile", ["tr200", "instant"])
+def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile=profile)) as simulator:
+        client = JsonClient(simulator.port)
+        client.ask(*TASK)
+        client.ask(TWIST)
+        simulator.inject("emergency_stop")
+        simulator.inject("key_switch")
+        answer = client.request(TWIST)
+        assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
+        client.close()
+
+
+def test_quick_profile_explains_refusals_and_sends_no_codes() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, profile="instant")
+    with SimulatorThread(config) as simulator:
+        client = JsonClient(simulator.port)
+        client.subscribe(CODE)
+        simulator.inject("lost_localisation")
+        client.next_push(CODE)
+        client.pushes.clear()
+        reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
+        assert client.refusal(*TASK) == reason
+        assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is runn")
+        pass_time(simulator, 1.0)
+        assert client.take_pushes(CODE) == []
+        client.close()
+
+
+def test_every_refusal_is_declared_with_the_values_that_it_is_given() -> None:
+    """Each use of a refusal names exactly the fields of its explanation."""
+    used: set[str] = set()
+    for path in Path(refusals.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                used |= {node.attr} if node.value.id == "refusals" else set()
+            if not (isinstance(node, ast.Call) and ast.unparse(node.func) == "RefusedError"):
+                continue
+            situation = ast.unparse(node.args[0])
+            if situation.startswith("refusals."):
+                explanation = REFUSALS[situation.removeprefix("refusals.")].explanation
+                fields = {field for _, field, _, _ in string.Formatter().parse(explanation)}
+                assert {key.arg for key in node.keywords} == fields - {None}, situation
+    assert used >= set(REFUSALS)

@@ -1,0 +1,123 @@
+"""Status codes: which ones the simulated robot sends, with which texts, and when."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.simulator.sim_wire import JsonClient
+from tests.simulator.test_sim_program import running
+from woosh_robot_agent import simulator as package
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.__main__ import main
+from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.status_codes import CODES
+
+FACTS = Path(__file__).parents[1] / "facts/status_codes.yaml"
+_LINE = re.compile(r'^(\d{12}): "(.+)"$', re.M)
+TABLE = {int(code): text for code, text in _LINE.findall(FACTS.read_text("utf-8"))}
+ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
+EMERGENCY_STOP = 110201000013
+TEXTS = {"zh": "急停1按下", "en": "emergency stop 1 was pressed", "none": ""}
+
+
+@pytest.mark.parametrize("code", CODES, ids=[str(code.number) for code in CODES])
+def test_every_code_is_in_the_table_of_real_robots(code) -> None:
+    assert code.text("en") == TABLE[code.number]
+    assert code.level == code.number % 10
+    assert re.search("[\u4e00-\u9fff]", code.text("zh"))
+    assert code.text("none") == ""
+
+
+def test_no_code_is_declared_twice_or_elsewhere() -> None:
+    numbers = [code.number for code in CODES]
+    assert len(set(numbers)) == len(numbers)
+    folder = Path(package.__file__).parent
+    elsewhere = {
+        path.name: found
+        for path in folder.rglob("*.py")
+        if (found := re.findall(r"\b1[1-4]\d{10}\b", path.read_text("utf-8")))
+    }
+    assert set(elsewhere) == {"status_codes.py"}
+    assert sorted(map(int, elsewhere["status_codes.py"])) == sorted(numbers)
+
+
+@pytest.mark.parametrize(
+    ("options", "language"),
+    [
+        ({}, "zh"),
+        ({"profile": "instant"}, "en"),
+        ({"code_language": "en"}, "en"),
+        ({"code_language": "none"}, "none"),
+        ({"profile": "instant", "code_language": "zh"}, "zh"),
+    ],
+)
+def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, **options)  # type: ignore[arg-type]
+    with SimulatorThread(config) as simulator:
+        client = JsonClient(simulator.port)
+        client.subscribe(CODE)
+        simulator.inject("emergency_stop")
+        pushed = client.next_push(CODE)
+        (listed,) = client.ask(ABNORMAL)["scs"]
+        for code in (pushed, listed):
+            assert (code["code"], code["msg"]) == (str(EMERGENCY_STOP), TEXTS[language])
+            assert code["level"] == 3
+        client.close()
+
+
+def test_language_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with running("--code-language", "none", "--fault", "emergency_stop") as (_, port, _):
+        client = JsonClient(port)
+        (code,) = client.ask(ABNORMAL)["scs"]
+        assert (code["code"], code["msg"]) == (str(EMERGENCY_STOP), "")
+        client.close()
+    with pytest.raises(SystemExit):
+        main(["--code-language", "fr"])
+    assert "invalid choice: 'fr'" in capsys.readouterr().err
+
+
+def test_language_in_a_profile(tmp_path: Path) -> None:
+    text = (Path(package.__file__).parent / "data/profiles/tr200.yaml").read_text("utf-8")
+    changed = tmp_path / "mine.yaml"
+    changed.write_text(text.replace("language: zh", "language: none"))
+    assert load_profile(changed).status_codes.language == "none"
+    changed.write_text(text.replace("language: zh", "language: fr"))
+    with pytest.raises(ValueError, match="must be one of zh, en, none, not"):
+        load_profile(changed)
+
+
+def test_abnormal_codes_list_what_is_wrong_now(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    assert client.ask(ABNORMAL)["scs"] == []
+    client.subscribe(ABNORMAL, "woosh.robot.DeviceState")
+    stop = simulator.inject("emergency_stop")
+    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110201000013"]
+    assert client.ask("woosh.robot.DeviceState") == {
+        "robotId": 30001, "hardware": 1024, "software": 1,
+    }  # fmt: skip
+    lost = simulator.inject("lost_localisation")
+    found = [each["code"] for each in client.next_push(ABNORMAL)["scs"]]
+    assert found == ["110201000013", "130103000012"]
+    assert client.ask("woosh.robot.DeviceState")["software"] == 0
+    stop.clear()
+    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["130103000012"]
+    lost.clear()
+    assert client.next_push(ABNORMAL)["scs"] == []
+
+
+def test_changes_of_the_control_mode_are_reported(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe(CODE)
+    for mode, code in ((3, "140802000071"), (2, "140802000061"), (1, "140802000051")):
+        client.ask("woosh.robot.SwitchControlMode", {"mode": mode})
+        assert client.next_push(CODE)["code"] == code
+    simulator.set_key_switch(True)
+    assert client.next_push(CODE)["code"] == "140802000061"
+    simulator.set_key_switch(False)
+    assert client.next_push(CODE)["code"] == "140802000051"
+    assert client.ask(ABNORMAL)["scs"] == []

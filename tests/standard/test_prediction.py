@@ -1,0 +1,290 @@
+"""The predicted pose between reports, with times given by the test."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import pytest
+
+from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.prediction import HORIZON, Prediction
+from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
+
+PERIOD = 0.204
+"""Time between two reports of a real robot, in seconds."""
+ROUND = Velocity(0.5, 0.0, 1.0)
+"""Velocity on a circle with a radius of 0.5 m."""
+
+
+def on_circle(angle: float) -> Pose2D:
+    """Return the pose after `ROUND` from the origin, by the geometry of the circle."""
+    return Pose2D(0.5 * math.sin(angle), 0.5 - 0.5 * math.cos(angle), angle)
+
+
+@dataclass
+class Case:
+    """Reports, and the pose and velocity predicted from them."""
+
+    name: str
+    reports: list[tuple[float, Pose2D, Velocity]]
+    time: float
+    pose: Pose2D
+    velocity: Velocity
+    valid: bool = field(default=True)
+
+
+CASES = [
+    Case(
+        "straight on",
+        [(0.0, Pose2D(1.0, 2.0, math.pi / 2), Velocity(0.5))],
+        0.2,
+        Pose2D(1.0, 2.1, math.pi / 2),
+        Velocity(0.5),
+    ),
+    Case("along an arc", [(0.0, Pose2D(), ROUND)], 0.3, on_circle(0.3), ROUND),
+    Case(
+        "backwards along an arc",
+        [(0.0, on_circle(0.3), Velocity(-0.5, 0.0, -1.0))],
+        0.3,
+        Pose2D(),
+        Velocity(-0.5, 0.0, -1.0),
+    ),
+    Case(
+        "turning on the spot over the end of the range of angles",
+        [(0.0, Pose2D(1.0, 0.0, math.pi - 0.1), Velocity(0.0, 0.0, 1.0))],
+        0.2,
+        Pose2D(1.0, 0.0, -math.pi + 0.1),
+        Velocity(0.0, 0.0, 1.0),
+    ),
+    Case(
+        "sideways",
+        [(0.0, Pose2D(0.0, 0.0, math.pi / 2), Velocity(0.0, 0.4))],
+        0.25,
+        Pose2D(-0.1, 0.0, math.pi / 2),
+        Velocity(0.0, 0.4),
+    ),
+    Case(
+        "standing, for any time",
+        [(0.0, Pose2D(1, 2, 3), STANDSTILL)],
+        1e6,
+        Pose2D(1, 2, 3),
+        STANDSTILL,
+    ),
+    Case(
+        "at constant speed",
+        [(0.0, Pose2D(), Velocity(0.5)), (0.2, Pose2D(0.1), Velocity(0.5))],
+        0.4,
+        Pose2D(0.2),
+        Velocity(0.5),
+    ),
+    Case(
+        "slowing down at 1 m/s²",
+        [(0.0, Pose2D(), Velocity(0.5)), (0.2, Pose2D(0.08), Velocity(0.3))],
+        0.4,
+        Pose2D(0.12),
+        Velocity(0.1),
+    ),
+    Case(
+        "slowing down to a stop, without rolling back",
+        [(0.0, Pose2D(), Velocity(0.3)), (0.2, Pose2D(0.04), Velocity(0.1))],
+        0.49,
+        Pose2D(0.045),
+        STANDSTILL,
+    ),
+    Case(
+        "slowing down backwards and in the turn",
+        [
+            (0.0, Pose2D(), Velocity(-0.3, 0.0, 0.4)),
+            (0.2, Pose2D(), Velocity(-0.1, 0.0, 0.2)),
+        ],
+        0.5,
+        Pose2D.from_arc(-0.005, 0.0, 0.02),
+        STANDSTILL,
+    ),
+    Case(
+        "speeding up: the speed may have been reached",
+        [(0.0, Pose2D(), Velocity(0.1)), (0.2, Pose2D(0.06), Velocity(0.5))],
+        0.4,
+        Pose2D(0.16),
+        Velocity(0.5),
+    ),
+    Case(
+        "reversing: the new direction counts",
+        [(0.0, Pose2D(0.1), Velocity(0.2)), (0.2, Pose2D(0.1), Velocity(-0.2))],
+        0.4,
+        Pose2D(0.06),
+        Velocity(-0.2),
+    ),
+    Case(
+        "reports too close to each other to derive a deceleration",
+        [(0.0, Pose2D(), Velocity(0.5)), (0.001, Pose2D(), Velocity(0.4))],
+        0.201,
+        Pose2D(0.08),
+        Velocity(0.4),
+    ),
+    Case(
+        "reports too far from each other to derive a deceleration",
+        [(0.0, Pose2D(), Velocity(0.5)), (9.0, Pose2D(3.0), Velocity(0.4))],
+        9.2,
+        Pose2D(3.08),
+        Velocity(0.4),
+    ),
+    Case(
+        "no further than the horizon",
+        [(0.0, Pose2D(), Velocity(0.5))],
+        0.31,
+        Pose2D(0.15),
+        Velocity(0.5),
+        valid=False,
+    ),
+    Case(
+        "no further than the horizon, after any time",
+        [(0.0, Pose2D(), Velocity(0.5))],
+        1e6,
+        Pose2D(0.15),
+        Velocity(0.5),
+        valid=False,
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_prediction(case: Case) -> None:
+    prediction = Prediction()
+    for time, pose, velocity in case.reports:
+        prediction.report(pose, velocity, time)
+    assert prediction.valid(case.time) is case.valid
+    pose, velocity = prediction.predict(case.time)
+    assert_near(pose, case.pose)
+    assert velocity.forward == pytest.approx(case.velocity.forward)
+    assert velocity.left == pytest.approx(case.velocity.left)
+    assert velocity.turn == pytest.approx(case.velocity.turn)
+
+
+def assert_near(pose: Pose2D, other: Pose2D) -> None:
+    off = pose.seen_from(other)
+    assert off.distance < 1e-9, f"{pose} is not {other}"
+    assert abs(off.theta) < 1e-9, f"{pose} is not {other}"
+
+
+def test_a_report_that_confirms_the_prediction_changes_nothing() -> None:
+    prediction = Prediction()
+    for step in range(100):
+        time = 0.05 * step
+        if step % 4 == 0:
+            prediction.report(on_circle(time), ROUND, time)
+        assert_near(prediction.predict(time)[0], Pose2D(*_tuple(on_circle(time))))
+
+
+def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
+    prediction = Prediction()
+    for time in (0.0, 0.15, 0.3):
+        speed = max(0.0, 0.5 - time)
+        prediction.report(Pose2D((0.25 - speed * speed) / 2), Velocity(speed), time)
+        if time == 0.0:
+            continue
+        for later in (0.0, 0.05, 0.1):
+            speed = max(0.0, 0.5 - time - later)
+            pose, velocity = prediction.predict(time + later)
+            assert pose.x == pytest.approx((0.25 - speed * speed) / 2)
+            assert velocity.forward == pytest.approx(speed)
+
+
+def _tuple(pose: Pose2D) -> tuple[float, float, float]:
+    return pose.x, pose.y, math.remainder(pose.theta, math.tau)
+
+
+def test_the_error_of_a_prediction_disappears_within_the_blend() -> None:
+    """The robot was predicted 5 cm and 0.1 rad too far: the pose returns in small steps."""
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.5, 0.0, 1.0), 0.0)
+    before, _ = prediction.predict(0.2)
+    true = Pose2D(0.05, 0.0, 0.1)
+    prediction.report(true, STANDSTILL, 0.2)
+    off = [prediction.predict(0.2 + 0.01 * step)[0].seen_from(true) for step in range(17)]
+    assert_near(true * off[0], before)
+    for one, other in pairwise(off):
+        assert other.distance <= one.distance
+        assert one.distance - other.distance < 0.1 * off[0].distance
+        assert -0.1 * off[0].theta < other.theta - one.theta <= 0.0
+    assert_near(off[15], Pose2D())
+    assert_near(off[16], Pose2D())
+
+
+def test_the_shorter_way_is_taken_when_a_heading_is_corrected() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(0.0, 0.0, math.pi - 0.01), STANDSTILL, 0.0)
+    prediction.predict(0.1)
+    prediction.report(Pose2D(0.0, 0.0, -math.pi + 0.01), STANDSTILL, 0.1)
+    for step in range(20):
+        assert abs(prediction.predict(0.1 + 0.01 * step)[0].theta) >= math.pi - 0.0101
+
+
+def test_the_velocity_is_not_changed_by_a_correction() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.5), 0.0)
+    prediction.predict(0.2)
+    prediction.report(Pose2D(0.05), Velocity(0.5), 0.2)
+    for step in range(8):
+        assert prediction.predict(0.2 + 0.05 * step)[1] == Velocity(0.5)
+
+
+def test_after_the_blend_pose_and_velocity_fit() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), ROUND, 0.0)
+    prediction.predict(0.2)
+    prediction.report(Pose2D(0.05, 0.02, 0.1), ROUND, 0.2)
+    one, velocity = prediction.predict(0.36)
+    other, _ = prediction.predict(0.41)
+    forward, left, turn = other.seen_from(one).arc
+    assert (forward, left, turn) == pytest.approx(
+        (velocity.forward * 0.05, 0.0, velocity.turn * 0.05), abs=1e-9
+    )
+
+
+def test_the_time_without_messages_counts_for_the_blend() -> None:
+    """After a pause, the pose is at once where it was reported: nobody has seen it jump."""
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.5), 0.0)
+    prediction.predict(0.3)
+    prediction.report(Pose2D(0.2), Velocity(0.5), 1.0)
+    assert_near(prediction.predict(1.0)[0], Pose2D(0.2))
+
+
+def test_a_late_report_is_predicted_from_the_time_at_which_it_was_true() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.5), 0.0)
+    prediction.predict(0.28)
+    prediction.report(Pose2D(0.1), Velocity(0.5), 0.2)  # received at 0.28
+    assert_near(prediction.predict(0.29)[0], Pose2D(0.145))
+
+
+def test_several_reports_between_two_predictions() -> None:
+    prediction = Prediction()
+    for step in range(10):
+        prediction.report(Pose2D(0.005 * step), Velocity(0.5), 0.01 * step)
+    assert_near(prediction.predict(0.1)[0], Pose2D(0.05))
+
+
+def test_a_robot_that_moved_sideways_stands_without_a_further_report() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.0, 0.4), 0.0)
+    before, _ = prediction.predict(HORIZON)
+    prediction.stand()
+    pose, velocity = prediction.predict(HORIZON)
+    assert velocity == STANDSTILL
+    assert_near(pose, before)
+    assert_near(prediction.predict(HORIZON + 0.2)[0], Pose2D())
+
+
+def test_the_last_pose_is_the_newer_one_of_report_and_prediction() -> None:
+    prediction = Prediction()
+    assert prediction.last == Pose2D()
+    prediction.report(Pose2D(1.0), Velocity(0.5), 0.0)
+    assert prediction.last == Pose2D(1.0)
+    predicted, _ = prediction.predict(0.2)
+    assert prediction.last == predicted
+    prediction.report(Pose2D(1.2), Velocity(0.5), 0.4)
+    assert prediction.last == Pose2D(1.2)

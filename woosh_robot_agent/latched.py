@@ -1,0 +1,161 @@
+"""Publishers of latched topics that can take back what they published."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+
+from woosh_robot_agent.bridge import LinkThread
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.qos import latched
+from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS
+
+
+class LatchedPublishers:
+    """Creator of publishers of latched topics, which forget a robot when the link turns to another.
+
+    DDS keeps the last messages of a latched topic for late subscribers as long as their publisher
+    exists. So the publisher is replaced by a new one, in the executor thread, to which all ROS
+    entities belong.
+
+    Args:
+        node: owner of the publishers.
+        thread: the link thread.
+        chassis: the link.
+    """
+
+    def __init__(self, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
+        self._node = node
+        self._thread = thread
+        self._publishers: list[LatchedPublisher] = []
+        chassis.on_robot_changed(self._forget)
+
+    def create(
+        self, message_class: Any, name: str, depth: int, callbacks: Any = None
+    ) -> LatchedPublisher:
+        """Return a publisher.
+
+        Args:
+            message_class: ROS class of the topic.
+            name: name of the topic.
+            depth: number of messages that late subscribers get.
+            callbacks: event callbacks, called in the executor thread.
+        """
+        publisher = LatchedPublisher(
+            partial(
+                self._node.create_publisher,
+                message_class,
+                name,
+                latched(depth),
+                # default callbacks would keep a destroyed publisher alive for some time
+                event_callbacks=callbacks or PublisherEventCallbacks(use_default_callbacks=False),
+            ),
+            self._node.destroy_publisher,
+            depth,
+        )
+        self._publishers.append(publisher)
+        return publisher
+
+    def withdraw(self) -> None:
+        """Take back everything at once; in the executor thread.
+
+        Call it when the link is about to turn to another robot. What is published until then is
+        not sent.
+        """
+        for publisher in self._publishers:
+            publisher.withdraw()
+
+    def _forget(self) -> None:
+        for publisher in self._publishers:
+            publisher.forget()
+        executor = self._node.executor
+        if executor is None:  # nothing uses the node's entities yet
+            self._renew()
+        else:
+            executor.create_task(self._renew)
+
+    def _renew(self) -> None:
+        for publisher in self._publishers:
+            if (renewed := publisher.renewed()) is not None:
+                self._thread.call(publisher.install, renewed)
+
+
+class LatchedPublisher:
+    """A publisher of one latched topic; see `LatchedPublishers`. The link thread publishes.
+
+    Args:
+        create: creates rclpy's publisher.
+        destroy: destroys one.
+        depth: number of messages that late subscribers get.
+    """
+
+    def __init__(
+        self, create: Callable[[], Any], destroy: Callable[[Any], Any], depth: int
+    ) -> None:
+        self._create = create
+        self._destroy = destroy
+        self._publisher: Any = create()
+        """rclpy's publisher; None while it is being replaced."""
+        self._used = False
+        """True if the publisher has published something."""
+        self._withdrawn: list[Any] = []
+        """Publishers to be destroyed in the executor thread."""
+        self._waiting: deque[Any] = deque(maxlen=depth)
+        """Messages for the next publisher."""
+
+    def publish(self, message: Any) -> None:
+        """Publish a message, as soon as there is a publisher."""
+        publisher = self._publisher
+        if publisher is None:
+            self._waiting.append(message)
+            return
+        self._used = True
+        try:
+            publisher.publish(message)
+        except PEER_GONE_ERRORS:
+            if publisher is self._publisher:  # otherwise it was withdrawn at this moment
+                raise
+
+    def get_subscription_count(self) -> int:
+        """Return the number of subscribers."""
+        publisher = self._publisher
+        try:
+            return 0 if publisher is None else int(publisher.get_subscription_count())
+        except PEER_GONE_ERRORS:
+            return 0  # withdrawn at this moment
+
+    def withdraw(self) -> None:
+        """Take back what was published; in the executor thread."""
+        if self._used and self._publisher is not None:
+            publisher, self._publisher = self._publisher, None
+            self._destroy(publisher)
+
+    def forget(self) -> None:
+        """Forget what was published, and what waits to be; in the link thread."""
+        self._waiting.clear()
+        if self._used and self._publisher is not None:
+            self._withdrawn.append(self._publisher)
+            self._publisher = None
+
+    def renewed(self) -> Any:
+        """Destroy former publishers, and return a new one if it is needed; in the executor thread.
+
+        Returns:
+            The new publisher, to be passed to `install`; None if there is one already.
+        """
+        while self._withdrawn:
+            self._destroy(self._withdrawn.pop())
+        if self._publisher is not None or not self._used:
+            return None
+        self._used = False
+        return self._create()
+
+    def install(self, publisher: Any) -> None:
+        """Publish with a new publisher from now on; in the link thread."""
+        self._publisher = publisher
+        while self._waiting:
+            self.publish(self._waiting.popleft())

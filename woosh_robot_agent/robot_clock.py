@@ -1,0 +1,24 @@
+"""The difference between the robot's clock and this computer's, in words."""
+
+from __future__ import annotations
+
+TOLERANCE = 1.0
+"""Difference of the clocks that is not worth a warning, in seconds."""
+_UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
+
+
+def difference(offset: float) -> str:
+    """Return by how much the robot's clock is off, e.g. `9.0 hours behind this computer's`.
+
+    Args:
+        offset: time by which the robot's clock is ahead of this computer's, in seconds.
+    """
+    direction = "ahead of" if offset > 0 else "behind"
+    return f"{_duration(abs(offset))} {direction} this computer's"
+
+
+def _duration(seconds: float) -> str:
+    for name, size in _UNITS:
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {name}"
+    return f"{seconds:.1f} s"

@@ -1,0 +1,129 @@
+"""Detection of a second agent in the same namespace.
+
+Clients cannot tell the two apart: both execute every command, and both publish on every topic.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from typing import Any
+
+from rclpy.node import NodeNameNonExistentError
+
+from woosh_robot_agent.endpoints import QUERIES, TOPICS
+from woosh_robot_agent.participants import Place, is_possibly_own, place_of, process_of
+
+_LOG = logging.getLogger(__name__)
+
+PERIOD = 2.0
+"""Period of looking into the graph, in seconds."""
+LEASE = 25.0
+"""Time after which a process that was killed has certainly left the graph, in seconds.
+
+The middleware notices it after 20 s.
+"""
+
+
+class SecondAgent:
+    """Looks for other nodes that offer the same topics and services as this agent.
+
+    Args:
+        node: the agent's node.
+
+    Attributes:
+        warning: which other agent there is, and what to do; empty if there is none.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self.warning = ""
+        self._node = node
+        self._topic = node.resolve_topic_name(TOPICS[0].name)
+        self._service = node.resolve_service_name(QUERIES[0].name)
+        self._seen = 0.0
+        """Monotonic time at which another agent was first seen; 0 while there is none."""
+
+    async def run(self) -> None:
+        """Look into the graph once in a while, until cancelled."""
+        while True:
+            self.look()
+            await asyncio.sleep(PERIOD)
+
+    def look(self) -> None:
+        """Look into the graph now, and log a second agent that was not there the last time."""
+        before, self.warning = self.warning, ""
+        # these counts are cheap; finding out which nodes it are is not
+        publishers = self._node.count_publishers(self._topic)
+        if max(publishers, self._node.count_services(self._service)) < 2:
+            self._seen = 0.0
+            return
+        self._seen = self._seen or time.monotonic()
+        self.warning = self._describe(certain=time.monotonic() - self._seen > LEASE)
+        if self.warning and not before:
+            _LOG.warning("%s", self.warning)
+
+    def _describe(self, *, certain: bool) -> str:
+        """Return the warning; empty if the other agent has just ended.
+
+        Args:
+            certain: True if a process that was killed would have left the graph by now.
+        """
+        others = self._other_publishers(certain=certain) + self._other_servers()
+        if not others:
+            return ""
+        runs = "runs" if certain else "runs, or has just ended,"
+        return (
+            f"another agent {runs} in the same namespace: {'; '.join(others)}. Both execute each "
+            "command: end one of them, or start it in another namespace"
+        )
+
+    def _other_publishers(self, *, certain: bool) -> list[str]:
+        """Return the names and places of other nodes that publish a topic of the agent."""
+        found = list(self._node.get_publishers_info_by_topic(self._topic))
+        own = self._own(found)
+        if own is not None:
+            found.remove(own)
+        texts = []
+        for each in found:
+            place, pid = Place.UNKNOWN, 0
+            if own is not None:
+                place, pid = place_of(each.endpoint_gid, own.endpoint_gid)
+            if place is Place.ENDED:
+                if not certain:
+                    continue  # the rest of an agent that was killed
+                place = Place.THIS_COMPUTER  # it runs, in a container with its own process ids
+            name = f"node {each.node_namespace.rstrip('/')}/{each.node_name}"
+            where = f"{place.value}, process {pid}" if pid else place.value
+            texts.append(f"{name} {where}".rstrip())
+        return texts
+
+    def _own(self, found: list[Any]) -> Any:
+        """Return this agent's publisher; None if it cannot be told from the others."""
+        possible = [each for each in found if is_possibly_own(each.endpoint_gid)]
+        if len({process_of(each.endpoint_gid) for each in possible}) == 1:
+            return possible[0]
+        name = self._node.get_name(), self._node.get_namespace()
+        named = [each for each in found if (each.node_name, each.node_namespace) == name]
+        return named[0] if len(named) == 1 else None
+
+    def _other_servers(self) -> list[str]:
+        """Return the names of other nodes that offer a service of the agent but no topic."""
+        publishers = {
+            (each.node_name, each.node_namespace)
+            for each in self._node.get_publishers_info_by_topic(self._topic)
+        }
+        own = self._node.get_name(), self._node.get_namespace()
+        return [
+            f"node {namespace.rstrip('/')}/{name}"
+            for name, namespace in self._node.get_node_names_and_namespaces()
+            if (name, namespace) not in {own, *publishers} and self._serves(name, namespace)
+        ]
+
+    def _serves(self, name: str, namespace: str) -> bool:
+        """Return True if a node offers the service."""
+        try:
+            services = self._node.get_service_names_and_types_by_node(name, namespace)
+        except NodeNameNonExistentError:  # it has just left the graph
+            return False
+        return self._service in dict(services)

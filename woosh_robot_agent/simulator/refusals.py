@@ -1,0 +1,266 @@
+"""Every situation in which the simulated robot refuses a request.
+
+Each is declared once, with three things: an explanation for people, the words of the real robot,
+and the status code by which the real robot gives its reason. The profile decides which are sent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from woosh_robot_agent.simulator import status_codes as codes
+from woosh_robot_agent.simulator.status_codes import Code
+
+REQUEST_FAILED = "Request failed"
+"""Words for nearly everything. They give no reason."""
+
+TASK_IS_EXECUTING = "Task is excuting,request failed"
+"""Words for a request that a running task forbids. The real robot spells it so."""
+
+NOT_AUTO_MODE = "It is not auto mode,request failed"
+"""Words for a request that needs automatic mode."""
+
+NOT_TASK_MODE = "It is not task or dispatch mode,request failed"
+"""Words for a request that needs another work mode."""
+
+NO_TWIST = "State not allow to twist"
+"""Words for a velocity that the state of the robot forbids."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A situation in which the robot refuses a request.
+
+    Attributes:
+        explanation: What is wrong, then after a colon what to do: a template for `str.format`.
+        words: Text of the real robot's answer; None for a limit that only the simulator has, which
+            is always explained.
+        code: Status code that follows the answer of the real robot; None if there is none.
+        harmless: Only the real robot refuses. Where refusals are explained, the answer is `ok`,
+            with the explanation.
+    """
+
+    explanation: str
+    words: str | None = REQUEST_FAILED
+    code: Code | None = None
+    harmless: bool = False
+
+    @property
+    def reason(self) -> str:
+        """The explanation without what to do."""
+        return self.explanation.partition(":")[0]
+
+
+class RefusedError(Exception):
+    """The robot refuses a request. The text is the explanation.
+
+    Args:
+        refusal: The situation.
+        values: Values for the template of the explanation.
+
+    Attributes:
+        refusal: The situation.
+    """
+
+    def __init__(self, refusal: Refusal, **values: object) -> None:
+        super().__init__(refusal.explanation.format(**values))
+        self.refusal = refusal
+
+
+# Modes and conditions
+
+EMERGENCY_STOP = Refusal("emergency stop is pressed: release it first")
+KEY_AT_MANUAL = Refusal(
+    "key switch is at manual: turn it to automatic first", NOT_AUTO_MODE, codes.NOT_AUTOMATIC
+)
+MANUAL_MODE = Refusal(
+    "robot is in manual mode: switch to automatic first", NOT_AUTO_MODE, codes.NOT_AUTOMATIC
+)
+MAINTENANCE_MODE = Refusal(
+    "robot is in maintenance mode: switch to automatic first", NOT_AUTO_MODE, codes.NOT_AUTOMATIC
+)
+DEPLOYMENT_MODE = Refusal("robot is in deployment mode: switch to task mode first", NOT_TASK_MODE)
+SCHEDULE_MODE = Refusal(
+    "robot is in schedule mode: a dispatch system drives it; switch to task mode first"
+)
+NOT_INITIALISED = Refusal("robot is not initialised: send InitRobot first")
+LOCALISATION_LOST = Refusal("robot has lost its localisation: send InitRobot or SetRobotPose first")
+BATTERY_EMPTY = Refusal("battery is empty: charge first")
+
+# Velocities
+
+TWIST_IN_EMERGENCY_STOP = Refusal(
+    EMERGENCY_STOP.explanation, NO_TWIST, codes.SPEED_CONTROL_FORBIDDEN
+)
+TWIST_IN_MAINTENANCE_MODE = Refusal(
+    "robot is in maintenance mode: switch to automatic or manual first",
+    NO_TWIST,
+    codes.SPEED_CONTROL_FORBIDDEN,
+)
+TWIST_WITH_EMPTY_BATTERY = Refusal(
+    BATTERY_EMPTY.explanation, NO_TWIST, codes.SPEED_CONTROL_FORBIDDEN
+)
+TWIST_WHILE_DRIVING = Refusal(
+    "{driver} is driving: pause or cancel it first", NO_TWIST, codes.SPEED_CONTROL_FORBIDDEN
+)
+TWIST_SIDEWAYS = Refusal("a differential base cannot move sideways: linear_y must be 0")
+FOLLOW_WHILE_DRIVING = Refusal("{driver} is driving: pause or cancel it first", TASK_IS_EXECUTING)
+
+# Tasks
+
+TASK_RUNNING = Refusal(
+    "task {task} is running: wait for it or cancel it first",
+    TASK_IS_EXECUTING,
+    codes.TASK_RUNNING,
+)
+NO_TARGET = Refusal("the task has no target: give mark_no, plan_path or pose")
+UNKNOWN_MARK = Refusal("unknown mark {mark} in map {map}: its marks are {marks}")
+NOT_A_CHARGER = Refusal("mark {mark} is not a charger: choose one that is")
+UNKNOWN_TASK_SET = Refusal(
+    "unknown task set {task_set}: RepeatTasks lists {task_sets}", code=codes.NO_SUCH_TASK_SET
+)
+NO_TASK = Refusal("no task is running: start one by ExecTask first")
+NO_TASK_TO_PAUSE = Refusal(NO_TASK.explanation, code=codes.PAUSING_FORBIDDEN)
+NO_TASK_TO_RESUME = Refusal(NO_TASK.explanation, code=codes.RESUMING_FORBIDDEN)
+NOT_WAITING = Refusal("no task is waiting: there is no wait to end", code=codes.NOT_WAITING)
+START_ORDER = Refusal("order 1 (start) is not supported: a task starts by itself")
+UNKNOWN_ORDER = Refusal("unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
+
+# Navigation
+
+NO_NAVIGATION = Refusal(
+    "no navigation is running: start a task first", code=codes.PATH_NOT_NAVIGATING
+)
+NAVIGATION_MODE_UNUSED = Refusal(
+    "no effect: a navigation mode counts only while a task is navigating",
+    code=codes.MODE_NOT_NAVIGATING,
+    harmless=True,
+)
+NO_PATH = Refusal("{failure}")
+PATH_EMPTY = Refusal(
+    "the path has no poses: give at least one pose or target", code=codes.PATH_EMPTY
+)
+PATH_TOO_LONG = Refusal("the path has more than {limit} poses: send fewer")
+TOO_MANY_POSES = Refusal("{count} poses are more than {limit}: send fewer")
+NEGATIVE_SPEED = Refusal("max_speed {speed:g} is negative: use 0 for the default")
+SPEED_TOO_LOW = Refusal("speed {speed:g} is too slow: use at least {limit:g}, or 0 for the default")
+UNKNOWN_NAVIGATION_MODE = Refusal("unknown navigation mode {mode}: use one of {modes}")
+
+# Actions
+
+ACTION_DURING_TASK = Refusal(
+    "task {task} is running: pause or cancel it first", TASK_IS_EXECUTING, codes.TASK_RUNNING
+)
+STEPS_DURING_TASK = Refusal(ACTION_DURING_TASK.explanation, code=codes.STEP_CONTROL_OCCUPIED)
+ACTION_RUNNING = Refusal("{action} is running: wait for it or cancel it first")
+STEPS_RUNNING = Refusal(ACTION_RUNNING.explanation, code=codes.STEP_CONTROL_OCCUPIED)
+ACTION_NOT_RUNNING = Refusal("{action} is not running: execute it first")
+NO_ACTION = Refusal("CallAction names no action: set one of its fields")
+UNKNOWN_ACTION = Refusal("unknown action {action}: this chassis has {actions}")
+UNKNOWN_CONTROL = Refusal(
+    "unknown control action {control}: 0 is cancel, 1 execute, 2 pause, 3 resume"
+)
+NO_STEPS = Refusal("StepControl has no steps: give at least one")
+TOO_MANY_STEPS = Refusal(
+    "StepControl has {count} steps, more than {limit}: split it into several requests"
+)
+UNKNOWN_STEP_MODE = Refusal(
+    "unknown step mode {mode}: 1 is straight, 2 rotate, 3 lateral, 4 diagonal"
+)
+STEP_SIDEWAYS = Refusal(
+    "a differential base cannot move sideways: use step modes 1 (straight) and 2 (rotate)"
+)
+UNKNOWN_LIFT_MODE = Refusal("unknown lift mode {mode}: 1 is up, 2 is down")
+UNKNOWN_LIFT3_MODE = Refusal(
+    "unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"
+)
+LIFT_OUT_OF_RANGE = Refusal("{lift}: {height:.3f} m is not within 0 to {limit:g} m")
+NOT_AT_CHARGER = Refusal("robot is not at a charger: start a charge task instead")
+UNKNOWN_CHARGE_MODE = Refusal("unknown charge mode {mode}: 1 is automatic, 2 is exit")
+NO_GOAL = Refusal("MoveBase has no target: give target_pose or poses")
+
+# Localisation and modes
+
+INIT_DURING_TASK = Refusal(
+    "task {task} is running: wait for it or cancel it first", code=codes.INITIALISATION_FORBIDDEN
+)
+POSE_OUTSIDE_MAP = Refusal("pose {pose} is outside map {map}: choose one inside")
+POSE_IN_WALL = Refusal("pose {pose} is inside a wall of map {map}: choose one on free floor")
+UNKNOWN_CONTROL_MODE = Refusal(
+    "unknown control mode {mode}: 1 is automatic, 2 manual, 3 maintenance"
+)
+UNKNOWN_WORK_MODE = Refusal("unknown work mode {mode}: 1 is deployment, 2 task, 3 schedule")
+UNKNOWN_FOOTPRINT = Refusal("unknown footprint {footprint}: use one of {footprints}")
+
+# Maps
+
+MAP_CHANGE_WHILE_PAUSED = Refusal(
+    "task {task} is paused: cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
+)
+MAP_CHANGE_DURING_TASK = Refusal(
+    "a task is running: wait for it or cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
+)
+MAP_CHANGE_WHILE_DRIVING = Refusal(
+    "{driver} is driving: wait for it or cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
+)
+MAP_CHANGE_WHILE_NAVIGATION_PAUSED = Refusal(
+    "a navigation is paused: cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
+)
+UNKNOWN_SCENE = Refusal("unknown scene {scene}: send it in file_datas, or use one of {scenes}")
+UNKNOWN_MAP = Refusal("unknown map {map} of scene {scene}, which has {maps}")
+TOO_MANY_SCENES = Refusal("there are already {limit} scenes: replace one of them")
+SCENE_INVALID = Refusal("scene {scene} is not changed: {error}")
+FILE_NAME_INVALID = Refusal(
+    "file {file!r}: the name must be a plain file name of at most {limit} characters"
+)
+FILE_TWICE = Refusal("file {file} is uploaded twice")
+SCENE_TOO_LARGE = Refusal(
+    "{count} files of {size} bytes are more than the limit of a scene: {max_count} files, "
+    "{max_size} bytes"
+)
+
+# Settings
+
+TEXT_TOO_LONG = Refusal("{field} is longer than {limit} characters: give a shorter one")
+PORT_OUT_OF_RANGE = Refusal("port {port} is not within 0 to 65535")
+POWER_LEVELS_INVALID = Refusal(
+    "power levels {levels} must rise from alarm to full, which must be at most 100"
+)
+VOLUME_OUT_OF_RANGE = Refusal("volume {volume} is not within 0 to 100")
+
+# Wi-Fi
+
+TOO_MANY_NETWORKS = Refusal("{limit} networks are already known: forget one first")
+NETWORK_NOT_KNOWN = Refusal("network {ssid} is not known: add it first")
+NO_NETWORK_TO_FORGET = Refusal("network {ssid} is not known: nothing to forget")
+NETWORK_OUT_OF_REACH = Refusal("network {ssid} is out of reach: choose one of the last scan")
+NO_SSID = Refusal("content is not a JSON object with an ssid")
+SSID_TOO_LONG = Refusal("the ssid is longer than {limit} bytes: give a shorter one")
+UNKNOWN_WIFI_ORDER = Refusal(
+    "unknown Wi-Fi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
+)
+
+# Requests that cannot be executed
+
+NOT_FINITE = Refusal("{field} is not a finite number")
+NO_TYPE = Refusal("the request has no type", words=None)
+UNKNOWN_TYPE = Refusal("unknown message type {type}", words=None)
+UNREADABLE_BODY = Refusal("unreadable body: {error}", words=None)
+TOO_MANY_REQUESTS = Refusal(
+    "{limit} requests of this connection are waiting: wait for their answers first", words=None
+)
+INTERNAL_ERROR = Refusal("internal error of the simulator: see its log", words=None)
+
+REFUSALS = {name: value for name, value in vars().copy().items() if isinstance(value, Refusal)}
+"""All situations, by name."""
+
+
+def markdown() -> str:
+    """Return the refusals with words or a code of their own as a Markdown table."""
+    rows = ["| Situation | Words of the real robot | Status code |", "| --- | --- | --- |"]
+    for name, each in REFUSALS.items():
+        if each.words is None or (each.words == REQUEST_FAILED and each.code is None):
+            continue
+        code = f"{each.code.number}: {each.code.text('en')}" if each.code else ""
+        rows.append(f"| {name.lower().replace('_', ' ')} | {each.words} | {code} |")
+    return "\n".join(rows)

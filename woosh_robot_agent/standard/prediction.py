@@ -1,0 +1,156 @@
+"""The pose of a robot between its reports.
+
+A robot reports about five times a second while it moves. Between the reports, its pose is predicted
+from the last one: the robot drives on at the reported velocity, along an exact arc. If it slowed
+down between the last two reports, it continues to slow down until it stands. If it became faster,
+it keeps its speed, because it may have reached the speed that it was told to drive at.
+
+Each report starts a new prediction. The difference between the old and the new one is not added at
+once, because the pose must not jump, but within 0.15 s.
+"""
+
+from __future__ import annotations
+
+import math
+
+from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
+
+HORIZON = 0.3
+"""Maximum time between a report and a pose that is predicted from it, in seconds."""
+_BLEND = 0.15
+"""Time in which the error of a prediction disappears, in seconds."""
+_MIN_INTERVAL = 0.01
+"""Minimum interval between two reports from which an acceleration is derived, in seconds."""
+_MAX_INTERVAL = 0.5
+"""Maximum interval between two reports from which an acceleration is derived, in seconds."""
+
+
+class Prediction:
+    """Predicts the pose from reports, without jumps.
+
+    All times are those of one monotonic clock, in seconds.
+    """
+
+    def __init__(self) -> None:
+        self._pose = Pose2D()
+        self._velocity = STANDSTILL
+        self._time = -math.inf
+        self._before = STANDSTILL
+        """Velocity at the report before the last one."""
+        self._interval = math.inf
+        """Time between these two reports."""
+        self._acceleration = STANDSTILL
+        """Mean acceleration in this interval, in m/s² and rad/s²."""
+        self._is_new = False
+        """True if nothing has been predicted from the last report yet."""
+        self._last_time = -math.inf
+        """Time of the last predicted pose."""
+        self._last = Pose2D()
+        """The last predicted pose."""
+        self._error = Pose2D()
+        """Difference between the old and the new prediction, at the time `_error_time`."""
+        self._error_time = -math.inf
+
+    @property
+    def last(self) -> Pose2D:
+        """The last predicted pose, or that of the last report if it is newer."""
+        return self._last if self._last_time >= self._time else self._pose
+
+    def report(self, pose: Pose2D, velocity: Velocity, time: float) -> None:
+        """Start a new prediction.
+
+        Args:
+            pose: pose of the robot at `time`.
+            velocity: velocity of the robot at `time`.
+            time: time at which both were true; may be before that of the last prediction.
+        """
+        self._before, self._interval = self._velocity, time - self._time
+        self._pose, self._velocity, self._time = pose, velocity, time
+        self._is_new = True
+
+    def stand(self) -> None:
+        """Note that the robot stands at the pose of the last report, because no other followed."""
+        if self._velocity.moving:
+            self.report(self._pose, STANDSTILL, self._time)
+
+    def valid(self, time: float) -> bool:
+        """Return True if the pose can be predicted: the robot stands, or has reported recently."""
+        return not self._velocity.moving or time - self._time <= HORIZON
+
+    def predict(self, time: float) -> tuple[Pose2D, Velocity]:
+        """Return the pose and the velocity of the robot.
+
+        Args:
+            time: time of the pose, not before that of the call before.
+        """
+        if self._is_new:
+            self._start()
+        pose, share = self._at(time), 1.0 - (time - self._error_time) / _BLEND
+        if share > 0.0:
+            error = self._error
+            pose = Pose2D(
+                pose.x + share * error.x,
+                pose.y + share * error.y,
+                math.remainder(pose.theta + share * error.theta, math.tau),
+            )
+        self._last_time, self._last = time, pose
+        elapsed, velocity, change = time - self._time, self._velocity, self._acceleration
+        if elapsed > 0.0 and velocity.moving:
+            velocity = Velocity(
+                _slowed(velocity.forward, change.forward, elapsed),
+                _slowed(velocity.left, change.left, elapsed),
+                _slowed(velocity.turn, change.turn, elapsed),
+            )
+        return pose, velocity
+
+    def _start(self) -> None:
+        """Start to predict from a new report."""
+        self._is_new = False
+        interval, now, before = self._interval, self._velocity, self._before
+        if not _MIN_INTERVAL <= interval <= _MAX_INTERVAL:
+            interval, before = 1.0, now  # the acceleration is not known
+        self._acceleration = Velocity(
+            (now.forward - before.forward) / interval,
+            (now.left - before.left) / interval,
+            (now.turn - before.turn) / interval,
+        )
+        last, new = self._last, self._at(self._last_time)
+        self._error = Pose2D(
+            last.x - new.x, last.y - new.y, math.remainder(last.theta - new.theta, math.tau)
+        )
+        self._error_time = self._last_time
+
+    def _at(self, time: float) -> Pose2D:
+        """Return the pose at a time by the last report alone."""
+        elapsed = max(-HORIZON, min(time - self._time, HORIZON))
+        velocity, change = self._velocity, self._acceleration
+        if elapsed > 0.0:
+            if not velocity.moving:
+                return self._pose
+            # a mean velocity makes an exact arc of a constant one
+            forward = _mean(velocity.forward, change.forward, elapsed)
+            left = _mean(velocity.left, change.left, elapsed)
+            turn = _mean(velocity.turn, change.turn, elapsed)
+        else:  # between the last two reports, where the velocity changed from one to the other
+            half = max(elapsed, -self._interval) / 2
+            forward = velocity.forward + change.forward * half
+            left = velocity.left + change.left * half
+            turn = velocity.turn + change.turn * half
+        return self._pose * Pose2D.from_arc(forward * elapsed, left * elapsed, turn * elapsed)
+
+
+def _slowed(speed: float, acceleration: float, seconds: float) -> float:
+    """Return the speed after some time: of a robot that slows down, a smaller one or zero."""
+    if speed * acceleration >= 0.0:
+        return speed
+    slowed = speed + acceleration * seconds
+    return slowed if slowed * speed > 0.0 else 0.0
+
+
+def _mean(speed: float, acceleration: float, seconds: float) -> float:
+    """Return the mean speed during some time, as `_slowed` changes it."""
+    if speed * acceleration >= 0.0:
+        return speed
+    moving = min(seconds, -speed / acceleration)
+    return (speed + acceleration * moving / 2) * moving / seconds

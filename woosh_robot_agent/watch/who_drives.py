@@ -1,0 +1,163 @@
+"""The source that drives the robot now, as far as the agent can know."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from woosh_robot_agent.last_known import LastKnown
+from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.readiness import is_running
+from woosh_robot_agent.watch.velocity_sources import VelocitySources
+
+NOBODY = "nobody"
+GOAL = "a goal"
+OTHER_CLIENT = "another client"
+ROBOT = "the robot itself"
+UNKNOWN = "unknown"
+
+OWN_TASK_AGE = 5.0
+"""Maximum age of a task of the robot itself when it is first reported, in seconds.
+
+The robot numbers such a task by its own clock: Unix time in seconds * 100 + 53 or the like.
+"""
+ROLL_OUT = 2.0
+"""Maximum time for which the robot rolls after its last velocity, in seconds."""
+REPORT_GAP = 1.0
+"""Time without a PoseSpeed after which the robot stands, in seconds; it sends 5 per second."""
+_OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
+_TASKS_PER_SET = 100
+_MAX_TASKS = 50
+"""Number of the agent's tasks that are remembered."""
+
+
+class Driver(NamedTuple):
+    """What drives the robot.
+
+    Attributes:
+        name: `nobody`, `a goal`, `another client`, `the robot itself`, `unknown`, or the name of a
+            topic or service of the agent.
+        detail: name of the task or action, or an explanation; may be empty.
+    """
+
+    name: str
+    detail: str = ""
+
+
+class WhoDrives:
+    """Finds out what drives the robot. Used in the event loop of the link.
+
+    Args:
+        chassis: the link.
+        gate: sender of the agent's commands.
+        last_known: last values that the chassis reported.
+        velocities: the sources of velocities.
+        goals: returns the names of the goals that the chassis executes, e.g. `task 17`.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        last_known: LastKnown,
+        velocities: VelocitySources,
+        goals: Callable[[], Sequence[str]],
+    ) -> None:
+        self._gate = gate
+        self._last_known = last_known
+        self._velocities = velocities
+        self._goals = goals
+        self._tasks: dict[int, str] = {}
+        """Sources of the tasks that the agent started, by id, the oldest first."""
+        self._sets: dict[int, str] = {}
+        """Sources of the task sets that the agent started, by id, the oldest first."""
+        self._follower = ""
+        """Source of the last request to follow somebody."""
+        self._task = TaskProc()
+        """First report on the current task."""
+        self._moved = -math.inf
+        """Monotonic time of the last PoseSpeed."""
+        gate.on_answered(self._answered)
+        chassis.on_snapshot(self._snapshot)
+        chassis.subscribe(TaskProc, self._task_changed)
+        chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
+
+    def now(self) -> Driver:
+        """Return what drives the robot now."""
+        info = self._last_known.get(full_name(RobotInfo))
+        if not isinstance(info, RobotInfo):
+            return Driver(UNKNOWN, "the robot has not reported its state yet")
+        if is_running(info.task_proc):
+            return self._task_driver(info.task_proc)
+        if goals := self._goals():
+            return Driver(GOAL, ", ".join(goals))
+        if info.state == robot.kFollowing:
+            return Driver(self._follower or OTHER_CLIENT, "the robot is following somebody")
+        if action := self._gate.reported_owner:
+            return Driver(OTHER_CLIENT, action)
+        if self._gate.driving:
+            return Driver(self._velocities.last)
+        return self._unexplained(info)
+
+    def _task_driver(self, task: TaskProc) -> Driver:
+        number = task.robot_task_id
+        detail = f"task {number}"
+        if detail in self._goals():
+            return Driver(GOAL, detail)
+        source = self._tasks.get(number) or self._sets.get(number // _TASKS_PER_SET)
+        if source:
+            return Driver(source, detail)
+        kind = _OWN_TASKS.get(task.type)
+        began = self._task.time if self._task.robot_task_id == number else task.time
+        if kind and 0 <= began - number // _TASKS_PER_SET <= OWN_TASK_AGE:
+            return Driver(ROBOT, f"{kind}, {detail}")
+        return Driver(OTHER_CLIENT, detail)
+
+    def _unexplained(self, info: RobotInfo) -> Driver:
+        """Return the driver of a robot that no task, action or velocity of the agent drives."""
+        now, twist = time.monotonic(), info.pose_speed.twist
+        if now - self._moved > REPORT_GAP or not (twist.linear or twist.angular):
+            return Driver(NOBODY)
+        if now - self._velocities.last_time < ROLL_OUT:
+            return Driver(self._velocities.last, "the robot is rolling out")
+        if info.state in (robot.kTask, robot.kParking):
+            return Driver(UNKNOWN, "the robot is executing a task that it has not reported yet")
+        return Driver(
+            UNKNOWN, "the robot moves, but not by this agent: another client may drive it"
+        )
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        message, source = command.message, command.source
+        if not command.answer.ok or not source:
+            return
+        if isinstance(message, ExecTask):
+            _remember(self._tasks, message.task_id, source)
+        elif isinstance(message, ExecPreTask):
+            _remember(self._sets, message.task_set_id, source)
+        elif isinstance(message, Follow):
+            self._follower = source if message.type else ""
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._task_changed(info.task_proc)
+
+    def _task_changed(self, task: TaskProc) -> None:
+        if task.robot_task_id != self._task.robot_task_id:
+            self._task = task
+
+    def _pose_pushed(self, _body: Body) -> None:
+        self._moved = time.monotonic()
+
+
+def _remember(sources: dict[int, str], number: int, source: str) -> None:
+    sources.pop(number, None)
+    sources[number] = source
+    if len(sources) > _MAX_TASKS:
+        del sources[next(iter(sources))]
