@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import importlib
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from ament_index_python.packages import get_package_prefix
 from ament_index_python.resources import get_resource
 
-FACTS = Path(__file__).parent / "facts" / "ros"
-HASHES: dict[str, str] = json.loads((FACTS / "type_hashes.json").read_text())
-PACKAGES = {path.stem: yaml.safe_load(path.read_text()) for path in FACTS.glob("*.yaml")}
-KINDS = {
-    "messages": ("msg", [""]),
-    "services": ("srv", ["request", "response"]),
-    "actions": ("action", ["goal", "result", "feedback"]),
-}
+from tests.interface_facts import HASHES, KINDS, PACKAGES, facts_of, parts_of
 
 
 class TypeHash(ctypes.Structure):
@@ -41,26 +32,10 @@ def built_hash(name: str) -> str:
     return str(function(None).contents)
 
 
-def facts_of(package: str) -> dict[str, list[dict[str, Any]]]:
-    """Return constants and fields of each part of a type in the facts, by name (`msg/Mode`)."""
-    return {
-        f"{folder}/{short}": [facts[part] if part else facts for part in parts]
-        for kind, (folder, parts) in KINDS.items()
-        for short, facts in PACKAGES[package][kind].items()
-    }
-
-
 def installed_parts(package: str, name: str) -> list[dict[str, list[str]]]:
     """Return constants and fields of each part of an installed .msg, .srv or .action file."""
     path = Path(get_package_prefix(package)) / "share" / package / f"{name}.{name.split('/')[0]}"
-    parts: list[dict[str, list[str]]] = [{"constants": [], "fields": []}]
-    for line in path.read_text().splitlines():
-        text = line.partition("#")[0].strip()
-        if text == "---":
-            parts.append({"constants": [], "fields": []})
-        elif text:
-            parts[-1]["constants" if "=" in text else "fields"].append(text)
-    return parts
+    return parts_of(path.read_text())
 
 
 def part_classes(package: str, name: str) -> list[Any]:

@@ -21,12 +21,16 @@ class Query:
         name: name of the service.
         srv: ROS type of the service; the response has exactly one field.
         request: protobuf full name of the request and of the answer.
+        field: name of the response's field.
+        takes_arg: True if the request has the field `arg`; otherwise it has no fields.
         timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
     """
 
     name: str
     srv: str
     request: str
+    field: str = "info"
+    takes_arg: bool = False
     timeout: float = 0.0
 
 
@@ -103,10 +107,17 @@ class Action:
 
 
 def _query(
-    name: str, package: str = "woosh_robot_msgs", request: str = "", timeout: float = 0.0
+    name: str,
+    package: str = "woosh_robot_msgs",
+    request: str = "",
+    *,
+    field: str = "info",
+    takes_arg: bool = False,
+    timeout: float = 0.0,
 ) -> Query:
     short = name.split("/")[1]
-    return Query(name, f"{package}/{short}", request or f"woosh.robot.{short}", timeout)
+    full_name = request or f"woosh.robot.{short}"
+    return Query(name, f"{package}/{short}", full_name, field, takes_arg, timeout)
 
 
 def _command(name: str, answer: str = "", timeout: float = 0.0, *, reads: bool = False) -> Command:
@@ -144,7 +155,7 @@ QUERIES = (
     _query("robot/Battery"),
     _query("robot/Network"),
     _query("robot/Scene"),
-    _query("robot/TaskProc"),
+    _query("robot/TaskProc", takes_arg=True),
     _query("robot/TaskHistory"),
     _query("robot/DeviceState"),
     _query("robot/HardwareState"),
@@ -152,8 +163,8 @@ QUERIES = (
     _query("robot/Model"),
     _query("robot/AbnormalCodes", request="woosh.robot.count.AbnormalCodes"),
     _query("robot/StatusCodes", request="woosh.robot.count.StatusCodes"),
-    _query("robot/NavPath", timeout=30.0),
-    _query("robot/PlanPath", timeout=30.0),
+    _query("robot/NavPath", field="nav_path", timeout=30.0),
+    _query("robot/PlanPath", field="plan_path", timeout=30.0),
     _query("map/SceneDataEasy", "woosh_map_msgs", "woosh.map.SceneDataEasy", timeout=60.0),
     _query("task/RepeatTasks", "woosh_task_msgs", "woosh.task.RepeatTasks"),
     _query("task/CallTasks", "woosh_task_msgs", "woosh.task.CallTasks"),

@@ -1,6 +1,7 @@
 """Regeneration of derived files and tables: `python3 -m woosh_robot_agent.generate`.
 
-Files are replaced as a whole. Tables in README.md and docs/ stand between the lines
+Files are replaced as a whole. Interface files (.msg, .srv, .action) that nothing defines any more
+are removed. Tables in README.md and docs/ stand between the lines
 
     <!-- generated: NAME -->
     <!-- end -->
@@ -21,6 +22,7 @@ from pathlib import Path
 import yaml
 
 from woosh_robot_agent import endpoints, parameters, security, status_codes
+from woosh_robot_agent.interfaces import InterfaceError, interface_files, superfluous_files
 from woosh_robot_agent.simulator import faults, refusals
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.standard import endpoints as standard_endpoints
@@ -57,7 +59,7 @@ FILES: dict[str, Callable[[], str]] = {
     "config/client.policy.xml": security.client_policy,
     str(status_codes.TABLE.relative_to(ROOT)): status_codes_json,
 }
-"""Generated files: path, and the function that returns the content."""
+"""Generated files: path, and the function that returns the content. Interface files come on top."""
 
 TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,
@@ -94,13 +96,20 @@ def with_tables(text: str) -> str:
     return _BLOCK.sub(replace, text)
 
 
-def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str]]:
-    """Yield each file that is out of date, with the content that it should have."""
-    for name, content in FILES.items():
+def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str | None]]:
+    """Yield each file that is out of date, with its content; None if it should not exist.
+
+    Raises:
+        InterfaceError: the interface files cannot be generated.
+    """
+    interfaces = interface_files(root / "proto")
+    files = interfaces | {name: content() for name, content in FILES.items()}
+    for name, wanted in files.items():
         path = root / name
-        wanted = content()
         if not path.exists() or path.read_text() != wanted:
             yield path, wanted
+    for path in superfluous_files(root, interfaces):
+        yield path, None
     for path in pages(root):
         text = path.read_text()
         wanted = with_tables(text)
@@ -118,11 +127,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not (ROOT / "setup.py").exists():
         parser.error(f"this is not a source checkout: {ROOT}")
-    found = list(outdated())
+    try:
+        found = list(outdated(ROOT))
+    except InterfaceError as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
     for path, wanted in found:
         if options.check:
             print(f"{path.relative_to(ROOT)} is out of date; run {COMMAND}")
+        elif wanted is None:
+            path.unlink()
+            print(f"removed {path.relative_to(ROOT)}")
         else:
+            path.parent.mkdir(exist_ok=True)
             path.write_text(wanted)
             print(f"wrote {path.relative_to(ROOT)}")
     return 1 if options.check and found else 0

@@ -90,10 +90,8 @@ class _QueryHandler:
         self._requests = requests
         self._log = LogOnce(_LOG)
         self._proto = message_type(endpoint.request)
-        # the response has one field: info, nav_path or plan_path
-        ((self._field, field_type),) = self.srv.Response.get_fields_and_field_types().items()
+        field_type = self.srv.Response.get_fields_and_field_types()[endpoint.field]
         self._convert = converter(class_of(field_type, "msg"), self._proto)
-        self._takes_arg = "arg" in self.srv.Request.get_fields_and_field_types()
 
     def handle(self, request: Any, reply: Reply) -> None:
         self._thread.spawn(partial(self._answer, request, reply), reply.fail)
@@ -111,7 +109,7 @@ class _QueryHandler:
             value = self._last_value()
         else:
             self._log.clear()
-        reply.send(filled(self.srv.Response, **{self._field: value}))
+        reply.send(filled(self.srv.Response, **{self._endpoint.field: value}))
 
     async def _ask(self, request: Any) -> Any:
         """Request the value from the chassis; return it as a ROS message."""
@@ -132,7 +130,7 @@ class _QueryHandler:
         return self._convert.to_ros(last or self._proto())
 
     def _message(self, request: Any) -> Message:
-        if not self._takes_arg:
+        if not self._endpoint.takes_arg:
             return self._requests.empty(self._proto)
         try:
             return self._requests.make(self._convert, request.arg)
