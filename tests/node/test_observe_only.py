@@ -21,6 +21,7 @@ from tests.node.goals import ABORTED, EXECUTING, stop_time, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES, TOPICS
+from woosh_robot_agent.motion import velocity_driver
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros_types import class_of
@@ -234,9 +235,14 @@ def test_open_goals_end_when_it_is_turned_on(
     assert simulator.counts["woosh.robot.ActionOrder"] == 0
 
 
+@pytest.mark.usefixtures("observer")
 def test_a_stream_of_velocities_does_not_drive_when_it_is_turned_off(
-    observer: RunningAgent, client: Client, simulator: SimulatorThread, logs: Collector
+    client: Client,
+    simulator: SimulatorThread,
+    logs: Collector,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(velocity_driver, "_PAUSE", 3600.0)  # however slow the machine is
     publisher = publish(client, "cmd_vel", velocity(0.5))
     logs.wait(lambda r: "cmd_vel is ignored: this agent only observes" in r.getMessage())
     assert change(client, observe_only=False) == (True, "")
