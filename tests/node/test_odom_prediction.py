@@ -197,9 +197,61 @@ def test_nothing_is_predicted_beyond_the_horizon(
     driven = [m for m in odom.messages if moving(m)]
     assert stamp(driven[-1]) - stamp(driven[0]) <= HORIZON
     assert max(pose_of(m).x for m in driven) <= 0.5 * HORIZON + 1e-6
-    assert odom.messages[-1] is driven[-1], "odom pauses if a moving robot is silent"
     reports.push(Pose2D(0.08))
     odom.wait(lambda m: not moving(m) and abs(pose_of(m).x - 0.08) < 1e-6)
+
+
+@pytest.mark.parametrize("prediction", [True, False])
+@pytest.mark.parametrize(
+    ("linear", "angular"), [(0.5, 0.0), (0.001, 0.0), (0.0, -1e-7)], ids=["fast", "slow", "turn"]
+)
+def test_a_robot_that_stays_silent_stands(
+    reports: Reports,
+    start: Callable[..., Any],
+    client: Client,
+    linear: float,
+    angular: float,
+    prediction: bool,
+) -> None:
+    """A real robot does not report while it stands, and its last speed may be any."""
+    start(odom_prediction=prediction)
+    odom = odoms(client)
+    reports.push(Pose2D(0.02), linear, angular)
+    last = odom.wait(moving)
+
+    def stands(message: Any) -> bool:
+        return not moving(message) and abs(pose_of(message).x - 0.02) < 1e-6
+
+    first = odom.wait(lambda m: stamp(m) > stamp(last) and stands(m))
+    odom.wait_count(len(odom.messages) + 20)
+    later = [m for m in odom.messages if stamp(m) >= stamp(first)]
+    assert all(map(stands, later))
+    reports.push(Pose2D(0.03), 0.1)
+    odom.wait(lambda m: moving(m) and abs(m.twist.twist.linear.x - 0.1) < 1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+def test_the_pose_does_not_jump_back_with_a_late_report(
+    reports: Reports, start: Callable[..., Any], client: Client, turn: float
+) -> None:
+    """The robot has stopped, but its report comes when odom has paused for 0.2 s."""
+    start()
+    odom = odoms(client)
+    reports.push(Pose2D(), 0.5, turn)
+    odom.wait(lambda m: pose_of(m).x > 0.08)
+    clock = client.node.get_clock()
+    wait_until(
+        lambda: clock.now().nanoseconds / 1e9 - stamp(odom.messages[-1]) > 0.2, "odom pauses"
+    )
+    behind = Pose2D.from_arc(0.03, 0.0, 0.06 * turn)
+    reports.push(behind)
+    odom.wait(lambda m: not moving(m) and pose_of(m).seen_from(behind).distance < 1e-6)
+    number = max(number for number, m in enumerate(odom.messages) if moving(m))
+    last, after = pose_of(odom.messages[number]), pose_of(odom.messages[number + 1])
+    assert last.seen_from(behind).arc[0] > 0.04
+    forward, _, turned = after.seen_from(last).arc
+    assert forward >= -0.005, f"{last} jumped to {after}"
+    assert turned >= -0.005, f"{last} jumped to {after}"
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5])

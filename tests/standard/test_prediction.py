@@ -236,6 +236,7 @@ def test_after_the_blend_pose_and_velocity_fit() -> None:
     prediction.report(Pose2D(), ROUND, 0.0)
     prediction.predict(0.2)
     prediction.report(Pose2D(0.05, 0.02, 0.1), ROUND, 0.2)
+    prediction.predict(0.25)
     one, velocity = prediction.predict(0.36)
     other, _ = prediction.predict(0.41)
     forward, left, turn = other.seen_from(one).arc
@@ -244,13 +245,85 @@ def test_after_the_blend_pose_and_velocity_fit() -> None:
     )
 
 
-def test_the_time_without_messages_counts_for_the_blend() -> None:
-    """After a pause, the pose is at once where it was reported: nobody has seen it jump."""
+PUBLISHED = 0.05
+"""Time between two messages, in seconds."""
+
+
+def predict_until(prediction: Prediction, begin: float, end: float) -> list[Pose2D]:
+    """Return the poses of the messages between two times; there is none while they pause."""
+    steps = range(math.ceil(begin / PUBLISHED - 1e-9), round(end / PUBLISHED) + 1)
+    times = [PUBLISHED * step for step in steps]
+    return [prediction.predict(time)[0] for time in times if prediction.valid(time)]
+
+
+@pytest.mark.parametrize("late", [0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 1.0])
+@pytest.mark.parametrize(
+    ("velocity", "end"),
+    [(Velocity(0.5), Pose2D(0.05)), (Velocity(0.0, 0.0, 1.0), Pose2D(0.0, 0.0, 0.05))],
+    ids=["forward", "turn"],
+)
+def test_a_late_report_of_a_robot_that_stands_does_not_make_the_pose_jump(
+    late: float, velocity: Velocity, end: Pose2D
+) -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), velocity, 0.0)
+    before = predict_until(prediction, 0.0, late - PUBLISHED)[-1]
+    prediction.report(end, STANDSTILL, late)
+    after = predict_until(prediction, late, late + 0.4)
+    error = max(each.seen_from(end).arc[0] for each in (before, *after))
+    error_turn = max(each.seen_from(end).theta for each in (before, *after))
+    assert error + error_turn > 0.07
+    for one, other in pairwise((before, *after)):
+        forward, _, turn = other.seen_from(one).arc
+        assert -0.45 * error - 1e-9 <= forward <= 0.02
+        assert -0.45 * error_turn - 1e-9 <= turn <= 0.02
+    assert_near(after[-1], end)
+
+
+@pytest.mark.parametrize("way", [0.2, 0.4, 0.5])
+def test_the_pose_follows_at_once_if_the_robot_has_driven_on_without_reports(way: float) -> None:
+    """The movement since the last message fits the reported speeds: it is no error."""
     prediction = Prediction()
     prediction.report(Pose2D(), Velocity(0.5), 0.0)
     prediction.predict(0.3)
-    prediction.report(Pose2D(0.2), Velocity(0.5), 1.0)
-    assert_near(prediction.predict(1.0)[0], Pose2D(0.2))
+    prediction.report(Pose2D(way), Velocity(0.5), 1.0)
+    assert_near(prediction.predict(1.0)[0], Pose2D(way))
+
+
+def test_a_pose_that_nobody_has_seen_for_long_is_not_blended_in() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.5), 0.0)
+    prediction.predict(0.3)
+    prediction.report(Pose2D(-3.0), STANDSTILL, 60.0)
+    assert_near(prediction.predict(60.0)[0], Pose2D(-3.0))
+
+
+def test_a_silent_robot_stands_at_the_last_reported_pose() -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(), Velocity(0.5), 0.0)
+    poses = [prediction.predict(HORIZON)[0]]
+    prediction.stand()
+    for step in range(5):
+        assert prediction.valid(1.0 + PUBLISHED * step)
+        pose, velocity = prediction.predict(1.0 + PUBLISHED * step)
+        assert velocity == STANDSTILL
+        poses.append(pose)
+    for one, other in pairwise(poses):
+        assert -0.06 < other.x - one.x <= 1e-9
+    assert_near(poses[-1], Pose2D())
+
+
+RESIDUAL = [Velocity(0.001), Velocity(0.0, 0.0, -1e-7), Velocity(-0.004, 0.0, 0.004)]
+
+
+@pytest.mark.parametrize("residual", RESIDUAL)
+def test_a_robot_with_a_residual_speed_stands(residual: Velocity) -> None:
+    prediction = Prediction()
+    prediction.report(Pose2D(1.0), residual, 0.0)
+    assert prediction.valid(1e6)
+    assert_near(prediction.predict(0.9)[0], Pose2D(1.0))
+    prediction.stand()
+    assert prediction.predict(1.0) == (Pose2D(1.0), STANDSTILL)
 
 
 def test_a_late_report_is_predicted_from_the_time_at_which_it_was_true() -> None:

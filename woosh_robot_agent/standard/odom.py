@@ -25,7 +25,9 @@ from woosh_robot_agent.standard.velocity import Velocity
 
 _LOG = logging.getLogger(__name__)
 _SILENCE = HORIZON
-"""Time without a report after which a robot that reported no speed stands, in seconds."""
+"""Time without a report after which the robot does not move sideways, in seconds."""
+_STANDSTILL = 1.0
+"""Time without a report after which the robot stands, in seconds."""
 
 
 class Odom(Part):
@@ -33,7 +35,8 @@ class Odom(Part):
 
     With `odom_prediction`, odom is published at `odom_rate`: the pose of a moving robot is
     predicted from its last report, that of a standing robot is repeated. odom pauses if a moving
-    robot has not reported for `HORIZON`.
+    robot has not reported for `HORIZON`. After a second of silence the robot stands, because a real
+    one reports only while it moves.
 
     Otherwise, each report is published once, at up to `odom_rate`, and the pose of a standing robot
     is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each message.
@@ -72,13 +75,12 @@ class Odom(Part):
 
     async def run(self) -> None:
         async for now in self._subscribers.times(self._rate):
-            if now - self._received > _SILENCE:
-                self._silent()
+            self._note_silence(now - self._received)
             if self._context.settings().odom_prediction:
                 # skip a message right after another one
                 if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
                     self._publish_predicted()
-            elif not self._odometry.velocity.moving and self._due(now, self._sent, 0.9):
+            elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
                 self._publish_reported(now)
 
     def _forget(self) -> None:
@@ -128,13 +130,15 @@ class Odom(Part):
             self._forwarded = now
             self._publish_reported(now)
 
-    def _silent(self) -> None:
-        """Note that a robot that may have moved sideways stands."""
+    def _note_silence(self, seconds: float) -> None:
+        """Note that the robot has not reported for some time."""
         odometry = self._odometry
-        if odometry.velocity.left:
+        if seconds > _SILENCE and odometry.velocity.left:  # it may have moved sideways only
             odometry.silent()
             if not odometry.velocity.moving:
                 self._prediction.stand()
+        if seconds > _STANDSTILL:
+            self._prediction.stand()
 
     def _rate(self) -> float:
         return self._context.settings().odom_rate
@@ -152,7 +156,7 @@ class Odom(Part):
         self._publish(now, stamp, *self._prediction.predict(now))
 
     def _publish_reported(self, now: float) -> None:
-        self._publish(now, self._context.now(), self._odometry.pose, self._odometry.velocity)
+        self._publish(now, self._context.now(), self._odometry.pose, self._prediction.velocity)
 
     def _publish(self, now: float, stamp: Any, pose: Pose2D, velocity: Velocity) -> None:
         self._sent = now

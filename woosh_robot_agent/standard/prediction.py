@@ -6,7 +6,8 @@ down between the last two reports, it continues to slow down until it stands. If
 keeps its speed, because it may have reached the commanded one.
 
 Each report starts a new prediction. The pose must not jump, so the difference between the old and
-the new prediction is blended in over 0.15 s.
+the new prediction is blended out over 0.15 s. If a report comes late, the predictions pause before
+it. Then only the movement that the robot cannot have made in the pause is blended out.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ HORIZON = 0.3
 """Maximum time between a report and a pose that is predicted from it, in seconds."""
 _BLEND = 0.15
 """Time over which the error of a prediction is blended out, in seconds."""
+_FIRST_STEP = 0.05
+"""Part of `_BLEND` that may have passed at the first prediction from a report, in seconds."""
+_LONGEST_PAUSE = 1.5
+"""Maximum time between two predictions that must not differ by a jump, in seconds."""
 _MIN_INTERVAL = 0.01
 """Minimum interval between two reports from which an acceleration is derived, in seconds."""
 _MAX_INTERVAL = 0.5
@@ -48,9 +53,16 @@ class Prediction:
         """Time of the last predicted pose."""
         self._last = Pose2D()
         """The last predicted pose."""
+        self._last_velocity = STANDSTILL
+        """Reported velocity from which it was predicted."""
         self._error = Pose2D()
         """Difference between the old and the new prediction, at the time `_error_time`."""
         self._error_time = -math.inf
+
+    @property
+    def velocity(self) -> Velocity:
+        """The velocity in the last report, or zero after `stand`."""
+        return self._velocity
 
     @property
     def last(self) -> Pose2D:
@@ -71,7 +83,7 @@ class Prediction:
 
     def stand(self) -> None:
         """Note that the robot stands at the pose of the last report, because no other followed."""
-        if self._velocity.moving:
+        if self._velocity != STANDSTILL:
             self.report(self._pose, STANDSTILL, self._time)
 
     def valid(self, time: float) -> bool:
@@ -85,7 +97,7 @@ class Prediction:
             time: time of the pose; must not be before that of the previous call.
         """
         if self._is_new:
-            self._start()
+            self._start(time)
         pose, share = self._at(time), 1.0 - (time - self._error_time) / _BLEND
         if share > 0.0:
             error = self._error
@@ -94,7 +106,7 @@ class Prediction:
                 pose.y + share * error.y,
                 math.remainder(pose.theta + share * error.theta, math.tau),
             )
-        self._last_time, self._last = time, pose
+        self._last_time, self._last, self._last_velocity = time, pose, self._velocity
         elapsed, velocity, change = time - self._time, self._velocity, self._acceleration
         if elapsed > 0.0 and velocity.moving:
             velocity = Velocity(
@@ -104,8 +116,12 @@ class Prediction:
             )
         return pose, velocity
 
-    def _start(self) -> None:
-        """Start to predict from a new report."""
+    def _start(self, time: float) -> None:
+        """Start to predict from a new report.
+
+        Args:
+            time: time of the first prediction.
+        """
         self._is_new = False
         interval, now, before = self._interval, self._velocity, self._before
         if not _MIN_INTERVAL <= interval <= _MAX_INTERVAL:
@@ -115,11 +131,29 @@ class Prediction:
             (now.left - before.left) / interval,
             (now.turn - before.turn) / interval,
         )
-        last, new = self._last, self._at(self._last_time)
-        self._error = Pose2D(
-            last.x - new.x, last.y - new.y, math.remainder(last.theta - new.theta, math.tau)
+        pause = time - self._last_time
+        if pause < _BLEND:
+            self._error = _difference(self._last, self._at(self._last_time))
+            self._error_time = max(self._last_time, time - _FIRST_STEP)
+        elif pause <= _LONGEST_PAUSE:
+            pose = self._at(time)
+            self._error = _difference(self._reachable(pose, pause), pose)
+            self._error_time = time
+        else:  # nobody has seen the last pose for long
+            self._error_time = -math.inf
+
+    def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
+        """Return the pose nearest to `pose` that the robot can reach from the last predicted one.
+
+        Its speeds are between zero and those before and after.
+        """
+        forward, left, turn = pose.seen_from(self._last).arc
+        before, now = self._last_velocity, self._velocity
+        return self._last * Pose2D.from_arc(
+            _limited(forward, before.forward, now.forward, seconds),
+            _limited(left, before.left, now.left, seconds),
+            _limited(turn, before.turn, now.turn, seconds),
         )
-        self._error_time = self._last_time
 
     def _at(self, time: float) -> Pose2D:
         """Return the pose at a time as predicted from the last report, without blending."""
@@ -154,3 +188,15 @@ def _mean(speed: float, acceleration: float, seconds: float) -> float:
         return speed
     moving = min(seconds, -speed / acceleration)
     return (speed + acceleration * moving / 2) * moving / seconds
+
+
+def _limited(way: float, before: float, now: float, seconds: float) -> float:
+    """Return the way, limited to what speeds between zero and these two can cover."""
+    return max(min(0.0, before, now) * seconds, min(max(0.0, before, now) * seconds, way))
+
+
+def _difference(one: Pose2D, other: Pose2D) -> Pose2D:
+    """Return the difference of two poses, number by number."""
+    return Pose2D(
+        one.x - other.x, one.y - other.y, math.remainder(one.theta - other.theta, math.tau)
+    )

@@ -50,7 +50,7 @@ class StandardSettings:
     scan_frame: str = _parameter("laser", "Frame of the laser.", read_only=True)
 
     odom_rate: float = _parameter(
-        20.0, "Rate of odom, in Hz; the maximum rate if odom_prediction is false.", 0.1, 200.0
+        20.0, "Rate of odom, in Hz. If odom_prediction is false, its highest rate.", 0.1, 200.0
     )
     odom_prediction: bool = _parameter(
         True,

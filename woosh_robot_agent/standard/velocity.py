@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+_RESIDUAL_SPEED = 0.005
+"""Maximum speed of a robot that stands, in m/s."""
+_RESIDUAL_TURN = 0.005
+"""Maximum angular speed of a robot that stands, in rad/s."""
+
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
@@ -21,8 +26,12 @@ class Velocity:
 
     @property
     def moving(self) -> bool:
-        """True unless all speeds are zero."""
-        return bool(self.forward or self.left or self.turn)
+        """True unless all speeds are so small that the robot stands."""
+        return (
+            abs(self.forward) > _RESIDUAL_SPEED
+            or abs(self.left) > _RESIDUAL_SPEED
+            or abs(self.turn) > _RESIDUAL_TURN
+        )
 
 
 STANDSTILL = Velocity()
