@@ -10,7 +10,7 @@ from tests.link.link_peer import aio, eventually
 from tests.watch.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode
-from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kCancel, kExecute
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.watch import refusal_log
@@ -85,8 +85,7 @@ async def test_a_refused_cancel_is_left_to_the_log_of_its_goal(
     rig = Rig(READY)
     async with rig.running():
         rig.refusal = "Request failed"
-        await refused(rig, ActionOrder(order=action_pb2.kCancel))
-        await refused(rig, CallAction(step_control=StepControl(action=kCancel)))
+        await refused(rig, ActionOrder(order=action_pb2.kCancel), refusal_log.GOAL_CANCEL)
         assert logged(caplog) == []
         await refused(rig, ActionOrder(order=action_pb2.kCancel), "robot/ActionOrder")
         assert [line[:37] for line in logged(caplog)] == ["the chassis refused robot/ActionOrder"]

@@ -167,7 +167,7 @@ class MotionGate:
         """Return a function that stops a robot that the agent will no longer command.
 
         Call this before the link leaves the robot, and the function afterwards. After this call,
-        the robot does not count as driving. If the function cannot stop the robot, it logs an error.
+        the robot does not count as driving. If the function cannot stop it, it logs an error.
 
         Args:
             timeout: time to wait for the answer to the zero, in seconds.

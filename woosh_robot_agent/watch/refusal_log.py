@@ -10,19 +10,17 @@ from typing import Any
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
-from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.readiness import Objection
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.watch.command_names import command_name
 
 _LOG = logging.getLogger(__name__)
+GOAL_CANCEL = "the cancel of a goal"
+"""Source of the cancels of goals, which log their refusals themselves."""
 
 
 class RefusalLog:
     """Logs each refusal once, until a command of the same kind succeeds.
-
-    Commands without a source that move nothing are cancels of goals, which log their refusals
-    themselves, and the last zero of the gate.
 
     Args:
         chassis: the link.
@@ -59,8 +57,7 @@ class RefusalLog:
         if command.answer.ok:
             self._logs.pop(name, None)
             return
-        logs_itself = name in self._silent or not (command.source or may_move(command.message))
-        if not logs_itself and (name, msg) not in self._pending:
+        if name not in self._silent and (name, msg) not in self._pending:
             # both of the robot that refused it, which may be left before the task runs
             log = self._logs.setdefault(name, LogOnce(_LOG))
             reasons = self._explainer.reasons(type_of(command.message))
