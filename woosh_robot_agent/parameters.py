@@ -113,7 +113,7 @@ class Settings:
         "dashboards and for a second agent on the same robot.",
     )
     goal_link_timeout: float = parameter_field(
-        5.0, "Time without a link after which open goals are aborted, in seconds.", 0.0, 3600.0
+        15.0, "Time without a link after which open goals are aborted, in seconds.", 0.0, 3600.0
     )
     result_timeout: int = parameter_field(
         60,

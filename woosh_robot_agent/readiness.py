@@ -118,7 +118,11 @@ _STATES = {
 _EXECUTING = "the robot is executing a task"
 _BUSY_STATES = {
     robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
-    robot.kParking: Objection("busy", "the robot is parking", "wait for its end, or cancel it"),
+    robot.kParking: Objection(  # also the state of a charging task
+        "busy",
+        "the robot is executing a charging or parking task",
+        "wait for its end, or cancel it",
+    ),
     robot.kMapping: _STATES[robot.kMapping],
     robot.kFollowing: _STATES[robot.kFollowing],
 }

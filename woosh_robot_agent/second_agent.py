@@ -1,6 +1,7 @@
 """Detection of a second agent in the same namespace.
 
-Clients cannot tell the two apart: both execute every command, and both publish on every topic.
+Clients cannot tell the two apart: both respond to every call and publish on every topic, and both
+execute every command, unless one of them only observes (`observe_only`).
 """
 
 from __future__ import annotations
@@ -77,8 +78,9 @@ class SecondAgent:
             return ""
         runs = "runs" if certain or alive else "runs, or has just ended,"
         return (
-            f"another agent {runs} in the same namespace: {'; '.join(others)}. Both execute each "
-            "command: end one of them, or start it in another namespace"
+            f"another agent {runs} in the same namespace: {'; '.join(others)}. Both respond to each "
+            "call, and each executes every command unless its observe_only is true: end one of "
+            "them, or start it in another namespace"
         )
 
     def _other_publishers(self, *, certain: bool) -> tuple[list[str], bool]:

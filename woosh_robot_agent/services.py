@@ -70,8 +70,8 @@ class Services:
 class _QueryHandler:
     """Handler of one query.
 
-    If the chassis gives no usable answer, the response holds the last known value, and the log says
-    why.
+    If the chassis gives no usable answer, the response holds the last known value, and is blank
+    without one. The log says why.
     """
 
     def __init__(
@@ -97,15 +97,13 @@ class _QueryHandler:
         self._thread.spawn(partial(self._answer, request, reply), reply.fail)
 
     async def _answer(self, request: Any, reply: Reply) -> None:
-        name = self._endpoint.name
         try:
             value = await self._ask(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
-            _LOG.debug("%s answers with the last known value: %s", name, error)
+            _LOG.debug("%s: %s", self._fallback, error)
             value = self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
-            text = f"{name} answers with the last known value: {error}"
-            self._log.warn(type(error).__name__, text)
+            self._log.warn(type(error).__name__, f"{self._fallback}: {error}")
             value = self._last_value()
         else:
             self._log.clear()
@@ -124,6 +122,14 @@ class _QueryHandler:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
         self._last_known.remember(answer.raw)
         return value
+
+    @property
+    def _fallback(self) -> str:
+        """What the response is when the chassis gives no usable answer, for the log."""
+        name = self._endpoint.name
+        if self._last_known.get(self._endpoint.request) is None:
+            return f"{name} answers blank, because no value is known yet"
+        return f"{name} answers with the last known value"
 
     def _last_value(self) -> Any:
         last = self._last_known.get(self._endpoint.request)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections import Counter
 from typing import Any
 
@@ -361,3 +362,21 @@ async def test_drops_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
         assert client.stats.dropped_pushes == {"woosh.robot.count.StatusCode": 6}
         logged = [r for r in caplog.records if "faster than its consumers handle it" in r.message]
         assert [r.levelno for r in logged] == [logging.WARNING]
+
+
+@aio
+async def test_pushes_tell_the_difference_of_the_clocks_too() -> None:
+    async with Peer("json") as peer:
+        client = peer.client()
+        async with client:
+            wire = await peer.wire()
+            for ahead in (-3600.0, 7200.0):
+                stamp = round((time.time() + ahead) * 1000)
+                await wire.send({"type": POSE, "body": {}, "timestamp": stamp})
+                offset = await eventually(
+                    lambda ahead=ahead: (
+                        (known := client.stats.clock_offset) is not None
+                        and abs(known - ahead) < 600
+                    )
+                )
+                assert offset

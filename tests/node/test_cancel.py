@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from action_msgs.srv import CancelGoal
 
-from tests.harness import Client, GoalClient, RunningAgent, wait_until
+from tests.harness import Client, Collector, GoalClient, RunningAgent, wait_until
 from tests.node.goals import (
     ABORTED,
     ACTION_ORDER,
@@ -150,12 +150,17 @@ def test_cancel_can_be_repeated_before_the_first_is_refused(
     assert simulator.counts[ACTION_ORDER] == 2
 
 
-def test_refused_cancel_lets_the_goal_succeed(client: Client, simulator: SimulatorThread) -> None:
+def test_refused_cancel_lets_the_goal_succeed(
+    client: Client, simulator: SimulatorThread, logs: Collector
+) -> None:
     simulator.refuse(ACTION_ORDER, "not on the lift")
     goal = in_state(task(client), EXECUTING)
     goal.cancel()
+    logs.wait(lambda record: "refused to cancel" in record.getMessage())
     hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
+    told = [each for each in logs.messages if "not on the lift" in each.getMessage()]
+    assert len(told) == 1
 
 
 def test_cancel_waits_until_the_chassis_has_accepted_the_goal(

@@ -32,7 +32,7 @@ DEFAULTS = {
     "encoding": "json",
     "poll_timeout": 10000,
     "robot_id": 0,
-    "goal_link_timeout": 5.0,
+    "goal_link_timeout": 15.0,
     "result_timeout": 60,
     "executor": "events",
 }

@@ -96,7 +96,7 @@ def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):
     for query in QUERIES:
         info = ask(client, query)
         assert info == blank(info), query.name
-        (warning,) = messages(logs, f"{query.name} answers with the last known value: ")
+        (warning,) = messages(logs, f"{query.name} answers blank, because no value is known yet: ")
         assert warning[0] == "WARNING"
         assert "not connected to ws://127.0.0.1:1 since 2" in warning[1]
 

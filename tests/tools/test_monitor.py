@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     DeviceState,
@@ -144,6 +144,16 @@ def test_status_codes_are_shown_with_their_meaning():
     text = shown(seen(*codes))
     assert "110201000013: emergency stop 1 was pressed" in text
     assert "110301000042: 左电机过热 (left motor is too hot)" in text
+
+
+def test_unresolved_problems_are_shown():
+    codes = [StatusCode(code=110201000013), StatusCode(code=110301000042, msg="左电机过热")]
+    text = shown(seen(AbnormalCodes(scs=codes)))
+    assert row(text, "problems") == "110201000013: emergency stop 1 was pressed"
+    assert "110301000042: 左电机过热 (left motor is too hot)" in text
+    assert row(text, "codes") == "none"
+    assert row(shown(seen(AbnormalCodes())), "problems") == "none"
+    assert row(shown(seen(Mode())), "problems") == "unknown"
 
 
 def test_a_pose_without_a_map_is_marked():

@@ -41,12 +41,12 @@ async def test_its_tasks_are_not_those_of_the_agent(request_: Any) -> None:
 
 @aio
 async def test_its_own_task_is_told_by_its_own_report() -> None:
-    """The number tells at which second the robot began the task."""
+    """The number tells at which second the robot began the task, here two days before."""
     own = {**NAVIGATING, "robotTaskId": "172724740253", "type": 2}
     async with Rig(READY).running() as rig:
         await rig.push(TaskProc(), {**own, "time": 1727247402})
         assert rig.watch.who_drives.now().name == "the robot itself"
-        await rig.turn_to_another_robot({**READY, "taskProc": {**own, "time": 1727257402}})
+        await rig.turn_to_another_robot({**READY, "taskProc": {**own, "time": 1727447402}})
         assert rig.watch.who_drives.now().name == OTHER_CLIENT
 
 

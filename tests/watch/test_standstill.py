@@ -48,14 +48,19 @@ async def warned(rig: Rig) -> str:
     return str(await eventually(lambda: rig.watch.standstill.warning))
 
 
+def warnings(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:
+    found = [each for each in caplog.records if each.levelno == logging.WARNING]
+    return [each for each in found if "does not move" in each.getMessage()]
+
+
 @pytest.mark.parametrize(
     ("request_", "source", "name"),
     [
         (FORWARD, "cmd_vel", "cmd_vel"),
         (Twist(angular=0.3), "robot/Twist", "robot/Twist"),
-        (ExecTask(task_id=17), "", "ExecTask"),
-        (STEP, "", "CallAction"),
-        (CallAction(move_base=MoveBase(action=kExecute)), "", "CallAction"),
+        (ExecTask(task_id=17), "", "robot/ExecTask"),
+        (STEP, "", "ros/StepControl"),
+        (CallAction(move_base=MoveBase(action=kExecute)), "", "ros/MoveBase"),
     ],
 )
 @aio
@@ -83,9 +88,39 @@ async def test_it_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
         await after_limit()
         assert rig.watch.standstill.warning
         await rig.push(PoseSpeed(), MOVING)
-    warnings = [r.getMessage() for r in caplog.records if "does not move" in r.getMessage()]
-    assert len(warnings) == 1
+    assert len(warnings(caplog)) == 1
     assert any("the robot moves after cmd_vel" in r.getMessage() for r in caplog.records)
+
+
+@aio
+async def test_each_command_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async with Rig(READY).running() as rig:
+        for request, source in ((ExecTask(task_id=17), ""), (STEP, ""), (FORWARD, "cmd_vel")):
+            await rig.send(request, source)
+            await after_limit()
+    names = [record.getMessage().split()[0] for record in warnings(caplog)]
+    assert names == ["robot/ExecTask", "ros/StepControl", "cmd_vel"]
+
+
+@pytest.mark.parametrize("request_", [STEP, FORWARD])
+@aio
+async def test_the_same_command_is_logged_again_after_a_while(
+    request_: Any, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with Rig(READY).running() as rig:
+        for kept, count in ((30.0, 1), (30.0, 1), (0.1, 2)):
+            monkeypatch.setattr(standstill, "KEPT", kept)
+            await rig.send(request_)
+            await after_limit()
+            assert len(warnings(caplog)) == count
+
+
+@aio
+async def test_a_robot_that_is_only_observed_now_is_not_expected_to_move() -> None:
+    async with Rig(READY).running() as rig:
+        await rig.send(FORWARD, "cmd_vel")
+        rig.client.permit_only(lambda _: False, "this agent only observes the robot")
+        await no_warning(rig)
 
 
 @aio

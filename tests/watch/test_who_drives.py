@@ -87,6 +87,7 @@ async def test_a_task_that_outlives_its_goal_is_not_of_another_client() -> None:
         (172724740253, 3, Driver("the robot itself", "charging, task 172724740253")),
         (172724740253, 1, Driver("another client", "task 172724740253")),
         (172724730253, 2, Driver("another client", "task 172724730253")),
+        (172724740201, 2, Driver("another client", "task 172724740201")),
         (1727247402531, 2, Driver("another client", "task 1727247402531")),
     ],
 )
@@ -99,6 +100,23 @@ async def test_tasks_of_the_robot_itself(number: int, kind: int, driver: Driver)
         assert rig.watch.who_drives.now() == driver
         await rig.push(TaskProc(), {**report, "time": 1727247503})
         assert rig.watch.who_drives.now() == driver
+
+
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [
+        (172724740253, "the robot itself"),
+        (172724740201, "another client"),
+        (172715000053, "another client"),  # more than a day ago
+    ],
+)
+@aio
+async def test_tasks_of_the_robot_itself_that_began_before_the_link(number: int, name: str) -> None:
+    proc = {**NAVIGATING, "robotTaskId": str(number), "type": 3, "time": 1727247525}
+    async with Rig({**READY, "taskProc": proc}).running() as rig:
+        assert rig.watch.who_drives.now().name == name
+        await rig.push(TaskProc(), {**proc, "time": 1727247700})
+        assert rig.watch.who_drives.now().name == name
 
 
 @aio

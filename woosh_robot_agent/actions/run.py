@@ -35,6 +35,7 @@ from woosh_robot_agent.link import (
     LinkState,
     RequestTimeoutError,
 )
+from woosh_robot_agent.watch.refusal_log import GOAL_CANCEL
 
 _LOG = logging.getLogger(__name__)
 
@@ -78,7 +79,7 @@ class GoalRun:
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
             kind.name,
-            send=lambda: context.gate.request(kind.cancel_request()),
+            send=lambda: context.gate.request(kind.cancel_request(), source=GOAL_CANCEL),
             replaced=lambda: context.open_goals.newer_accepted(self),
             accepted=self._give_up.cancel_accepted,
         )

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 class GoalTiming:
     """Timeouts and poll periods of a goal; all times are in seconds."""
 
-    link_timeout: float = 5.0
+    link_timeout: float = 15.0
     """Maximum wait for a report after the link was lost or the chassis fell silent. Set by the
-    parameter `goal_link_timeout`."""
+    parameter `goal_link_timeout`. Most losses on a factory's Wi-Fi last 4 to 9 s."""
     poll_period: float = 5.0
     """Time without a report after which the chassis is polled, in case a push was lost."""
     in_doubt_poll_factor: float = 0.2

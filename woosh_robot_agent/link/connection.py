@@ -314,6 +314,8 @@ class Connection:
             else:
                 self._stats.rx += 1
                 self._liveness.heard()
+                if envelope.timestamp is not None:
+                    self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
                 if envelope.sn:
                     self._answer(envelope)
                 else:
@@ -328,8 +330,6 @@ class Connection:
             self._stats.late_answers += 1
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
-        if envelope.timestamp is not None:
-            self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         body = Body(self._codec, envelope, self._count_bad)
         answer = Answer(bool(envelope.ok), envelope.msg, body)
         pending.future.set_result(answer)

@@ -23,7 +23,7 @@ class LinkStats:
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
         clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds; too
-            small by the transit time of the last answer. None if the chassis sends no times.
+            small by the transit time of the last frame. None if the chassis sends no times.
     """
 
     connects: int = 0

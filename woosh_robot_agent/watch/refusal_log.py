@@ -7,15 +7,16 @@ import logging
 from collections.abc import Container, Coroutine
 from typing import Any
 
-from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.readiness import Objection
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
+from woosh_robot_agent.watch.command_names import command_name
 
 _LOG = logging.getLogger(__name__)
-_ACTION_NAMES = {action.arg: action.name for action in ACTIONS}
+GOAL_CANCEL = "the cancel of a goal"
+"""Source of the cancels of goals, which log their refusals themselves."""
 
 
 class RefusalLog:
@@ -39,8 +40,8 @@ class RefusalLog:
         self._silent = silent
         self._logs: dict[str, LogOnce] = {}
         """Logs of the commands whose last answer was a refusal, by name."""
-        self._pending: dict[str, asyncio.Task[None]] = {}
-        """Tasks that wait for a reason, by name of the command."""
+        self._pending: dict[tuple[str, str], asyncio.Task[None]] = {}
+        """Tasks that wait for a reason, by name of the command and the chassis's words."""
         chassis.on_robot_changed(self._logs.clear)
         gate.on_answered(self._answered)
 
@@ -52,18 +53,18 @@ class RefusalLog:
     def _answered(self, command: AnsweredCommand) -> None:
         if command.answer.ok and not self._logs:
             return
-        request_type = type_of(command.message)
-        name = command.source or _ACTION_NAMES.get(request_type, request_type)
+        name, msg = command_name(command), command.answer.msg
         if command.answer.ok:
             self._logs.pop(name, None)
-        elif name not in self._silent and name not in self._pending:
+            return
+        if name not in self._silent and (name, msg) not in self._pending:
             # both of the robot that refused it, which may be left before the task runs
             log = self._logs.setdefault(name, LogOnce(_LOG))
-            reasons = self._explainer.reasons(request_type)
-            work = self._explain(name, command.answer.msg, reasons, log)
+            reasons = self._explainer.reasons(type_of(command.message))
+            work = self._explain(name, msg, reasons, log)
             task = asyncio.get_running_loop().create_task(work, name="reason of a refusal")
-            self._pending[name] = task
-            task.add_done_callback(lambda _: self._pending.pop(name))
+            self._pending[name, msg] = task
+            task.add_done_callback(lambda _: self._pending.pop((name, msg)))
 
     @staticmethod
     async def _explain(

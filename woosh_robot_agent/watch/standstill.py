@@ -37,6 +37,7 @@ from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
 from woosh_robot_agent.refusals import type_of
 from woosh_robot_agent.watch.causes import likely_causes
+from woosh_robot_agent.watch.command_names import command_name
 
 _LOG = logging.getLogger(__name__)
 
@@ -46,7 +47,10 @@ LIMIT = 2.0
 A real robot usually starts 0.31 s after a velocity, and in 90 % of all cases within 0.66 s.
 """
 KEPT = 30.0
-"""Time for which the warning remains after the last velocity if nothing moves, in seconds."""
+"""Time for which the warning remains after the last velocity if nothing moves, in seconds.
+
+After this time, a warning with the same words is logged again for another command.
+"""
 MIN_DISTANCE = 0.003
 """Smallest change of the pose that counts as movement, in m."""
 MIN_ANGLE = 0.01
@@ -109,9 +113,12 @@ class Standstill:
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
+        self._chassis = chassis
         self._last_known = last_known
         self._demand: _Demand | None = None
         self._log = LogOnce(_LOG)
+        self._logged = -math.inf
+        """Loop time since which warnings with the same words are logged once."""
         gate.on_answered(self._answered)
         gate.on_stop(self._give_up)
         chassis.on_robot_changed(self._forget)
@@ -128,6 +135,10 @@ class Standstill:
             return ""
         if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > KEPT:
             return ""
+        return self._text(demand)
+
+    def _text(self, demand: _Demand) -> str:
+        """Return the warning about a command."""
         info = self._last_known.get(full_name(RobotInfo))
         causes = likely_causes(info if isinstance(info, RobotInfo) else RobotInfo())
         return f"{demand.name} was accepted, but the robot does not move: {causes}"
@@ -140,20 +151,19 @@ class Standstill:
             return
         if isinstance(message, Twist):
             if may_move(message):
-                self._velocity_accepted(command.source or "a velocity")
+                self._velocity_accepted(command_name(command))
             elif self._demand is not None and self._demand.is_velocity:
                 self._give_up()
         elif takes_wheels(message) and not isinstance(message, Follow) and not _is_tiny(message):
-            name = command.source or full_name(message).rpartition(".")[2]
             kind = _TASKS[0] if isinstance(message, ActionOrder) else type_of(message)
-            self._expect(name, kind, getattr(message, "task_id", 0))
+            self._expect(command_name(command), kind, getattr(message, "task_id", 0))
         elif not may_move(message):  # a pause or a cancel
             self._give_up()
 
     def _velocity_accepted(self, name: str) -> None:
         now = asyncio.get_running_loop().time()
         demand = self._demand
-        if demand is None or not (demand.is_velocity or demand.reported):
+        if demand is None or not demand.is_velocity or now - demand.last > KEPT:
             demand = self._expect(name, _VELOCITY)
         demand.last = now
         if demand.since is None:
@@ -180,9 +190,18 @@ class Standstill:
 
     def _check(self, demand: _Demand, since: float) -> None:
         """Warn if the robot has not moved since `since`, and should have."""
-        if demand is self._demand and demand.since == since and not demand.reported:
-            demand.reported = True
-            self._log.warn(demand.name, self.warning)
+        if demand is not self._demand or demand.since != since or demand.reported:
+            return
+        if demand.is_velocity and self._chassis.refusal(Twist()):
+            self._demand = None  # the agent has stopped the robot, and only observes it
+            return
+        demand.reported = True
+        now = asyncio.get_running_loop().time()
+        if now - self._logged > KEPT:
+            self._log.clear()
+            self._logged = now
+        text = self._text(demand)
+        self._log.warn(text, text)
 
     # What the robot does
 

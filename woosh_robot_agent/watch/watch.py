@@ -9,7 +9,7 @@ from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.watch.code_log import CodeLog
-from woosh_robot_agent.watch.refusal_log import RefusalLog
+from woosh_robot_agent.watch.refusal_log import GOAL_CANCEL, RefusalLog
 from woosh_robot_agent.watch.standstill import Standstill
 from woosh_robot_agent.watch.velocity_sources import VelocitySources
 from woosh_robot_agent.watch.who_drives import WhoDrives
@@ -41,7 +41,7 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)
-        self.refusal_log = RefusalLog(chassis, gate, explainer)
+        self.refusal_log = RefusalLog(chassis, gate, explainer, silent=(GOAL_CANCEL,))
         self.velocities = VelocitySources(chassis, gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

@@ -29,6 +29,9 @@ OWN_TASK_AGE = 5.0
 
 The id of such a task contains its start by the robot's clock: Unix time in seconds * 100 + 53.
 """
+OWN_TASK_DURATION = 86400.0
+"""Maximum age of such a task when the agent has not seen its beginning, in seconds."""
+_OWN_TASK_ENDING = 53
 ROLL_OUT = 2.0
 """Maximum time for which the robot rolls after its last velocity, in seconds."""
 REPORT_GAP = 1.0
@@ -86,6 +89,8 @@ class WhoDrives:
         """Source of the last request to follow somebody."""
         self._task = TaskProc()
         """First report on the current task."""
+        self._began_unseen = False
+        """True if the current task was running when the link became ready."""
         self._moved = -math.inf
         """Monotonic time of the last PoseSpeed."""
         gate.on_answered(self._answered)
@@ -123,10 +128,15 @@ class WhoDrives:
         if source:
             return Driver(source, detail)
         kind = _OWN_TASKS.get(task.type)
-        began = self._task.time if self._task.robot_task_id == number else task.time
-        if kind and 0 <= began - number // _TASKS_PER_SET <= OWN_TASK_AGE:
+        if kind and self._is_own_id(number):
             return Driver(ROBOT, f"{kind}, {detail}")
         return Driver(OTHER_CLIENT, detail)
+
+    def _is_own_id(self, number: int) -> bool:
+        """Return True if the id of the current task is one that the robot gives itself."""
+        start, ending = divmod(number, _TASKS_PER_SET)
+        oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE
+        return ending == _OWN_TASK_ENDING and 0 <= self._task.time - start <= oldest
 
     def _unexplained(self, info: RobotInfo) -> Driver:
         """Return the driver of a robot that no task, action or velocity of the agent drives."""
@@ -156,15 +166,18 @@ class WhoDrives:
         self._tasks.clear()
         self._sets.clear()
         self._follower = ""
-        self._task = TaskProc()
+        self._task, self._began_unseen = TaskProc(), False
         self._moved = -math.inf
 
     def _snapshot(self, info: RobotInfo) -> None:
-        self._task_changed(info.task_proc)
+        self._begin(info.task_proc, unseen=True)
 
     def _task_changed(self, task: TaskProc) -> None:
+        self._begin(task, unseen=False)
+
+    def _begin(self, task: TaskProc, *, unseen: bool) -> None:
         if task.robot_task_id != self._task.robot_task_id:
-            self._task = task
+            self._task, self._began_unseen = task, unseen
 
     def _pose_pushed(self, _body: Body) -> None:
         self._moved = time.monotonic()

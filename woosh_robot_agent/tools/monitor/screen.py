@@ -49,6 +49,7 @@ def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> Render
             rows.add_row(title, content)
         for action_name in sorted(view.actions):
             rows.add_row(_printable(action_name), _action(view, action_name))
+        rows.add_row("problems", _problems(view.info))
         rows.add_row("codes", _codes(view))
     style = "" if link.good else _FAINT
     outdated = not link.good and not view.is_empty
@@ -184,6 +185,17 @@ def _action(view: RobotView, name: str) -> Text:
     if feedback.code:
         return text.append(f"   {_printable(explained(feedback.code, feedback.msg))}")
     return text.append(f"   {_printable(feedback.msg)}" if feedback.msg else "")
+
+
+def _problems(info: RobotInfo) -> Text:
+    """Return the status codes that the robot has not resolved."""
+    if not info.HasField("abnormal_codes"):
+        return _UNKNOWN
+    lines = [
+        Text(_printable(explained(code.code, code.msg)), _LEVEL_STYLES.get(code.level, ""))
+        for code in info.abnormal_codes.scs
+    ]
+    return Text("\n").join(lines) if lines else Text("none", _FAINT)
 
 
 def _codes(view: RobotView) -> Text:
