@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from woosh_robot_agent import generate
+from woosh_robot_agent.endpoints import minimum_timeouts
 
 ROOT = Path(__file__).parent.parent
 
@@ -70,6 +71,13 @@ def test_a_faulty_schema_is_reported(checkout: Path, capsys: Any) -> None:
 def test_each_table_has_a_place() -> None:
     text = "\n".join(page.read_text() for page in generate.pages(ROOT))
     assert set(re.findall(r"^<!-- generated: (\S+) -->$", text, re.M)) == set(generate.TABLES)
+
+
+def test_each_minimum_timeout_has_a_row() -> None:
+    rows = "\n".join(page.read_text() for page in generate.pages(ROOT)).splitlines()
+    for request, timeout in minimum_timeouts().items():
+        end = f"| {request} | {timeout:g} s |"
+        assert any(row.startswith("| ") and row.endswith(end) for row in rows), request
 
 
 def test_a_changed_table_is_rewritten() -> None:

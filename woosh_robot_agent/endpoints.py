@@ -263,6 +263,13 @@ def markdown() -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
+def raw_requests_markdown() -> str:
+    """Return the requests without an endpoint and their minimum timeouts in Markdown."""
+    rows = ["| Request | Timeout |", "| --- | --- |"]
+    rows += [f"| {each.request} | {each.timeout:g} s |" for each in RAW_REQUESTS]
+    return "\n".join(rows)
+
+
 def _row(
     kind: str, name: str, ros: str, folder: str, message: str, timeout: float = 0.0
 ) -> tuple[str, ...]:

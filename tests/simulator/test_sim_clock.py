@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 
 import pytest
 
-from tests.simulator.sim_wire import JsonClient
+from tests.quick_chassis import quick_config
+from tests.simulator.sim_wire import TIMEOUT, JsonClient
 from tests.simulator.test_sim_program import running
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET, SEEDED_START
 
 HOUR = 3600.0
@@ -78,3 +80,38 @@ def test_jumps_never_exceed_the_maximum_offset(
 def test_offset_is_limited(offset: float) -> None:
     with pytest.raises(ValueError, match="more than 10 years"):
         SimulatorConfig(clock_offset=offset)
+
+
+def lag_after_stall(stall: float, at_most: float) -> float:
+    """Let the event loop of a simulator stall, and wait until its lag is small enough.
+
+    Returns:
+        The lag, in seconds; a larger one if it stays above `at_most`.
+    """
+
+    async def run() -> float:
+        loop = asyncio.get_running_loop()
+        real, stalled = loop.time, 0.0
+        loop.time = lambda: real() + stalled  # type: ignore[method-assign]
+        async with SimulatedChassis(quick_config(port=0, tcp_port=0, seed=1)) as simulator:
+            while simulator.state.elapsed == 0.0:
+                await asyncio.sleep(0.01)
+            begin = loop.time() - simulator.state.elapsed
+            stalled = stall
+
+            def lag() -> float:
+                return loop.time() - begin - simulator.state.elapsed
+
+            while lag() > at_most and loop.time() < begin + stall + TIMEOUT:
+                await asyncio.sleep(0)
+            return lag()
+
+    return asyncio.run(run())
+
+
+def test_simulated_time_catches_up_after_a_stall() -> None:
+    assert lag_after_stall(8.0, at_most=0.5) <= 0.5
+
+
+def test_a_long_stall_is_mostly_skipped() -> None:
+    assert 3580.0 < lag_after_stall(3600.0, at_most=3591.0) <= 3591.0

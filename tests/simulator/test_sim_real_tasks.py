@@ -137,6 +137,13 @@ def test_times_of_a_pick(chassis: SteppedChassis) -> None:
     assert task.first(shows(IDLE)) == task.first(is_empty)
 
 
+def test_the_report_before_the_first_task_is_empty(chassis: SteppedChassis) -> None:
+    answer = ask(chassis, TASK_PROC)
+    assert answer.body["action"] == {"type": 0, "state": 0, "waitId": 0}
+    message = ParseDict(answer.body, robot_pb2.TaskProc())
+    assert [field.name for field, _ in message.ListFields()] == ["action", "time", "robot_id"]
+
+
 def test_empty_report_has_only_time_and_robot(chassis: SteppedChassis) -> None:
     pick(chassis)
     empty = next(frame.body for frame in chassis.frames if is_empty(frame))

@@ -75,6 +75,8 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
         ("woosh.robot.SwitchWorkMode", {"mode": 9}, "unknown work mode 9"),
         ("woosh.robot.SwitchFootPrint", {"type": 9}, "unknown footprint 9"),
         ("woosh.robot.SwitchMap", {"sceneName": "moon"}, "unknown scene moon"),
+        ("woosh.map.SceneData", {"name": "moon"}, "unknown scene moon"),
+        ("woosh.map.SceneDataEasy", {"name": "moon"}, "unknown scene moon"),
         ("woosh.robot.SwitchMap", {"mapName": "attic"}, "unknown map attic"),
         ("woosh.robot.InitRobot", {"pose": {"x": -5, "y": -6}}, "inside a wall"),
         ("woosh.robot.InitRobot", {"pose": {"x": 99}}, "outside map"),

@@ -187,6 +187,15 @@ def test_every_kind_of_mark_has_its_category() -> None:
     assert len({kind for kind in kinds.values() if kind}) == 8
 
 
+@pytest.mark.parametrize("name", ["woosh.map.SceneData", "woosh.map.SceneDataEasy"])
+def test_scene_data_is_that_of_the_named_scene(client: JsonClient, name: str) -> None:
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    assert client.ask(name)["name"] == "scenex"
+    other, current = (client.ask(name, {"name": each}) for each in ("wooshmap", "scenex"))
+    assert (other["name"], len(other["maps"])) == ("wooshmap", 1)
+    assert (current["name"], len(current["maps"])) == ("scenex", 2)
+
+
 def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
     config = quick_config(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
     with SimulatorThread(config) as simulator:

@@ -206,7 +206,9 @@ MAP_CHANGE_WHILE_DRIVING = Refusal(
 MAP_CHANGE_WHILE_NAVIGATION_PAUSED = Refusal(
     "a navigation is paused: cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
 )
-UNKNOWN_SCENE = Refusal("unknown scene {scene}: send it in file_datas, or use one of {scenes}")
+UNKNOWN_SCENE = Refusal(
+    "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas"
+)
 UNKNOWN_MAP = Refusal("unknown map {map} of scene {scene}, which has {maps}")
 TOO_MANY_SCENES = Refusal("there are already {limit} scenes: replace one of them")
 SCENE_INVALID = Refusal("scene {scene} is not changed: {error}")

@@ -32,8 +32,10 @@ At a higher speed, it advances only by whole steps.
 _END_OF_STEP = 0.999 * TIME_STEP
 """Maximum simulated time within a step, in seconds. `Chassis.tick` completes the step."""
 
-_MAX_LAG = 1.0
-"""Real time that the simulation may lag behind before it skips steps, in seconds."""
+_MAX_LAG = 10.0
+"""Maximum lag of the simulation that it catches up, in seconds of real time.
+
+The rest of a longer lag is skipped."""
 
 
 class SimulatedChassis:

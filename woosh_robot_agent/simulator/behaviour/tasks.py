@@ -69,12 +69,12 @@ class Tasks:
 
     def __init__(self, robot: Robot) -> None:
         self.proc = robot_pb2.TaskProc()
-        self.reported = robot_pb2.TaskProc()
         self.state: util_robot_pb2.State = _NO_STATE
         self.history: deque[robot_pb2.TaskProc] = deque(maxlen=_MAX_HISTORY)
         self.impeded = False
         self._robot = robot
         self._profile = robot.profile.tasks
+        self.reported = self._no_task()
         self._starting_states = [_STARTING_STATES[name] for name in self._profile.starting_states]
         self._jobs: deque[Job] = deque()
         self._rest_of_set: deque[TaskOrder] = deque()
@@ -417,10 +417,14 @@ class Tasks:
     def _report_empty(self) -> None:
         """Report that there is no task."""
         self._unannounced = False
+        self.reported = self._no_task()
+        self._robot.emit(self.reported)
+
+    def _no_task(self) -> robot_pb2.TaskProc:
+        """Return a new report that there is no task."""
         empty = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
         empty.action.SetInParent()
-        self.reported = empty
-        self._robot.emit(empty)
+        return empty
 
     def _described(
         self,

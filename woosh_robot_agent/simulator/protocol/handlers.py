@@ -12,6 +12,7 @@ from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 Result = Message | str | None
@@ -42,6 +43,18 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     if len(found) > MAX_POSES:
         raise RefusedError(refusals.TOO_MANY_POSES, count=len(found), limit=MAX_POSES)
     return found
+
+
+def named_scene(chassis: Chassis, name: str) -> Scene:
+    """Return the scene called `name`, or the current one if `name` is empty.
+
+    Raises:
+        RefusedError: There is no such scene.
+    """
+    scene = chassis.scenes.get(name) if name else chassis.scene
+    if scene is None:
+        raise RefusedError(refusals.UNKNOWN_SCENE, scene=name, scenes=", ".join(chassis.scenes))
+    return scene
 
 
 def usable_speed(speed: float, minimum: float) -> float:

@@ -8,7 +8,7 @@ from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import uploads
-from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result
+from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, named_scene
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 
@@ -26,9 +26,10 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     if chassis.ownership.navigation:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
     name = request.scene_name or chassis.scene.name
-    scene = _with_files(chassis, name, request) if request.file_datas else chassis.scenes.get(name)
-    if scene is None:
-        raise RefusedError(refusals.UNKNOWN_SCENE, scene=name, scenes=", ".join(chassis.scenes))
+    if request.file_datas:
+        scene = _with_files(chassis, name, request)
+    else:
+        scene = named_scene(chassis, name)
     wanted = request.map_name or uploads.first_map(scene, request.file_datas)
     area = scene.map(wanted)
     if area is None:

@@ -13,12 +13,28 @@ from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
-from woosh_robot_agent.simulator.protocol.handlers import Handler, Handlers, Result, copy_of
+from woosh_robot_agent.simulator.protocol.handlers import (
+    Handler,
+    Handlers,
+    Result,
+    copy_of,
+    named_scene,
+)
+from woosh_robot_agent.simulator.scenes.scene import Scene
 
 
 def _answering(report: Callable[[Chassis], Message]) -> Handler:
     def handle(chassis: Chassis, request: Any) -> Result:
         return report(chassis)
+
+    return handle
+
+
+def _of_scene(report: Callable[[Scene], Message]) -> Handler:
+    """Return the handler of a request that names a scene; the current one if its name is empty."""
+
+    def handle(chassis: Chassis, request: Any) -> Result:
+        return report(named_scene(chassis, request.name))
 
     return handle
 
@@ -51,11 +67,12 @@ HANDLERS: Handlers = {
         robot_count_pb2.StatusCodes: reports.status_codes,
         robot_count_pb2.StatusCode: _status_code,
         robot_pb2.ScannerData: reports.scanner_data,
-        map_pack_pb2.SceneDataEasy: reports.scene_data_easy,
-        map_pack_pb2.SceneData: reports.scene_data,
         map_pack_pb2.SceneList: reports.scene_list,
         woosh_task_pb2.RepeatTasks: _repeat_tasks,
         woosh_task_pb2.CallTasks: _call_tasks,
         ros_pack_pb2.Feedbacks: _feedbacks,
     }.items()
+} | {
+    map_pack_pb2.SceneDataEasy: _of_scene(reports.scene_data_easy),
+    map_pack_pb2.SceneData: _of_scene(reports.scene_data),
 }

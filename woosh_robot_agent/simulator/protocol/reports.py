@@ -12,6 +12,7 @@ from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
@@ -242,10 +243,10 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
     )
 
 
-def scene_data_easy(chassis: Chassis) -> map_pack_pb2.SceneDataEasy:
-    """Return the maps of the scene with their marks."""
+def scene_data_easy(scene: Scene) -> map_pack_pb2.SceneDataEasy:
+    """Return the maps of a scene with their marks."""
     return map_pack_pb2.SceneDataEasy(
-        name=chassis.scene.name,
+        name=scene.name,
         maps=[
             map_pack_pb2.SceneDataEasy.Map(
                 id=each.id,
@@ -254,22 +255,22 @@ def scene_data_easy(chassis: Chassis) -> map_pack_pb2.SceneDataEasy:
                 version=each.version,
                 storages=_storages(each),
             )
-            for each in chassis.scene.maps
+            for each in scene.maps
         ],
     )
 
 
-def scene_data(chassis: Chassis) -> map_pack_pb2.SceneData:
-    """Return the maps of the scene with their pictures and marks, and the tasks of the scene.
+def scene_data(scene: Scene) -> map_pack_pb2.SceneData:
+    """Return the maps of a scene with their pictures and marks, and the tasks of the scene.
 
     In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
     """
     tasks = woosh_task_pb2.TaskInfo(
-        repeat_tasks=chassis.scene.predefined.repeat_tasks,
-        call_tasks=chassis.scene.calls.call_tasks,
+        repeat_tasks=scene.predefined.repeat_tasks,
+        call_tasks=scene.calls.call_tasks,
     )
-    maps = [_map_data(each) for each in chassis.scene.maps]
-    return map_pack_pb2.SceneData(name=chassis.scene.name, maps=maps, task_info=tasks)
+    maps = [_map_data(each) for each in scene.maps]
+    return map_pack_pb2.SceneData(name=scene.name, maps=maps, task_info=tasks)
 
 
 def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:

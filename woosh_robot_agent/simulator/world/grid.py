@@ -16,11 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from woosh_robot_agent.simulator.world.cells import OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.hull import Hull
-
-UNKNOWN, FREE, OCCUPIED = -1, 0, 100
-"""Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from woosh_robot_agent.simulator.world.cells import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.geometry import Point
-from woosh_robot_agent.simulator.world.grid import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.maps import Map
 
 _RESOLUTION = 0.05
