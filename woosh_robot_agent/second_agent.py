@@ -78,9 +78,9 @@ class SecondAgent:
             return ""
         runs = "runs" if certain or alive else "runs, or has just ended,"
         return (
-            f"another agent {runs} in the same namespace: {'; '.join(others)}. Both respond to each "
-            "call, and each executes every command unless its observe_only is true: end one of "
-            "them, or start it in another namespace"
+            f"another agent {runs} in the same namespace: {'; '.join(others)}. Both respond to "
+            "each call, and each executes every command unless its observe_only is true: end one "
+            "of them, or start it in another namespace"
         )
 
     def _other_publishers(self, *, certain: bool) -> tuple[list[str], bool]:
