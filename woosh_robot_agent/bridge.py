@@ -157,6 +157,11 @@ class Reply:
         self._lock = threading.Lock()
         self._sent = False
 
+    @property
+    def number(self) -> int:
+        """Number of the call, counted by its client."""
+        return int(self._header.request_id.sequence_number)
+
     def send(self, response: Any) -> None:
         """Send the response. A second response is a bug: it is logged and not sent."""
         with self._lock:

@@ -96,7 +96,13 @@ class Agent:
             lambda: self._actions.accepted_goals,
         )
         self._services = Services(
-            self.node, self._thread, self._chassis, self._gate, last_known, requests
+            self.node,
+            self._thread,
+            self._chassis,
+            self._gate,
+            last_known,
+            requests,
+            watch.velocities,
         )
         self._actions = Actions(
             self.node,

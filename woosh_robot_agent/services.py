@@ -22,9 +22,12 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.watch.velocity_sources import VelocitySources
 
 _LOG = logging.getLogger(__name__)
 
@@ -39,6 +42,7 @@ class Services:
         gate: forwards commands to the chassis.
         last_known: values for queries that the chassis does not answer.
         requests: converts service requests into requests to the chassis.
+        velocities: learns of the calls that command velocities.
 
     Attributes:
         last_known: the last known values.
@@ -52,6 +56,7 @@ class Services:
         gate: MotionGate,
         last_known: LastKnown,
         requests: RequestMaker,
+        velocities: VelocitySources,
     ) -> None:
         self.last_known = last_known
         self._servers: list[DeferredService] = []
@@ -61,7 +66,7 @@ class Services:
                 DeferredService(node, query_handler.srv, query.name, query_handler.handle)
             )
         for command in COMMANDS:
-            command_handler = _CommandHandler(command, thread, chassis, gate, requests)
+            command_handler = _CommandHandler(command, thread, chassis, gate, requests, velocities)
             self._servers.append(
                 DeferredService(node, command_handler.srv, command.name, command_handler.handle)
             )
@@ -162,7 +167,9 @@ class _CommandHandler:
         chassis: ChassisClient,
         gate: MotionGate,
         requests: RequestMaker,
+        velocities: VelocitySources,
     ) -> None:
+        self._velocities = velocities
         self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._thread = thread
@@ -186,6 +193,8 @@ class _CommandHandler:
 
     async def _answer(self, message: Message, reply: Reply) -> None:
         address = self._chassis.config.address
+        if isinstance(message, Twist) and may_move(message):
+            self._velocities.called(self._endpoint.name, reply.number)
         try:
             answer = await self._gate.request(message, source=self._endpoint.name)
         except ConnectionLostError as error:

@@ -119,6 +119,25 @@ def test_two_publishers_of_cmd_vel_are_named(
     assert status.level == WARN
 
 
+def test_two_clients_of_the_service_are_a_warning(simulator, agent, client, arrays):
+    callers = [client.node.create_client(Twist, client.path("robot/Twist")) for _ in range(2)]
+    for caller in callers:
+        wait_until(caller.service_is_ready, "the service")
+
+    def call(caller: Any, linear: float) -> None:
+        future = caller.call_async(Twist.Request(arg=TwistMsg(linear=linear)))
+        wait_until(future.done, "the answer")
+
+    for _ in range(4):
+        call(callers[0], 0.1)
+    assert "command velocities" not in find(arrays.wait_count(1)[-1], "motion").message
+
+    for _ in range(4):
+        call(callers[0], 0.1)
+        call(callers[1], -0.1)
+    wait_message(arrays, "motion", "a client of robot/Twist and another client of robot/Twist")
+
+
 def test_a_velocity_that_moves_nothing_is_a_warning_until_the_robot_moves(
     simulator, agent, client, arrays, logs
 ):

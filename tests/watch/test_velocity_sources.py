@@ -11,8 +11,8 @@ import pytest
 from tests.link.link_peer import aio
 from tests.watch.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.standard.interleaving import WINDOW, Interleaving
 from woosh_robot_agent.watch import velocity_sources
+from woosh_robot_agent.watch.interleaving import WINDOW, Interleaving
 
 FORWARD, ZERO = Twist(linear=0.2), Twist()
 

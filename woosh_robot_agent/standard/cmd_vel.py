@@ -11,9 +11,9 @@ from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.time import Time
 
 from woosh_robot_agent.motion import VelocityDriver, VelocityLimits
-from woosh_robot_agent.standard.interleaving import Interleaving
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.watch.interleaving import Interleaving
 
 _REPORT_PERIOD = 1.0
 """Minimum time between two reports of several publishers, in seconds."""

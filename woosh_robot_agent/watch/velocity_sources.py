@@ -14,6 +14,7 @@ from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.watch.interleaving import Interleaving
 
 _LOG = logging.getLogger(__name__)
 
@@ -45,6 +46,8 @@ class VelocitySources:
         self._simultaneous: tuple[str, ...] = ()
         self._simultaneous_until = -math.inf
         self._log = LogOnce(_LOG)
+        self._callers = Interleaving()
+        """Detects several clients of the service of velocities."""
         chassis.on_robot_changed(self._forget)
         gate.on_answered(self._answered)
 
@@ -64,6 +67,16 @@ class VelocitySources:
         self._simultaneous = tuple(sorted(sources))
         self._simultaneous_until = time.monotonic() + SHOWN
         self._log.warn(str(self._simultaneous), warning(self._simultaneous))
+
+    def called(self, service: str, number: int) -> None:
+        """Process a call of the service of velocities that may move the robot.
+
+        Args:
+            service: name of the service.
+            number: number of the call, counted by its client.
+        """
+        if self._callers.notice(number, time.monotonic()):
+            self.report(f"a client of {service}", f"another client of {service}")
 
     def _forget(self) -> None:
         self.last, self.last_time = "", -math.inf
