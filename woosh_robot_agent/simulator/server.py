@@ -362,3 +362,4 @@ class SimulatedChassis:
             self.chassis.run_until(self.chassis.stepped + min(into_step, _END_OF_STEP))
         except Exception:  # the clock must not stop
             _LOG.exception("a scheduled call of the simulated robot failed")
+        self._wake_for(self.chassis.agenda.next_time)
