@@ -36,7 +36,7 @@ class GoalPose(Part):
         self._context = context
         self._log = LogOnce(_LOG)
         self._action = class_of(_MOVE_BASE.action, "action")
-        self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
+        self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
         self._newest = 0
         self._handle: Any = None
         self._sending = False
@@ -49,7 +49,7 @@ class GoalPose(Part):
         self._client.destroy()  # a client that is left keeps the node in the graph
 
     def _received(self, message: Any) -> None:
-        if reason := self._context.chassis.refusal(CallAction()):
+        if reason := self._context.robot.chassis.refusal(CallAction()):
             self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
             return
         self._log.clear()

@@ -73,4 +73,4 @@ class Subscribers:
             await (self._changed.wait() if self._has_events else asyncio.sleep(_POLL_PERIOD))
 
     def _matched(self, _change: Any) -> None:
-        self._context.thread.call(self._changed.set)
+        self._context.robot.thread.call(self._changed.set)

@@ -38,9 +38,9 @@ class Diagnostics(Part):
             self._publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:
-        chassis = self._context.chassis
-        info = self._context.last_known.get(_INFO)
-        statuses = [link_status(chassis, self._context.gate.superseded)]
+        chassis = self._context.robot.chassis
+        info = self._context.robot.last_known.get(_INFO)
+        statuses = [link_status(chassis, self._context.robot.gate.superseded)]
         serial = ""
         if isinstance(info, RobotInfo):
             serial = str(info.robot_id or info.genral.serial_number)
@@ -58,7 +58,7 @@ class Diagnostics(Part):
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
         statuses.append(agents_status(self._context.second_agent))
-        prefix = self._context.node.get_fully_qualified_name().lstrip("/")
+        prefix = self._context.robot.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, serial) for each in statuses])
         message.header.stamp = self._context.now()
         return message
