@@ -56,7 +56,7 @@ class SecondAgent:
     def look(self) -> None:
         """Check the ROS graph now, and log a second agent that was not there at the last check."""
         before, self.warning = self.warning, ""
-        # counting is cheap; finding the nodes is not
+        # these counts are cheap; naming the nodes is not
         publishers = self._node.count_publishers(self._topic)
         if max(publishers, self._node.count_services(self._service)) < 2:
             self._seen = 0.0

@@ -16,6 +16,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.watch.velocity_sources import VelocitySources
 
 NOBODY = "nobody"
@@ -42,7 +43,7 @@ A moving robot sends five per second.
 _OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
 _TASKS_PER_SET = 100
 _MAX_TASKS = 50
-"""Number of the agent's tasks that are remembered."""
+"""Maximum number of the agent's tasks, and of its task sets, that are remembered."""
 
 
 class Driver(NamedTuple):
@@ -81,10 +82,10 @@ class WhoDrives:
         self._last_known = last_known
         self._velocities = velocities
         self._goals = goals
-        self._tasks: dict[int, str] = {}
-        """Sources of the tasks that the agent started, by id, the oldest first."""
-        self._sets: dict[int, str] = {}
-        """Sources of the task sets that the agent started, by id, the oldest first."""
+        self._tasks: RecentDict[int, str] = RecentDict(_MAX_TASKS)
+        """Sources of the tasks that the agent started, by id."""
+        self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
+        """Sources of the task sets that the agent started, by id."""
         self._follower = ""
         """Source of the last request to follow somebody."""
         self._task = TaskProc()
@@ -155,10 +156,10 @@ class WhoDrives:
         message, source = command.message, command.source
         if not command.answer.ok:
             return
-        if isinstance(message, ExecTask):  # only goals have no source
-            _remember(self._tasks, message.task_id, source or GOAL)
+        if isinstance(message, ExecTask):  # a goal sends its command without a source
+            self._tasks[message.task_id] = source or GOAL
         elif isinstance(message, ExecPreTask):
-            _remember(self._sets, message.task_set_id, source)
+            self._sets[message.task_set_id] = source
         elif isinstance(message, Follow):
             self._follower = source if message.type else ""
 
@@ -181,10 +182,3 @@ class WhoDrives:
 
     def _pose_pushed(self, _body: Body) -> None:
         self._moved = time.monotonic()
-
-
-def _remember(sources: dict[int, str], number: int, source: str) -> None:
-    sources.pop(number, None)
-    sources[number] = source
-    if len(sources) > _MAX_TASKS:
-        del sources[next(iter(sources))]
