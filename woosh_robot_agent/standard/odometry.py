@@ -13,7 +13,7 @@ import math
 
 from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.standard.report_time import ReportTime
-from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
+from woosh_robot_agent.standard.velocity import LEVER, STANDSTILL, Velocity
 
 _MAX_SPEED = 3.0
 """Upper bound of the robot's speed, in m/s."""
@@ -41,8 +41,6 @@ _POSE_SET_TOLERANCE = 0.01
 """Tolerance of pose and heading within `_POSE_SET_INTERVAL` for a moving robot, in m and rad."""
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
 """The same for a standing robot."""
-_LEVER = 0.3
-"""Radius that converts angles to lengths, to compare turning with driving, in metres."""
 _MIN_SIDEWAYS = 0.004
 """Minimum sideways movement that is not taken for an inexact curve, in metres."""
 
@@ -180,7 +178,7 @@ class Odometry:
         before = self.velocity
         forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
         # the duration follows from the movement, because the times of receipt are inexact
-        turns_mostly = abs(turn) > abs(forward) / _LEVER
+        turns_mostly = abs(turn) > abs(forward) / LEVER
         speed, way = (turn, arc[2]) if turns_mostly else (forward, arc[0])
         duration = max(0.0, min(way / speed if speed else 0.0, interval + _MAX_DELAY))
         error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
