@@ -188,9 +188,17 @@ class Odometry:
                 limit = _POSE_SET_TOLERANCE_AT_REST
             return error.distance > limit or abs(error.theta) > limit
         # the robot may have changed its speed at any time since the last report
-        half = interval / 2
+        forward_change = abs(after.forward - before.forward) * interval / 2
+        turn_change = abs(after.turn - before.turn) * interval / 2
+        position_tolerance = _POSITION_TOLERANCE + forward_change
+        heading_tolerance = _HEADING_TOLERANCE + turn_change
+        # then the duration is inexact, and so is what it predicts of the other movement
+        if turns_mostly:
+            position_tolerance += abs(forward) * min(turn_change / abs(turn), interval)
+        elif forward:
+            heading_tolerance += abs(turn) * min(forward_change / abs(forward), interval)
         return (
-            abs(error.x) > _POSITION_TOLERANCE + abs(after.forward - before.forward) * half
-            or abs(error.theta) > _HEADING_TOLERANCE + abs(after.turn - before.turn) * half
+            abs(error.x) > position_tolerance
+            or abs(error.theta) > heading_tolerance
             or abs(error.y) > _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
         )
