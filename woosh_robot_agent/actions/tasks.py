@@ -34,6 +34,7 @@ class TaskIds:
 
     def __init__(self) -> None:
         self._last = 0
+        """The last id that was returned."""
 
     def next(self) -> int:
         """Return an id above all earlier ones."""
@@ -96,13 +97,13 @@ class TaskGoal:
         """The last report on an earlier task of this id."""
         self._since = 0
         """Time of the last report that was not on this task, by the robot's clock."""
-        last = last_known.get(full_name(TaskProc))
-        is_current = isinstance(last, TaskProc) and last.robot_task_id == self._id
-        if isinstance(last, TaskProc) and is_current:
+        last = last_known.value(TaskProc)
+        is_current = last is not None and last.robot_task_id == self._id
+        if last is not None and is_current:
             self._previous = TaskProc()
             self._previous.CopyFrom(last)
             predecessors = max(predecessors, int(last.state not in _OUTCOMES))
-        elif isinstance(last, TaskProc):
+        elif last is not None:
             self._since = last.time
         # after an empty report, no more reports on an earlier task come
         is_reused = predecessors > 0 or is_current

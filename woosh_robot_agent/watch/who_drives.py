@@ -14,7 +14,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Fol
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
 from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.watch.velocity_sources import VelocitySources
@@ -33,6 +32,7 @@ The id of such a task contains its start by the robot's clock: Unix time in seco
 OWN_TASK_DURATION = 86400.0
 """Maximum age of such a task when the agent has not seen its beginning, in seconds."""
 _OWN_TASK_ENDING = 53
+"""Last two digits of the id of a task that the robot started by itself."""
 ROLL_OUT = 2.0
 """Maximum time for which the robot rolls after its last velocity, in seconds."""
 REPORT_GAP = 1.0
@@ -41,7 +41,9 @@ REPORT_GAP = 1.0
 A moving robot sends five per second.
 """
 _OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
+"""Names of the tasks that a robot starts by itself, by type."""
 _TASKS_PER_SET = 100
+"""Factor between the id of a task set and the ids of its tasks."""
 _MAX_TASKS = 50
 """Maximum number of the agent's tasks, and of its task sets, that are remembered."""
 
@@ -102,8 +104,8 @@ class WhoDrives:
 
     def now(self) -> Driver:
         """Return what drives the robot now."""
-        info = self._last_known.get(full_name(RobotInfo))
-        if not isinstance(info, RobotInfo):
+        info = self._last_known.value(RobotInfo)
+        if info is None:
             return Driver(UNKNOWN, "the robot has not reported its state yet")
         # the gate knows whether something else has taken over since
         if self._gate.driving and self._velocities.driving(time.monotonic()):
