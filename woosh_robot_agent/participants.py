@@ -14,8 +14,11 @@ from enum import Enum
 from pathlib import Path
 
 _FAST_DDS = b"\x01\x0f"
+"""First two bytes of a GID of Fast DDS: the vendor."""
 _PID_MASK = 0xFFFF
+"""Mask of the bits of a process id that a GID contains."""
 _PROCESSES = Path("/proc")
+"""Folder that has a subfolder for each process, named by its id."""
 
 
 class Place(Enum):

@@ -74,6 +74,7 @@ class ChassisClient:
         )
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
+        """Callbacks of `on_accepted`, by protobuf full name of the request."""
         self._minimum_timeouts = minimum_timeouts or {}
         self._refused_callbacks: list[Callable[[Message], None]] = []
         self._reserved: Callable[[Message], bool] = _reserve_nothing

@@ -23,7 +23,9 @@ class PushQueue:
         self._depths = depths
         self._dropped = dropped
         self._queue: deque[tuple[str, Callable[[], None]]] = deque()
+        """The type of each push, and the function that delivers it."""
         self._waiting: dict[str, int] = {}
+        """Number of queued pushes, by type."""
         self._filled = asyncio.Event()
 
     def __len__(self) -> int:

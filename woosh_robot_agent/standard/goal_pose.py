@@ -38,8 +38,11 @@ class GoalPose(Part):
         self._action = class_of(_MOVE_BASE.action, "action")
         self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
         self._newest = 0
+        """Number of the newest goal_pose."""
         self._handle: Any = None
+        """Handle of the newest goal while it is active."""
         self._sending = False
+        """True until the action server has accepted the newest goal."""
         self._cancels: list[Reply] = []
         """Cancel requests that wait until the action server has accepted the newest goal."""
         context.subscribe("goal_pose", self._received, in_executor=True)

@@ -59,8 +59,11 @@ class Map(Part):
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher("map")
         self._wanted: tuple[str, int, str, int] | None = None
+        """Scene, map id, map name and version that the robot uses; None if unknown."""
         self._published: tuple[str, int, str, int] | None = None
+        """The same of the published map."""
         self._not_before = -math.inf
+        """Loop time before which the map is not requested again."""
         self._robot = object()
         """Stands for the current robot."""
         context.robot.chassis.on_robot_changed(self._forget)

@@ -65,11 +65,15 @@ class Odometry:
         """Last reported pose, in `map`."""
         self._report_time = ReportTime()
         self._received = -math.inf
+        """Time of receipt of the last report."""
         self._sideways = 0.0
         """Mean speed to the left between the last two reports, in m/s."""
         self._map_id = 0
+        """Map of the last reported pose."""
         self._known = False
+        """True if the next report can be compared with the last one."""
         self._pose_set_until = -math.inf
+        """Time until which a report may show the jump to a pose that was set."""
 
     def lost(self, pose: Pose2D) -> None:
         """Note that reports were missed: the next one must not count as a movement.

@@ -26,6 +26,7 @@ class ReportTime:
 
     def __init__(self) -> None:
         self._last = -math.inf
+        """Estimated time of the previous report."""
 
     def first(self, received: float) -> float:
         """Return the time of a report that cannot be compared with the previous one.

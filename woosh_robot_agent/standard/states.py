@@ -114,6 +114,7 @@ class _State(Part):
         self._unknown = unknown
         self._rate = rate
         self._last: Message | None = None
+        """The last value; None if it is unknown."""
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
         context.robot.chassis.on_robot_changed(self._forget)
@@ -187,6 +188,7 @@ class Connected(Part):
     def __init__(self, context: PartContext) -> None:
         self._publisher = context.publisher("connected", about_robot=False)
         self._last: bool | None = None
+        """The last published value; None before the first one."""
         context.robot.chassis.on_state(self._changed)
 
     async def run(self) -> None:

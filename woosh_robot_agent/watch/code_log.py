@@ -21,6 +21,7 @@ QUIET = 60.0
 _MAX_CODES = 500
 """Maximum number of codes that are remembered."""
 _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
+"""Logging levels, by level of the status code. Other codes are logged at DEBUG at most."""
 
 
 class CodeLog:
