@@ -210,7 +210,7 @@ class Agent:
 
     @property
     def _observes_only(self) -> str:
-        """Why commands are refused with `observe_only`, and how to allow them."""
+        """Reason why `observe_only` refuses commands, and how to allow them."""
         name = self.node.get_fully_qualified_name()
         return (
             "this agent only observes the robot; to allow commands, call "

@@ -1,4 +1,4 @@
-"""Where the process of a DDS endpoint runs, as far as its global identifier (GID) tells.
+"""The place of a DDS endpoint's process, as far as its global identifier (GID) tells.
 
 The first 8 bytes of a GID of Fast DDS, the default middleware of ROS 2, are: 2 bytes for the
 vendor, 2 for the computer (from its network addresses), the lower 2 of the process id, and 2 random

@@ -105,7 +105,7 @@ class _QueryHandler:
 
     @property
     def _fallback(self) -> str:
-        """What the response is when the chassis gives no usable answer, for the log."""
+        """The response when the chassis gives no usable answer, in words for the log."""
         name = self._endpoint.name
         if self._robot.last_known.get(self._endpoint.request) is None:
             return f"{name} answers blank, because no value is known yet"

@@ -32,7 +32,7 @@ class GiveUp:
         self._deadline: float | None = None
         """Time at which to give up; None while there is no deadline."""
         self._cause = ""
-        """Why the deadline was set."""
+        """Cause of the deadline."""
         self._is_silent = False
         """True if the deadline was set because the chassis sends nothing at all."""
         self._is_link_lost = False

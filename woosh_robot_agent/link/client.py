@@ -82,7 +82,7 @@ class ChassisClient:
         self._permitted: Callable[[Message], bool] | None = None
         """Selects the requests that may be sent; None for all of them."""
         self._refusal_reason = ""
-        """Why other requests may not be sent."""
+        """Reason why other requests may not be sent, and what to do."""
 
     @property
     def config(self) -> LinkConfig:
@@ -411,7 +411,7 @@ class ChassisClient:
                 first=first,
                 urgent=urgent or first,
                 send_within=send_within,
-                # nobody expects what the robot that is left answers
+                # the callbacks must not get an answer of the robot that the link is leaving
                 tap=None if farewell else self._queued_tap(message, tap),
             )
         except NotConnectedError as error:  # the connection has just ended

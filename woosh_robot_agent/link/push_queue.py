@@ -7,8 +7,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type of which only the newest values matter. It lasts for 17
-ms at 3000 Hz, while another program uses the core."""
+"""Maximum number of queued pushes of a type of which only the newest values matter. Enough
+for 17 ms at 3000 Hz, in which another program may use the core."""
 
 
 class PushQueue:

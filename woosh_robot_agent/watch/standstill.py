@@ -142,7 +142,7 @@ class Standstill:
         causes = likely_causes(self._last_known.value(RobotInfo) or RobotInfo())
         return f"{demand.name} was accepted, but the robot does not move: {causes}"
 
-    # What should move the robot
+    # Commands
 
     def _answered(self, command: AnsweredCommand) -> None:
         message = command.message
@@ -201,7 +201,7 @@ class Standstill:
         text = self._text(demand)
         self._log.warn(text, text)
 
-    # What the robot does
+    # Reports of the robot
 
     def _pose_pushed(self, body: Body) -> None:
         demand = self._demand

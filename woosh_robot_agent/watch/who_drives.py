@@ -49,7 +49,7 @@ _MAX_TASKS = 50
 
 
 class Driver(NamedTuple):
-    """What drives the robot.
+    """The source that drives the robot.
 
     Attributes:
         name: `nobody`, `a goal`, `another client`, `the robot itself`, `unknown`, or the name of a
