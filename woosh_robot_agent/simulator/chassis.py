@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.profile_files import load_profile
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
 from woosh_robot_agent.simulator.scenes.scene import Scene
