@@ -14,6 +14,7 @@ from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.agenda import Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
+from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.following import Follower
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
@@ -100,7 +101,7 @@ class Chassis:
         self.on_change: Callable[[], object] = lambda: None
         self.answer_delay = 0.0
         self.state_first = False
-        self._initialisation = object()
+        self._initialisation = DelayedCalls(self)
         self._start_time = config.start_time()
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
         self._events: list[Message] = []
@@ -284,13 +285,12 @@ class Chassis:
         """Initialise the robot, and return how long that takes, in seconds."""
         duration = self.profile.answers.initialisation.at(self.chance.random())
         self.readiness.initialised = False
-        self._initialisation = initialisation = object()
 
         def finish() -> None:
-            if self._initialisation is initialisation:
-                self.readiness.initialised = True
+            self.readiness.initialised = True
 
-        self.after(duration, finish)
+        self._initialisation.cancel_all()
+        self._initialisation.add(duration, finish)
         return duration
 
     def enter(self, scene: Scene, area: Map) -> None:
