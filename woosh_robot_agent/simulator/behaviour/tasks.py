@@ -315,6 +315,7 @@ class Tasks:
         self._robot.after(delay + _PUSH_GAP if delay else 0.0, show)
 
     def _robot_state(self) -> util_robot_pb2.State:
+        """Return the state that the task gives the robot."""
         own_charge = self._automatic and self.proc.type == util_task_pb2.kCharge
         parking = self.proc.type == util_task_pb2.kParking or (
             own_charge and self._profile.charge_as_parking
@@ -322,6 +323,7 @@ class Tasks:
         return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
 
     def _begin_job(self) -> None:
+        """Start the current job, from its beginning or after a pause."""
         self.state = self._robot_state()
         self._working = True
         self.proc.state = self._running_state()
@@ -330,10 +332,12 @@ class Tasks:
             self._work(0.0)  # a wait of 0 s ends at once
 
     def _running_state(self) -> util_task_pb2.State:
+        """Return the state of the task while its current job runs."""
         waiting = isinstance(self._jobs[0], Wait)
         return util_task_pb2.kActionWait if waiting else util_task_pb2.kExecuting
 
     def _work(self, dt: float) -> None:
+        """Work on the current job for `dt` seconds."""
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
             kind = self._jobs[0].kind
@@ -344,12 +348,12 @@ class Tasks:
             self._finish_job(progress.text)
         elif progress.impeded != self.impeded:
             self.impeded = progress.impeded
-            if not self.impeded:
-                self._report(self.proc.state, util_action_pb2.kRosExecuting)
-            elif self._profile.pause_at_obstacle:
-                self._report(util_task_pb2.kPaused, util_action_pb2.kRosWarning, progress.text)
+            if self.impeded:
+                pauses = self._profile.pause_at_obstacle
+                shown = util_task_pb2.kPaused if pauses else self.proc.state
+                self._report(shown, util_action_pb2.kRosWarning, progress.text)
             else:
-                self._report(self.proc.state, util_action_pb2.kRosWarning, progress.text)
+                self._report(self.proc.state, util_action_pb2.kRosExecuting)
 
     def _finish_job(self, text: str) -> None:
         """Go on with the next job, or end the task."""
@@ -375,6 +379,7 @@ class Tasks:
         self._jobs[0].suspend(self._robot)
 
     def _end(self, state: util_task_pb2.State, reason: str) -> None:
+        """End the task with one of the states in `_END_ACTION_STATES`, and report it."""
         action_state = _END_ACTION_STATES[state]
         self._stop_working()
         self._canceling = False
@@ -392,18 +397,18 @@ class Tasks:
                 self._start_next(at_once=True)
         elif state == util_task_pb2.kFailed or self._robot.battery.charges:
             # The report stays: the task can be recovered, or the robot still does its work.
-            self._planned.add(_PUSH_GAP, self._leave)
+            self._planned.add(_PUSH_GAP, self._clear_state)
         else:
-            self._planned.add(empty_report.at(chance.random()), self._empty)
+            self._planned.add(empty_report.at(chance.random()), self._go_on)
 
-    def _leave(self) -> None:
+    def _clear_state(self) -> None:
         """Show that the robot has no task."""
         self.state = _NO_STATE
 
-    def _empty(self) -> None:
-        """Show that the robot has no task, and go on with the next one of the set."""
+    def _go_on(self) -> None:
+        """Report that the robot has no task, and start the next one of the set."""
         self._reports.push_empty()
-        self._leave()
+        self._clear_state()
         self._planned.add(_PUSH_GAP, partial(self._start_next, at_once=True))
 
     def _order_delay(self) -> float:
