@@ -10,6 +10,7 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    LOAD,
     TIMEOUT,
     Frame,
     Packed,
@@ -174,7 +175,7 @@ async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> Non
     async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
         wire = await peer.wire()
         wire.freeze()
-        task = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
+        task = asyncio.ensure_future(client.request(Speak(text=LOAD)))
 
         async def talk() -> None:
             while True:

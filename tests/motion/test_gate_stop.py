@@ -7,9 +7,8 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, soon, turns
 from tests.motion.gate_checks import (
-    LOAD,
     ORDERS,
     TWIST,
     answer_all,
@@ -20,7 +19,7 @@ from tests.motion.gate_checks import (
 from woosh_robot_agent.link import SupersededError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion import gate as gate_module
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 pytestmark = pytest.mark.usefixtures("long_hold")
 
@@ -58,9 +57,7 @@ async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
-        wire.freeze()
-        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
-        await turns()
+        load = await block(client, wire)
         waiting = asyncio.ensure_future(gate.request(request_))
         await turns()
         stop = asyncio.ensure_future(gate.stop(TIMEOUT))
