@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     ORDERS,
     TWIST,
@@ -74,8 +74,9 @@ async def test_a_request_some_time_after_a_stop_is_sent(monkeypatch: pytest.Monk
     monkeypatch.setattr(gate_module, "HOLD", 0.05)
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
+        loop = asyncio.get_running_loop()
         await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))
-        await asyncio.sleep(0.1)
+        await eventually(lambda: loop.time() > gate._forbidden_until)
         await ok(gate.request(Twist(linear=1)))
 
 

@@ -230,9 +230,12 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
         gate = MotionGate(client)
         wire = await peer.wire()
         upload = await block(client, wire)
+        loop = asyncio.get_running_loop()
         stale = drive(gate, 1)
         stop = asyncio.ensure_future(gate.request(Twist()))
-        await asyncio.sleep(0.15)
+        await turns()
+        sent = loop.time()
+        await eventually(lambda: loop.time() > sent + latest_wins.STALL)
         assert not stale.done()
         wire.thaw()
         with pytest.raises(SupersededError, match="too old"):
