@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from tests.harness import Client, wait_until
@@ -17,7 +19,6 @@ from tests.node.goals import (
     hurry,
     move_base,
     pause_task,
-    proc,
     short_task,
     slow_down,
     step,
@@ -25,9 +26,15 @@ from tests.node.goals import (
 )
 from tests.node.link_loss.timeouts import short_timeouts
 from tests.quick_chassis import quick_config
+from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.behaviour.jobs import Wait
+from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 
 pytestmark = pytest.mark.usefixtures("agent")
+
+WAITING = TaskOrder(6, task_pb2.kParking, dest="", jobs=[Wait(math.inf)])
+"""A task of the chassis that does not end."""
 
 
 def switch_off(simulator: SimulatorThread) -> None:
@@ -88,7 +95,7 @@ def test_end_of_a_task_before_the_current_one_is_found_in_the_history(
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     switch_off(simulator)
     simulator.call(lambda sim: sim.chassis.tasks.cancel("at the screen"))
-    simulator.call(lambda sim: setattr(sim.chassis.tasks, "reported", proc(6, EXECUTING)))
+    simulator.call(lambda sim: sim.chassis.tasks.start([WAITING]))
     simulator.listen()
     status, ret = goal.result()
     assert (status, ret.robot_task_id, ret.msg) == (ABORTED, 5, "at the screen")
