@@ -258,8 +258,12 @@ class TestRefused:
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
     def test_a_goal_accepted_while_driving_is_not_stopped(
-        self, simulator, agent, sender, client, twists
+        self, simulator, start_agent, client, twists
     ):
+        # the watchdog must not stop the robot before the goal is accepted
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_timeout=5.0)
+        agent.wait_connected()
+        sender = Sender(client)
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
         goal = short_task(client, 0.5)
