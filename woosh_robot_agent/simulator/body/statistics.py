@@ -106,30 +106,26 @@ class Statistics:
             driven, in seconds; None for never.
 
     Attributes:
+        days: Records of the days. That of the present day is as `update` or a push left it.
         tasks: Records of the tasks.
         statuses: Records of the problems.
     """
 
     def __init__(self, robot: Clock, odometer: float, period: float | None) -> None:
+        self.days: Records[count_pb2.Operation] = Records()
         self.tasks: Records[count_pb2.Task] = Records()
         self.statuses: Records[count_pb2.Status] = Records()
-        self._days: Records[count_pb2.Operation] = Records()
         self._robot = robot
         self._period = math.inf if period is None else period
         self._mileage = int(odometer)
         self._day = self._new_day()
         self._next_report = robot.elapsed + self._period
         """Simulated time at which the record of the day is pushed again, in seconds."""
+        self.update()
         self._task_start = 0.0
         """Simulated time at which the last task started, in seconds."""
         self._problems: dict[int, tuple[count_pb2.Status, float]] = {}
         """Records of the present problems and the simulated times of their starts, by code."""
-
-    @property
-    def days(self) -> Records[count_pb2.Operation]:
-        """Records of the days, the present one as it is now."""
-        self._days.put(self._operation())
-        return self._days
 
     def tick(self, odometer: float) -> None:
         """Push the record of the day if it is due, and begin a new one with a new day.
@@ -145,6 +141,10 @@ class Statistics:
             self._report_day()
         elif driven or self._robot.elapsed >= self._next_report:
             self._report_day()
+
+    def update(self) -> None:
+        """Bring the record of the present day up to date, without pushing it."""
+        self.days.put(self._operation())
 
     def task_started(self, task_id: int, dest: str) -> None:
         """Open the record of a task.
@@ -209,12 +209,12 @@ class Statistics:
         )
 
     def _new_day(self) -> _Day:
-        now, id_ = self._robot.time, self._days.new_id()
+        now, id_ = self._robot.time, self.days.new_id()
         return _Day(id_, _date(now), now, self._robot.elapsed, self._mileage)
 
     def _report_day(self, *, end: bool = False) -> None:
         self._next_report = self._robot.elapsed + self._period
-        self._publish(self._days, self._operation(end=end))
+        self._publish(self.days, self._operation(end=end))
 
     def _operation(self, *, end: bool = False) -> count_pb2.Operation:
         """Return the record of the day as it is now."""

@@ -21,6 +21,7 @@ _Count = pack.CountData
 
 
 def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
+    chassis.statistics.update()
     if request.req_type == _Count.kGet:
         return _page(chassis, request)
     if request.req_type == _Count.kSync:
@@ -102,6 +103,7 @@ def _chosen(records: Iterable[Record], ids: Iterable[int]) -> list[Record]:
 
 
 def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
+    chassis.statistics.update()
     return chassis.statistics.days.latest
 
 
