@@ -144,6 +144,10 @@ BAD_TASKS: dict[str, tuple[Json, str]] = {
     "deletion of an unknown set": ({"order": DELETE}, "unknown task set 0"),
     "execution of an unknown set": ({"order": EXECUTE}, "unknown task set 0"),
     "execution of nothing": ({}, "unknown task set 0"),
+    "execution with a negative id": (
+        {"order": EXECUTE, "taskSet": task_set(-8, "A2")},
+        "task set id -8 is negative",
+    ),
     "execution of bad tasks": (
         {"order": EXECUTE, "taskSet": task_set(8, "Z9")},
         "unknown mark Z9",

@@ -19,7 +19,6 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handlers,
     Result,
-    copy_of,
     require_suitable,
     task_mark,
 )
@@ -72,8 +71,6 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     base = kept.task_set.base
     if not base.id:
         base.id = next(each for each in count(int(chassis.time)) if each not in sets)
-    if base.id < 0:
-        raise RefusedError(refusals.TASK_SET_ID_INVALID, task_set=base.id)
     if base.id not in sets and len(sets) >= _MAX_SETS:
         raise RefusedError(refusals.TOO_MANY_TASK_SETS, limit=_MAX_SETS)
     _check_tasks(chassis, kept.task_set)
@@ -82,13 +79,15 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     base.adapter = base.adapter or "woosh"
     sets[base.id] = kept
     chassis.scene.predefined = RepeatTasks(repeat_tasks=sets.values())
-    return copy_of(kept)
+    return kept
 
 
 def _delete(chassis: Chassis, request: RepeatTask) -> Result:
     """Delete a predefined task set. If it is running, it goes on."""
-    gone = _predefined(chassis, request.task_set.base.id)
-    kept = [each for each in chassis.scene.predefined.repeat_tasks if each is not gone]
+    gone = request.task_set.base.id
+    _predefined(chassis, gone)
+    sets = chassis.scene.predefined.repeat_tasks
+    kept = [each for each in sets if each.task_set.base.id != gone]
     chassis.scene.predefined = RepeatTasks(repeat_tasks=kept)
     return None
 
@@ -131,6 +130,8 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
             unknown or does not suit the type of its task.
     """
     tasks = task_set.tasks
+    if task_set.base.id < 0:
+        raise RefusedError(refusals.TASK_SET_ID_INVALID, task_set=task_set.base.id)
     if not 0 < len(tasks) <= _MAX_TASKS:
         raise RefusedError(refusals.TASK_SET_SIZE, count=len(tasks), limit=_MAX_TASKS)
     if not any(task.base.id for task in tasks):
