@@ -27,7 +27,7 @@ _ENDS = {
 Record = TypeVar("Record", count_pb2.Operation, count_pb2.Task, count_pb2.Status)
 
 
-class Clock(Protocol):
+class Robot(Protocol):
     """The parts of the robot that the statistics use."""
 
     @property
@@ -111,7 +111,7 @@ class Statistics:
         statuses: Records of the problems.
     """
 
-    def __init__(self, robot: Clock, odometer: float, period: float | None) -> None:
+    def __init__(self, robot: Robot, odometer: float, period: float | None) -> None:
         self.days: Records[count_pb2.Operation] = Records()
         self.tasks: Records[count_pb2.Task] = Records()
         self.statuses: Records[count_pb2.Status] = Records()
