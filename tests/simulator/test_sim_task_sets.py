@@ -242,6 +242,20 @@ def test_task_sets_are_refused_in_the_same_cases_as_tasks(profile: str, situatio
     assert answers[0][0] is replaces
 
 
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        (EXEC_TASK, {"markNo": "Z9"}),
+        (PRE_TASK, {"taskSetId": 4}),
+        (REPEAT, {"order": EXECUTE, "taskSet": {"base": {"id": 4}}}),
+    ],
+)
+def test_robot_that_is_not_ready_says_so_before_anything_else(name: str, body: Json) -> None:
+    chassis = Chassis(quick_config(seed=1))
+    chassis.set_emergency_stop(True)
+    assert ask(chassis, name, body).msg == "emergency stop is pressed: release it first"
+
+
 @pytest.fixture
 def real() -> Chassis:
     return Chassis(SimulatorConfig(seed=1))
@@ -249,7 +263,7 @@ def real() -> Chassis:
 
 def run_until(chassis: Chassis, condition: Callable[[], object]) -> list[robot_pb2.TaskProc]:
     """Let time pass until a condition is true, and return the reports about tasks meanwhile."""
-    for _ in range(20_000):
+    for _ in range(10_000):
         if condition():
             break
         chassis.tick(TIME_STEP / 10)
