@@ -171,11 +171,14 @@ class RateProfile:
             simulation.
         scan: Time between two scans of the laser, in seconds.
         battery: Time after which an unchanged battery is reported again; None for never.
+        operation: Time after which the statistics of the day are reported again although the robot
+            has not driven, in seconds; None for never.
     """
 
     pose_speed: float
     scan: float
     battery: Range | None
+    operation: float | None
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,13 @@ from woosh_robot_agent.simulator.protocol import (
     action_commands,
     drive_commands,
     map_commands,
+    planning,
     queries,
     settings,
     state_commands,
+    statistics,
     task_commands,
+    task_sets,
 )
 from woosh_robot_agent.simulator.protocol.handlers import Handler, non_finite
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -51,12 +54,13 @@ def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
     return {cls.DESCRIPTOR.full_name: do for table in tables for cls, do in table.items()}
 
 
-_QUERIES = _by_name(queries.HANDLERS)
+_QUERIES = _by_name(queries.HANDLERS, planning.HANDLERS, statistics.HANDLERS)
 _COMMANDS = _by_name(
     state_commands.HANDLERS,
     map_commands.HANDLERS,
     drive_commands.HANDLERS,
     task_commands.HANDLERS,
+    task_sets.HANDLERS,
     action_commands.HANDLERS,
     settings.HANDLERS,
 )
