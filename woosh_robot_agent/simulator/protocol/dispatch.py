@@ -13,6 +13,7 @@ from woosh_robot_agent.simulator.protocol import (
     action_commands,
     drive_commands,
     map_commands,
+    mapping_commands,
     queries,
     settings,
     state_commands,
@@ -54,6 +55,7 @@ _QUERIES = _by_name(queries.HANDLERS)
 _COMMANDS = _by_name(
     state_commands.HANDLERS,
     map_commands.HANDLERS,
+    mapping_commands.HANDLERS,
     drive_commands.HANDLERS,
     task_commands.HANDLERS,
     action_commands.HANDLERS,

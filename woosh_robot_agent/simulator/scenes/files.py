@@ -53,7 +53,9 @@ SCENE_FILE = "scene.yaml"
 Read = Callable[[str], bytes]
 """Returns the content of the file with the given name, or raises `DataFileError`."""
 
-_MAX_MAPS = 50
+MAX_MAPS = 50
+"""Maximum number of maps of a scene."""
+
 _MAX_MARKS = 5000
 _MAX_WALLS = 1000
 """Laser and planner check each wall. A map with more walls needs a picture instead."""
@@ -66,7 +68,8 @@ _MAX_PIXELS = 32 * 1024 * 1024
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""
 
-_DEFAULT_FLOOR = "1F"
+DEFAULT_FLOOR = "1F"
+"""Floor of a map that has no other one."""
 
 _UINT32 = 2**32 - 1
 _INT32 = 2**31 - 1
@@ -135,7 +138,7 @@ def read_scene(
                     Map(
                         len(maps),
                         Path(each).stem,
-                        _DEFAULT_FLOOR,
+                        DEFAULT_FLOOR,
                         1,
                         low,
                         high,
@@ -150,7 +153,7 @@ def read_scene(
 
 
 def _scene(root: Node, name: str, read: Read) -> Scene:
-    nodes = list(root.required("maps").items(_MAX_MAPS))
+    nodes = list(root.required("maps").items(MAX_MAPS))
     if not nodes:
         raise root.required("maps").error("a scene needs at least one map")
     maps: list[Map] = []
@@ -199,7 +202,7 @@ def _map(node: Node, number: int, read: Read) -> Map:
     return Map(
         id=id_.integer(0, _UINT32) if id_ else number,
         name=node.required("name").text(),
-        floor=floor.text() if floor else _DEFAULT_FLOOR,
+        floor=floor.text() if floor else DEFAULT_FLOOR,
         version=version.integer(1, _INT32) if version else 1,
         low=low,
         high=high,

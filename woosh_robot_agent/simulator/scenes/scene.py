@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 
 from woosh_robot_agent.pb.task import woosh_task_pb2
@@ -36,3 +37,11 @@ class Scene:
         if not name:
             return self.maps[0]
         return next((each for each in self.maps if each.name == name), None)
+
+    def with_map(self, area: Map) -> Scene:
+        """Return the scene with a map that is new or replaces the one of its name."""
+        if self.maps and self.map(area.name):
+            maps = [area if each.name == area.name else each for each in self.maps]
+        else:
+            maps = [*self.maps, area]
+        return dataclasses.replace(self, maps=maps)

@@ -47,6 +47,29 @@ class Mark:
     description: str = ""
 
 
+class MarkerKind(Enum):
+    """Kind of a marker. The value is its list in `woosh.map.mark.MarkInfo`."""
+
+    BEACON = "beacons"
+    AR_TAG = "artags"
+    REFLECTOR = "reflectors"
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A thing in the hall that helps the localisation.
+
+    Attributes:
+        id: Identifier, unique among the markers of its kind in its map.
+        kind: Kind of the marker.
+        pose: Pose, in the map's frame.
+    """
+
+    id: int
+    kind: MarkerKind
+    pose: Pose
+
+
 @dataclass(frozen=True, eq=False)
 class Map:
     """The map of one floor.
@@ -61,6 +84,10 @@ class Map:
         walls: Walls, which the laser sees and the robot cannot pass.
         marks: Marks, by number.
         grid: Occupancy grid, if the map has one; used in addition to the walls.
+        markers: Beacons, codes and reflectors.
+        end: Pose of the robot at the end of the mapping; None if the map was not made by driving.
+        ground_truth: The hall in which the map was made by driving: it has the real walls. None if
+            the map itself is the hall.
     """
 
     id: int
@@ -72,6 +99,9 @@ class Map:
     walls: tuple[Wall, ...]
     marks: dict[str, Mark] = field(default_factory=dict)
     grid: Grid | None = None
+    markers: tuple[Marker, ...] = ()
+    end: Pose | None = None
+    ground_truth: Map | None = None
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or occupied cell, in metres."""
