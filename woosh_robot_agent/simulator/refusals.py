@@ -248,10 +248,10 @@ MAPPING_NAME_INVALID = Refusal(
     "{field} {name!r} is invalid: give a printable name of at most {limit} characters without "
     "slashes"
 )
-MAP_EXISTS = Refusal(
+NEW_MAP_EXISTS = Refusal(
     "scene {scene} already has a map {map}: choose another name, or update the map with type 2"
 )
-TOO_MANY_MAPS = Refusal("scene {scene} already has {limit} maps: choose another scene")
+NEW_MAP_TOO_MANY = Refusal("scene {scene} already has {limit} maps: choose another scene")
 UPDATE_UNKNOWN_SCENE = Refusal(
     "unknown scene {scene}: use one of {scenes}", code=codes.UPDATE_PARAMETERS
 )

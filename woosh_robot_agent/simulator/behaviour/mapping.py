@@ -14,7 +14,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
-from woosh_robot_agent.simulator.scenes.files import DEFAULT_FLOOR, MAX_MAPS
+from woosh_robot_agent.simulator.scenes.files import MAX_MAPS
 from woosh_robot_agent.simulator.scenes.library import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -239,9 +239,9 @@ class Mapping:
             if len(scenes) >= MAX_SCENES:
                 raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
         elif scene.map(map_name):
-            raise RefusedError(refusals.MAP_EXISTS, scene=scene_name, map=map_name)
+            raise RefusedError(refusals.NEW_MAP_EXISTS, scene=scene_name, map=map_name)
         elif len(scene.maps) >= MAX_MAPS:
-            raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
+            raise RefusedError(refusals.NEW_MAP_TOO_MANY, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
         robot, profile = self._robot, self._profile
@@ -259,7 +259,7 @@ class Mapping:
         self._grid = GrowingGrid(rasterised(robot.map) if update else None)
         if not update:
             corner = (0.0, 0.0)
-            self.draft = Map(0, self._map_name, DEFAULT_FLOOR, 1, corner, corner, walls=())
+            self.draft = Map(0, self._map_name, robot.map.floor, 1, corner, corner, walls=())
         self._located_before, robot.readiness.located = robot.readiness.located, True
         self._phase = Phase.RUNNING
         self._added_time = -math.inf

@@ -33,6 +33,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
         maps = ", ".join(each.name for each in scene.maps)
         raise RefusedError(refusals.UNKNOWN_MAP, map=wanted, scene=name, maps=maps)
     chassis.enter(scene, area)
+    chassis.deployment.end_session()
     return None
 
 

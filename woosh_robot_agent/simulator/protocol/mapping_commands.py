@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.behaviour.deployment import CollectedPoint, PointKind
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handlers,
@@ -16,15 +17,14 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Mark, Marker, MarkerKind
 
-_MARKERS: dict[int, MarkerKind | None] = {
-    pack.kBeacons: MarkerKind.BEACON,
-    pack.kArTags: MarkerKind.AR_TAG,
-    pack.kReflectors: MarkerKind.REFLECTOR,
-    pack.kMark: None,
+_KINDS: dict[int, PointKind] = {
+    pack.kBeacons: PointKind.BEACON,
+    pack.kArTags: PointKind.CODE,
+    pack.kReflectors: PointKind.REFLECTOR,
+    pack.kMark: PointKind.MARK,
 }
-"""Kind of marker by `woosh.robot.DeploymentType`; None for a mark."""
+"""Kinds of points by `woosh.robot.DeploymentType`."""
 
 
 def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
@@ -37,8 +37,12 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
     elif kind == pack.BuildMap.kSave:
         duration = mapping.save()
     elif kind == pack.BuildMap.kCanel:
+        new = mapping.draft is not None
         duration = mapping.cancel()
-        chassis.deployment.cancel_all()
+        if new:
+            chassis.deployment.end_session()  # its points went with the map
+        else:
+            chassis.deployment.cancel_all()
     else:
         raise RefusedError(refusals.UNKNOWN_BUILD_TYPE, type=kind)
     # The answer comes when it is done.
@@ -50,16 +54,16 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):
         raise RefusedError(refusals.OTHER_ROBOT, robot_id=request.robot_id, own_id=chassis.robot_id)
-    if kind not in _MARKERS and (kind or mode == pack.kDepCollect):
+    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
         raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_TYPE, type=kind)
-    found: Sequence[Mark | Marker] = []
+    found: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
         where = pose(request.pose)
         # Some clients send an empty pose if they mean that of the robot.
         given = request.HasField("pose") and where != Pose()
-        found = [chassis.deployment.collect(_MARKERS[kind], where if given else None)]
+        found = [chassis.deployment.collect(_KINDS[kind], where if given else None)]
     elif mode == pack.kDepCancel:
-        chassis.deployment.cancel((_MARKERS[kind],) if kind else tuple(_MARKERS.values()))
+        chassis.deployment.cancel([_KINDS[kind]] if kind else list(PointKind))
     elif mode == pack.kDepReflector:
         if kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
             raise RefusedError(refusals.ONLY_REFLECTORS)

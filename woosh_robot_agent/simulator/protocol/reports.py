@@ -14,7 +14,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkerKind, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
 _Hardware = robot_pb2.HardwareState
 _Bit = robot_pb2.DeviceState
@@ -257,7 +257,7 @@ def build_map_data(chassis: Chassis) -> robot_pack_pb2.BuildMapData:
 
     height, width = raster.cells.shape
     return robot_pack_pb2.BuildMapData(
-        map_data=png(raster),
+        map_data=png(raster.cells),
         width=width,
         height=height,
         origin_x=raster.low[0],
@@ -329,12 +329,7 @@ def _mark_info(area: Map) -> mark_pb2.MarkInfo:
         floor_name=area.floor,
         storages=[_mark_data(mark) for mark in area.marks.values()],
     )
-    for marker in area.markers:
-        added = getattr(info, marker.kind.value).add(id=marker.id)
-        if marker.kind is MarkerKind.BEACON:
-            added.point.x, added.point.y = marker.pose.point
-        else:
-            added.pose.CopyFrom(pose2d(marker.pose))
+    info.MergeFrom(area.other_marks)
     return info
 
 

@@ -68,8 +68,7 @@ _MAX_PIXELS = 32 * 1024 * 1024
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""
 
-DEFAULT_FLOOR = "1F"
-"""Floor of a map that has no other one."""
+_DEFAULT_FLOOR = "1F"
 
 _UINT32 = 2**32 - 1
 _INT32 = 2**31 - 1
@@ -138,7 +137,7 @@ def read_scene(
                     Map(
                         len(maps),
                         Path(each).stem,
-                        DEFAULT_FLOOR,
+                        _DEFAULT_FLOOR,
                         1,
                         low,
                         high,
@@ -202,7 +201,7 @@ def _map(node: Node, number: int, read: Read) -> Map:
     return Map(
         id=id_.integer(0, _UINT32) if id_ else number,
         name=node.required("name").text(),
-        floor=floor.text() if floor else DEFAULT_FLOOR,
+        floor=floor.text() if floor else _DEFAULT_FLOOR,
         version=version.integer(1, _INT32) if version else 1,
         low=low,
         high=high,

@@ -132,11 +132,13 @@ class GrowingGrid:
         corners = np.stack((columns - left, rows - bottom), axis=1).ravel().tolist()
         # The sides run along walls, of which distant echoes show only some cells.
         ImageDraw.Draw(image).polygon(corners, fill=1, outline=0)
+        passed = np.array(image).view(np.int8)
+        passed[rows - bottom, columns - left] = 0
         part = self._evidence[
             bottom - self._bottom : top - self._bottom + 1,
             left - self._left : right - self._left + 1,
         ]
-        np.subtract(part, np.asarray(image).view(np.int8), out=part)
+        np.subtract(part, passed, out=part)
         np.maximum(part, _MIN_EVIDENCE, out=part)
         echoes = echo_rows - bottom, echo_columns - left
         part[echoes] = np.minimum(part[echoes] + _ECHO, _MAX_EVIDENCE)

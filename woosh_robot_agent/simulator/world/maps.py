@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
 from woosh_robot_agent.simulator.world.hull import Hull
 
@@ -47,29 +48,6 @@ class Mark:
     description: str = ""
 
 
-class MarkerKind(Enum):
-    """Kind of a marker. The value is its list in `woosh.map.mark.MarkInfo`."""
-
-    BEACON = "beacons"
-    AR_TAG = "artags"
-    REFLECTOR = "reflectors"
-
-
-@dataclass(frozen=True)
-class Marker:
-    """A thing in the hall that helps the localisation.
-
-    Attributes:
-        id: Identifier, unique among the markers of its kind in its map.
-        kind: Kind of the marker.
-        pose: Pose, in the map's frame.
-    """
-
-    id: int
-    kind: MarkerKind
-    pose: Pose
-
-
 @dataclass(frozen=True, eq=False)
 class Map:
     """The map of one floor.
@@ -84,7 +62,7 @@ class Map:
         walls: Walls, which the laser sees and the robot cannot pass.
         marks: Marks, by number.
         grid: Occupancy grid, if the map has one; used in addition to the walls.
-        markers: Beacons, codes and reflectors.
+        other_marks: Marks of other kinds, such as beacons, which the robot only stores.
         end: Pose of the robot at the end of the mapping; None if the map was not made by driving.
         ground_truth: The hall in which the map was made by driving: it has the real walls. None if
             the map itself is the hall.
@@ -99,7 +77,7 @@ class Map:
     walls: tuple[Wall, ...]
     marks: dict[str, Mark] = field(default_factory=dict)
     grid: Grid | None = None
-    markers: tuple[Marker, ...] = ()
+    other_marks: mark_pb2.MarkInfo = field(default_factory=mark_pb2.MarkInfo)
     end: Pose | None = None
     ground_truth: Map | None = None
 

@@ -47,7 +47,7 @@ class Picture:
 def draw(area: Map) -> Picture:
     """Return the picture of a map with its walls, from a cache."""
     raster = rasterised(area)
-    return Picture(png(raster), raster.resolution, raster.low)
+    return Picture(png(raster.cells), raster.resolution, raster.low)
 
 
 def rasterised(area: Map) -> Raster:
@@ -60,9 +60,8 @@ def rasterised(area: Map) -> Raster:
     return Raster(cells, resolution, low)
 
 
-def png(raster: Raster) -> bytes:
-    """Return the picture of cells as PNG. Its last row has the smallest y."""
-    cells = raster.cells
+def png(cells: Cells) -> bytes:
+    """Return the picture of cells, which are in rows by increasing y."""
     greys = np.full(cells.shape, _GREY_FREE, np.uint8)
     greys[cells == OCCUPIED] = _GREY_OCCUPIED
     greys[cells == UNKNOWN] = _GREY_UNKNOWN
