@@ -65,12 +65,17 @@ class StateWatch:
         }
 
     def changed(self, *, while_moving: bool) -> list[Message]:
-        """Return the states that have changed, and the periodic reports, since the last call.
+        """Return the periodic reports that are due and the states that have changed.
 
         Args:
             while_moving: Include PoseSpeed, which changes with every step of a moving robot.
         """
         found = []
+        for topic, last_due in self._due.items():
+            due = _DUE_TIMES[topic](self._chassis)
+            if due != last_due:
+                self._due[topic] = due
+                found.append(_PERIODIC[topic](self._chassis))
         for topic, last in self._last.items():
             if topic == _POSE_SPEED and not (while_moving and self._pose_is_due()):
                 continue
@@ -83,11 +88,6 @@ class StateWatch:
                     self._plan_pose()
                 elif topic == _BATTERY:
                     self._plan_battery()
-        for topic, last_due in self._due.items():
-            due = _DUE_TIMES[topic](self._chassis)
-            if due != last_due:
-                self._due[topic] = due
-                found.append(_PERIODIC[topic](self._chassis))
         return found
 
     def _pose_is_due(self) -> bool:
