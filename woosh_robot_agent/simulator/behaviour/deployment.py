@@ -55,6 +55,7 @@ class Deployment:
         self._robot = robot
         self._mapping = mapping
         self._collected: list[CollectedPoint] = []
+        """Points of this session, in order."""
 
     def collect(self, kind: PointKind, pose: Pose | None) -> CollectedPoint:
         """Add a point to the map and return it.

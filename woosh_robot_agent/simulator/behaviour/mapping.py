@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_MAPS
@@ -68,12 +69,17 @@ class Mapping:
         self.picture_time = 0.0
         self._robot = robot
         self._profile = robot.profile.mapping
+        self._pictures = DelayedCalls(robot)
         self._phase = Phase.NONE
         self._scene_name = self._map_name = ""
         self._grid: GrowingGrid | None = None
+        """Cells of the map; None while no map is being made."""
         self._located_before = True
+        """The robot knew its pose before the mapping."""
         self._added_time = -math.inf
+        """Simulated time of the last scan that was added, in seconds."""
         self._added_pose = Pose()
+        """Pose of the robot at this scan."""
 
     @property
     def active(self) -> bool:
@@ -161,6 +167,7 @@ class Mapping:
         duration = profile.save.at(robot.chance.random())
         finished = self._finished_map()
         self._phase = Phase.SAVING
+        self._pictures.cancel_all()
         robot.after(min(profile.scene_after, duration), partial(self._enter, finished))
         robot.after(duration, self._end)
         return duration
@@ -175,6 +182,7 @@ class Mapping:
         robot = self._robot
         duration = self._profile.cancel.at(robot.chance.random())
         self._phase = Phase.CANCELLING
+        self._pictures.cancel_all()
         self.draft = None
         robot.readiness.located = robot.readiness.located and self._located_before
         robot.after(duration, self._end)
@@ -206,6 +214,7 @@ class Mapping:
 
     def _require_startable(self, scene_name: str, map_name: str) -> None:
         self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
+        self.require_settled()
         self.require_none(refusals.MAPPING_RUNS)
         for what, name in (("scene_name", scene_name), ("map_name", map_name)):
             if not name:
@@ -264,15 +273,11 @@ class Mapping:
         self._phase = Phase.RUNNING
         self._added_time = -math.inf
         self.tick()
-        self._plan_picture(self._grid)
+        self._pictures.add(self._profile.picture_period, self._picture_is_due)
 
-    def _plan_picture(self, grid: GrowingGrid) -> None:
-        def due() -> None:
-            if self._grid is grid and self._phase is Phase.RUNNING:
-                self.picture_time = self._robot.elapsed
-                self._plan_picture(grid)
-
-        self._robot.after(self._profile.picture_period, due)
+    def _picture_is_due(self) -> None:
+        self.picture_time = self._robot.elapsed
+        self._pictures.add(self._profile.picture_period, self._picture_is_due)
 
     def _finished_map(self) -> Callable[[], tuple[Scene, Map]]:
         """Return a function that returns the map as it is now, in its scene.

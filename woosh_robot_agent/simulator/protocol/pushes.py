@@ -42,6 +42,7 @@ class StateWatch:
     def __init__(self, chassis: Chassis) -> None:
         self._chassis = chassis
         self._last: dict[str, bytes] = {}
+        """Last known state of each watched topic, encoded."""
         self._due: dict[str, float] = {}
         """Time at which each watched periodic report was last due, in seconds."""
         self._next_pose = 0.0

@@ -17,7 +17,7 @@ from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 MAX_SCENES = 20
-"""Maximum number of scenes that clients can make a robot know."""
+"""Number of known scenes from which on new ones are refused."""
 
 _SHIPPED = tuple(Path(__file__).parents[1] / "data" / name for name in ("wooshmap", "scenex"))
 _START_CLEARANCE = 0.6
