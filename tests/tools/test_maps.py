@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import signal
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,7 @@ from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
 from tests.simulator.test_sim_uploads import NAV2, floor_png
-from tests.tools.test_tool_programs import address, start
+from tests.tools.test_tool_programs import TIMEOUT, address, start
 from woosh_robot_agent.map_image import cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
