@@ -21,8 +21,13 @@ from woosh_robot_agent.simulator.scenes.writing import files_of
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
+"""Maximum number of files of a scene."""
+
 _MAX_BYTES = 32 * 1024 * 1024
+"""Maximum size of all files of a scene together, in bytes."""
+
 _PICTURES = (".png", ".pgm")
+"""Ends of the names of pictures."""
 
 
 def updated_scene(

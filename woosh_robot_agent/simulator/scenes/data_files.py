@@ -29,6 +29,7 @@ MAX_TASKS = 200
 """Maximum number of task sets of one kind, and of tasks in a set."""
 
 _M = TypeVar("_M", bound=Message)
+"""Class of the message in a file."""
 
 
 def read_task_info(name: str, read: Read) -> woosh_task_pb2.TaskInfo:

@@ -14,6 +14,7 @@ from woosh_robot_agent.simulator.world.maps import ImageFiles, Map, Mark
 from woosh_robot_agent.simulator.yaml_fields import parse
 
 _MAX_ID = 2**32 - 1
+"""Greatest possible id of a map or mark."""
 
 
 def with_map(scene: Scene, area: Map) -> Scene:

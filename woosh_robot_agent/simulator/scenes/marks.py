@@ -13,6 +13,7 @@ _CATEGORIES = {kind: kind.value.removesuffix("s") for kind in MarkKind}
 """Field of `woosh.map.mark.Storage` that is set for each kind; a base has none."""
 
 _KINDS = {category: kind for kind, category in _CATEGORIES.items()}
+"""Kind of a mark by the field that is set."""
 
 
 def has_pose(storage: mark_pb2.Storage) -> bool:

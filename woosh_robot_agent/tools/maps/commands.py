@@ -21,6 +21,7 @@ from woosh_robot_agent.tools.maps.scene_folder import (
 )
 
 _HEADINGS = ("SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS")
+"""Headings of the list."""
 
 
 async def list_maps(robot: Robot, *, as_json: bool) -> None:

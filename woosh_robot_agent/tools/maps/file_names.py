@@ -9,6 +9,7 @@ from __future__ import annotations
 from woosh_robot_agent.tools.maps.errors import MapsError
 
 _UNSAFE = frozenset('/\\:*?"<>|%')
+"""Characters that a file name does not have. `%` is one, so that names stay different."""
 _MAX_BYTES = 200
 """Maximum length of a file name, in bytes. Most file systems have a limit of 255."""
 

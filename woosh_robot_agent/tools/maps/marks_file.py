@@ -13,15 +13,17 @@ from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 from woosh_robot_agent.tools.maps.errors import MapsError
 
 _TYPES = tuple(field.name for field in Storage.DESCRIPTOR.oneofs_by_name["category"].fields)
+"""Types of marks: the categories of `woosh.map.mark.Storage`."""
 _BASE = "base"
 """Type of a mark without a category."""
-_STORAGES = "storages"
-_VERSION = "version"
-_MARKS = "marks"
-_OTHERS = "others"
+_MARKS, _OTHERS = "marks", "others"
+"""Keys of the file: the storage places, and all other marks."""
 _MAX_BYTES = 8 * 1024 * 1024
+"""Maximum size of a file, in bytes."""
 _MAX_MARKS = 100_000
+"""Maximum number of marks in a file."""
 _UINT32 = 2**32 - 1
+"""Greatest possible id of a mark."""
 _HEADING = """\
 # Marks of map {map}. Edit this file, then upload the folder: maps --ip ... upload --force FOLDER
 #
@@ -149,7 +151,7 @@ def _storage(node: Node) -> Storage:
 def _others(info: MarkInfo) -> dict[str, Any]:
     """Return everything but the storage places, as in the file."""
     fields = MessageToDict(info, preserving_proto_field_name=True)
-    return {key: value for key, value in fields.items() if key not in (_STORAGES, _VERSION)}
+    return {key: value for key, value in fields.items() if key not in ("storages", "version")}
 
 
 def _parsed(node: Node, message: Any) -> Any:

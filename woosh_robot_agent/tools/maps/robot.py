@@ -26,6 +26,7 @@ SLOW_ANSWERS = {
 """Minimum timeouts of requests, in seconds. Robots have taken minutes to save a map."""
 
 _M = TypeVar("_M", bound=Message)
+"""Class of the message in an answer."""
 
 
 class Robot:

@@ -27,11 +27,15 @@ from woosh_robot_agent.tools.maps.marks_file import read_marks, write_marks
 from woosh_robot_agent.tools.maps.nav2_map import map_files
 
 _INDEX = "scene.yaml"
+"""File that lists what is in the folder."""
 _MAPS, _MARKS, _FILES = "maps", "marks", "files"
+"""Folders inside the folder."""
 _FORMAT = 1
 """Version of the format of the folder."""
 _MAX_ITEMS = 10_000
+"""Maximum number of maps and of files of a scene."""
 _MAX_INDEX = 1024 * 1024
+"""Maximum size of the list, in bytes."""
 
 
 @dataclass(frozen=True)
