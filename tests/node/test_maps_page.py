@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from nav_msgs.msg import OccupancyGrid
 
 from tests.harness import Client, RunningAgent, wait_until
 from tests.quick_chassis import quick_config
 from tests.ros2_commands import parse
+from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools import maps
 
@@ -95,21 +97,10 @@ def test_the_commands_of_the_page_work_in_its_order(
 
 
 def test_saved_map_equals_the_topic_map(
-    simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
-    client: Client,
-    tmp_path: Path,
+    simulator: SimulatorThread, agent: RunningAgent, client: Client, tmp_path: Path
 ) -> None:
     """The files for map_server say what the agent publishes."""
-    from nav_msgs.msg import OccupancyGrid
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-
-    from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
-
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, enable_map=True)
-    agent.wait_connected()
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    topic = client.echo(OccupancyGrid, "map", latched).wait(lambda grid: grid.data)
+    topic = client.echo(OccupancyGrid, "map").wait_count(1)[0]
     where = ["--ip", "127.0.0.1", "--port", str(simulator.port)]
     assert maps.main([*where, "download", "wooshmap", "--output", str(tmp_path)]) == 0
     file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
