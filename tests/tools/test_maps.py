@@ -5,8 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
+import pty
 import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -521,6 +525,27 @@ def test_ctrl_c_during_an_upload_leaves_the_robots_map(
     assert (process.returncode, out, err) == (130, "", "interrupted\n")
     assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
     assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
+
+
+@pytest.mark.parametrize("arguments", [["download", "lab"], ["upload", "lab", "--force"]])
+def test_a_bar_shows_the_progress_on_a_terminal(
+    run: Run, wire: JsonClient, chassis: SimulatorThread, arguments: list[str]
+) -> None:
+    upload_lab(wire)
+    if arguments[0] == "upload":
+        run("download", "lab")
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-m", "woosh_robot_agent.tools.maps", *address(chassis), *arguments]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=end, timeout=TIMEOUT, check=True)
+    os.close(end)
+    shown = b""
+    with contextlib.suppress(OSError):  # at the end of the terminal
+        while data := os.read(terminal, 65536):
+            shown += data
+    os.close(terminal)
+    assert f"{arguments[0]}ing lab".encode() in shown
+    assert b"bytes" in shown or b"kB" in shown
+    assert done.stdout.startswith(f"{arguments[0]}ed scene lab".encode())
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
