@@ -181,6 +181,37 @@ def test_switching_to_and_fro_stays_in_the_same_hall() -> None:
     assert chassis.chassis.walls != walls
 
 
+def test_uploading_the_files_of_a_made_map_leaves_the_walls_where_they_are() -> None:
+    chassis = in_toured_hall()
+    model = chassis.chassis
+    hall, end, marks = model.ground_truth, model.map.end, dict(model.map.marks)
+    files = ask(chassis, "woosh.map.Download", sceneName="new").body["fileDatas"]
+    ask(chassis, "woosh.map.Upload", sceneName="new", fileDatas=files)
+    assert model.ground_truth is hall
+    assert model.map.end == end
+    assert model.map.marks == marks
+    assert (made_grid(model.map).cells == made_grid(toured_hall()).cells).all()
+    # On another robot the files are all there is.
+    other = SteppedChassis(profile="instant")
+    ask(other, "woosh.map.Upload", sceneName="new", fileDatas=files)
+    ask(other, SWITCH_MAP, sceneName="new")
+    assert other.chassis.ground_truth is other.chassis.map
+
+
+def test_download_after_an_update_has_the_new_picture(tmp_path: Path) -> None:
+    chassis = SteppedChassis(profile="instant", scenes=(write_map(tmp_path, room_picture()),))
+    chassis.chassis.obstacles.put("box", 3.0, -1.0, 0.3)
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="room", mapName="room")
+    turn_around(chassis)
+    save_map(chassis)
+    files = ask(chassis, "woosh.map.Download", sceneName="room").body["fileDatas"]
+    other = SteppedChassis(profile="instant")
+    ask(other, "woosh.map.Upload", sceneName="room", fileDatas=files)
+    ask(other, SWITCH_MAP, sceneName="room")
+    assert (made_grid(other.chassis.map).cells == made_grid(chassis.chassis.map).cells).all()
+
+
 def test_update_continues_the_map() -> None:
     chassis = SteppedChassis(profile="instant")
     model = chassis.chassis

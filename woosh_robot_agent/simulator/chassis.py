@@ -32,6 +32,7 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.profile_files import load_profile
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
+from woosh_robot_agent.simulator.scenes.editing import with_map_changed
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.collision import CollisionDetector
 from woosh_robot_agent.simulator.world.footprints import Outline, footprints
@@ -342,10 +343,27 @@ class Chassis:
             self.readiness.located = False
         self.tasks.forget_failed()
 
+    def replace_scene(self, old: Scene | None, new: Scene, map_name: str = "") -> None:
+        """Store a scene, in place of another one or in addition.
+
+        Args:
+            old: The scene to replace, None for none.
+            new: The scene. It may have another name than the old one.
+            map_name: If `old` is the current scene: name of the current map in `new`; empty if it
+                has not changed.
+        """
+        if old is self.scene:
+            area = new.map(map_name or self.map.name)
+            assert area is not None
+            self.enter(new, area)
+        else:
+            self.scenes[new.name] = new
+        if old and old.name != new.name:
+            del self.scenes[old.name]
+
     def change_map(self, area: Map) -> None:
-        """Replace the current map by a changed one of the same name."""
-        self.map = area
-        self.scene = self.scenes[self.scene.name] = self.scene.with_map(area)
+        """Replace the current map by a changed one."""
+        self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
 
     def at_charger(self) -> bool:
         """Return True if the robot stands at a charger."""

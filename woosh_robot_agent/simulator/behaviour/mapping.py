@@ -15,6 +15,8 @@ from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.scenes.editing import with_map, with_map_changed
+from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
 from woosh_robot_agent.simulator.scenes.files import MAX_MAPS
 from woosh_robot_agent.simulator.scenes.library import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import Scene
@@ -35,9 +37,6 @@ _REST_PERIOD = 1.0
 
 _MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
 """Motion from which on the robot does not stand, in metres and radians."""
-
-_MAX_NAME = 100
-"""Maximum number of characters in the name of a scene or map."""
 
 
 class Phase(Enum):
@@ -218,15 +217,10 @@ class Mapping:
         self.require_none(refusals.MAPPING_RUNS)
         for what, name in (("scene_name", scene_name), ("map_name", map_name)):
             if not name:
-                raise RefusedError(refusals.MAPPING_WITHOUT_NAME, field=what)
-            # The name becomes that of a file when the scene is downloaded.
-            usable = name.isprintable() and not set(name) & {"/", "\\"} and name not in (".", "..")
-            if not usable or len(name) > _MAX_NAME:
+                raise RefusedError(refusals.NO_NAME, field=what)
+            if not is_plain(name):
                 raise RefusedError(
-                    refusals.MAPPING_NAME_INVALID,
-                    field=what,
-                    name=name[:_MAX_NAME],
-                    limit=_MAX_NAME,
+                    refusals.NAME_INVALID, field=what, name=name[:MAX_NAME], limit=MAX_NAME
                 )
 
     def _require_running(self) -> None:
@@ -248,9 +242,9 @@ class Mapping:
             if len(scenes) >= MAX_SCENES:
                 raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
         elif scene.map(map_name):
-            raise RefusedError(refusals.NEW_MAP_EXISTS, scene=scene_name, map=map_name)
+            raise RefusedError(refusals.MAP_EXISTS, scene=scene_name, map=map_name)
         elif len(scene.maps) >= MAX_MAPS:
-            raise RefusedError(refusals.NEW_MAP_TOO_MANY, scene=scene_name, limit=MAX_MAPS)
+            raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
         robot, profile = self._robot, self._profile
@@ -293,23 +287,24 @@ class Mapping:
         end, scene_name = robot.base.pose, self._scene_name
 
         def finished() -> tuple[Scene, Map]:
-            if draft:
-                scene = robot.scenes.get(scene_name) or Scene(scene_name, [])
-                number = max((each.id for each in scene.maps), default=0) + 1
-                before = dataclasses.replace(draft, id=number)
-            else:
-                scene = robot.scene
-                before = dataclasses.replace(robot.map, version=robot.map.version + 1)
             area = dataclasses.replace(
-                before,
+                draft or robot.map,
                 low=grid.low,
                 high=grid.high,
                 walls=(),
                 grid=grid,
+                image=None,
                 end=end,
                 ground_truth=robot.ground_truth,
             )
-            return scene.with_map(area), area
+            if draft:
+                before = robot.scenes.get(scene_name) or Scene(scene_name, [])
+                scene = with_map(before, area)
+                saved = scene.map(area.name)
+                assert saved
+                return scene, saved
+            area = dataclasses.replace(area, version=area.version + 1)
+            return with_map_changed(robot.scene, robot.map, area), area
 
         return finished
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 
 from woosh_robot_agent.pb.task import woosh_task_pb2
@@ -17,7 +16,7 @@ class Scene:
     Attributes:
         name: Name, unique among the scenes.
         maps: At least one map. The first one is the default.
-        files: Files that clients uploaded for the scene, by name.
+        files: Files that clients uploaded and that describe neither map, mark nor task, by name.
         start: Initial pose of the robot on `start_map`; None if the scene does not define one.
         start_map: Name of the map on which the robot starts; empty for the first one.
         predefined: Task sets that ExecPreTask can start.
@@ -37,11 +36,3 @@ class Scene:
         if not name:
             return self.maps[0]
         return next((each for each in self.maps if each.name == name), None)
-
-    def with_map(self, area: Map) -> Scene:
-        """Return the scene with a map that is new or replaces the one of its name."""
-        if self.maps and self.map(area.name):
-            maps = [area if each.name == area.name else each for each in self.maps]
-        else:
-            maps = [*self.maps, area]
-        return dataclasses.replace(self, maps=maps)
