@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import statistics
 from collections.abc import Callable
 from itertools import pairwise
@@ -493,3 +494,47 @@ def test_id_of_the_last_task_survives_a_mapping(quick: SteppedChassis) -> None:
     start_mapping(quick)
     save_map(quick)
     assert int(ask(quick, "woosh.robot.TaskProc").body["robotTaskId"]) == TASK_ID
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_requests_in_any_order_leave_a_robot_that_can_be_used(
+    seed: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    rng = random.Random(seed)
+    chassis = SteppedChassis(seed=seed)
+    names = ["", "wooshmap", "scenex", "new", "hall"]
+
+    def name() -> str:
+        return rng.choice(names)
+
+    requests: list[Callable[[], tuple[str, Json]]] = [
+        lambda: (BUILD_MAP, of(name(), name(), rng.randrange(6))),
+        lambda: (DEPLOYMENT, {"type": rng.randrange(6), "mode": rng.randrange(5)}),
+        lambda: (SWITCH_WORK_MODE, {"mode": rng.randrange(1, 3)}),
+        lambda: (SWITCH_MAP, {"sceneName": name(), "mapName": name()}),
+        lambda: (INIT_ROBOT, {"isRecord": True}),
+        lambda: (TWIST, {"linear": 0.3, "angular": 0.5}),
+        lambda: ("woosh.robot.ExecTask", {"markNo": rng.choice(["1", "A2"])}),
+        lambda: (
+            "woosh.map.Rename",
+            {"oldSceneName": name(), "newSceneName": name(), "oldMapName": name()},
+        ),
+        lambda: ("woosh.map.Delete", {"sceneName": name(), "mapName": name()}),
+        lambda: ("woosh.map.mark.storage.Delete", {"no": rng.choice(["1", "2", "A2"])}),
+    ]
+    for _ in range(120):
+        type_name, body = rng.choice([requests[0], *requests])()
+        chassis.request(type_name, **body)
+        chassis.run(rng.choice([0.05, 0.2, 1.0, 8.0]))
+    assert not [each for each in caplog.records if each.levelname == "ERROR"]
+    # Whatever has happened, these requests bring it back.
+    chassis.run(10.0)
+    chassis.request(BUILD_MAP, type=CANCEL)
+    chassis.request("woosh.robot.ActionOrder", order=4)
+    chassis.run(10.0)
+    ask(chassis, SWITCH_MAP)
+    ask(chassis, "woosh.robot.SwitchControlMode", mode=1)
+    ask(chassis, INIT_ROBOT, isRecord=True)
+    ask(chassis, SWITCH_WORK_MODE, mode=TASK_MODE)
+    chassis.run(0.2)
+    assert states(chassis)[-1] == IDLE
