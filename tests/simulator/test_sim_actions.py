@@ -221,31 +221,100 @@ def test_feedbacks_request_returns_the_last_state_of_each_action(client: JsonCli
     assert last == {"woosh.ros.action.LiftControl": 1, "woosh.ros.action.StepControl": 1}
 
 
+CHARGE = {"chargeControl": {"action": 1, "executeMode": 1}}
+EXIT = {"chargeControl": {"action": 1, "executeMode": 2}}
+
+
+@pytest.fixture
+def at_charger(client: JsonClient) -> None:
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
+
+
+@pytest.mark.usefixtures("at_charger")
 def test_charge_control_starts_and_stops_charging(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
-    client.ask(CALL, {"chargeControl": {"action": 1, "executeMode": 1}})
+    client.ask(CALL, CHARGE)
     while client.ask("woosh.robot.Battery")["chargeState"] != 3:
         pass
-    client.ask(CALL, {"chargeControl": {"action": 1, "executeMode": 2}})
-    while client.ask("woosh.robot.Battery")["chargeState"] != 1:
-        pass
+    client.pushes.clear()
+    client.ask(CALL, EXIT)
+    ends = [feedback_until_end(client)[-1] for _ in range(2)]
+    assert [(each["state"], each["msg"]) for each in ends] == [
+        (CANCEL, "replaced by ChargeControl"),
+        (SUCCESS, "left the charger"),
+    ]
+    assert client.ask("woosh.robot.Battery")["chargeState"] == 1
     assert client.ask("woosh.robot.RobotState")["state"] == 2
+    pose = simulator.state.pose
+    assert (pose.x, pose.y) == pytest.approx((-10.3, 0.5), abs=0.01)
 
 
-def test_nav_mode_action_limits_the_speed(client: JsonClient) -> None:
+@pytest.mark.usefixtures("at_charger")
+def test_charging_pauses_resumes_and_is_cancelled(client: JsonClient) -> None:
+    client.ask(CALL, CHARGE)
+    for action, state, charge_state in ((2, PAUSE, 1), (3, EXECUTING, 3), (0, CANCEL, 1)):
+        client.ask(CALL, {"chargeControl": {"action": action}})
+        while next_feedback(client)["state"] != state:
+            pass
+        while client.ask("woosh.robot.Battery")["chargeState"] != charge_state:
+            pass
+
+
+def test_leaving_a_charger_elsewhere_succeeds_without_moving(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    odometer = simulator.state.odometer
+    client.ask(CALL, EXIT)
+    assert feedback_until_end(client)[-1]["msg"] == "not at a charger"
+    assert simulator.state.odometer == odometer
+
+
+def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -> None:
+    client.subscribe(FEEDBACKS, "woosh.robot.TaskProc")
+    client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 3, "markNo": "C1"})
+    client.next_push("woosh.robot.TaskProc", lambda body: body.get("action", {}).get("type") == 7)
+    assert client.refusal(CALL, EXIT).startswith("task 5 is running")
+
+
+def test_lift_to_a_height_pauses_resumes_and_is_cancelled(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
+    assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
+    client.ask(CALL, {"liftControl2": {"action": 2}})
+    while next_feedback(client)["state"] != PAUSE:
+        pass
+    paused_at = simulator.state.column
+    assert 0.0 < paused_at < 1.0
+    client.ask(CALL, {"liftControl2": {"action": 3}})
+    while next_feedback(client)["state"] != EXECUTING:
+        pass
+    client.ask(CALL, {"liftControl2": {"action": 0}})
+    assert feedback_until_end(client)[-1]["state"] == CANCEL
+    assert paused_at < simulator.state.column < 1.0
+    assert client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}}).startswith("lift")
+
+
+def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": 8}}})
     client.ask(CALL, {"navMode": {"mode": 1, "maxSpeed": 0.25}})
-    speeds = []
+    speeds, states = [], []
     while True:
         frame = client.receive()
         if frame["type"] == "woosh.robot.PoseSpeed":
             speeds.append(frame["body"]["twist"]["linear"])
-        elif frame["type"] == FEEDBACKS and frame["body"]["fbs"][0]["state"] in TERMINAL:
+        elif frame["body"]["fbs"][0]["action"] == "woosh.ros.action.NavigationMode":
+            states.append(frame["body"]["fbs"][0]["state"])
+        elif frame["body"]["fbs"][0]["state"] in TERMINAL:
             break
     assert max(speeds) == pytest.approx(0.25)
+    assert states == [EXECUTING, SUCCESS]
+
+
+def test_nav_mode_action_without_a_navigation_is_refused(client: JsonClient) -> None:
+    assert client.refusal(CALL, {"navMode": {"mode": 1}}).startswith("no navigation is running")
 
 
 def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:

@@ -154,6 +154,7 @@ def test_script_covers_most_topics_and_task_states(reference: list[Json]) -> Non
         "woosh.robot.Scene",
         "woosh.robot.Model",
         "woosh.robot.BuildMapData",
+        "woosh.device.RfRemoteController",
     }
     procs = [frame["body"] for frame in reference if frame["type"] == PROC]
     ended = [(each["type"], each["state"]) for each in procs if each["state"] in (7, 8, 9)]

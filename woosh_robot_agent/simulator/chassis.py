@@ -8,7 +8,13 @@ from collections.abc import Callable
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
+from woosh_robot_agent.pb.device import device_pb2
+from woosh_robot_agent.pb.robot import (
+    robot_count_pb2,
+    robot_pack_pb2,
+    robot_pb2,
+    robot_setting_pb2,
+)
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.agenda import Agenda
@@ -27,6 +33,7 @@ from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.body.statistics import Statistics
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.profile_files import load_profile
@@ -99,6 +106,9 @@ class Chassis:
         footprints: Outlines of the robot by `woosh.robot.FootPrint`.
         setting: Settings, as reported to clients.
         spoken: The last texts that the robot was told to say.
+        lights: Settings of the lights, by submodule.
+        remote_controller: Address of the radio remote controller, and the keys that are held down.
+        statistics: Records of what the robot did.
         codes: Status codes.
         teleop: Remote control.
         follower: Following of a leader.
@@ -156,6 +166,8 @@ class Chassis:
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
         self.footprints = footprints(self.profile.model.outline)
         self.spoken: deque[str] = deque(maxlen=_MAX_SPOKEN)
+        self.lights: dict[int, robot_pack_pb2.LED] = {}
+        self.remote_controller = device_pb2.RfRemoteController()
         self.setting = robot_pb2.Setting(
             robot_id=self.robot_id,
             identity=robot_setting_pb2.Identity(name=str(self.robot_id)),
@@ -166,7 +178,8 @@ class Chassis:
         )
 
         language = config.code_language or self.profile.status_codes.language
-        self.codes = Codes(language, self._publish_code)
+        self.statistics = Statistics(self, self.base.odometer, self.profile.rates.operation)
+        self.codes = Codes(language, self._publish_code, self.statistics)
         self._reported_mode = self.readiness.control
         """Control mode that was reported last."""
         self.teleop = Teleop(driving.start_delay)
@@ -281,6 +294,7 @@ class Chassis:
             self.base.halt()
         self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - odometer)
+        self.statistics.tick(self.base.odometer)
         if self.base.moving:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
@@ -313,15 +327,23 @@ class Chassis:
         Raises:
             RefusedError: The pose is outside the map, or the robot would overlap a wall.
         """
-        if not self.map.contains(pose.x, pose.y):
-            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
-        if self.gap(pose) < 0.0:
-            raise RefusedError(refusals.POSE_IN_WALL, pose=pose, map=self.map.name)
+        self.require_room(pose)
         self.base.place(pose)
         self.readiness.located = True
         navigation = self.ownership.navigation
         if navigation:
             navigation.replan()
+
+    def require_room(self, pose: Pose) -> None:
+        """Check that the robot can stand at a pose of the map.
+
+        Raises:
+            RefusedError: The pose is outside the map, or the robot would overlap a wall.
+        """
+        if not self.map.contains(pose.x, pose.y):
+            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
+        if self.gap(pose) < 0.0:
+            raise RefusedError(refusals.POSE_IN_WALL, pose=pose, map=self.map.name)
 
     def initialise(self) -> float:
         """Initialise the robot, and return how long that takes, in seconds."""
@@ -390,6 +412,15 @@ class Chassis:
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept
         self._check_conditions()
+
+    def hold_remote_keys(self, keys: int, address: int) -> None:
+        """Hold down keys of a radio remote controller.
+
+        Args:
+            keys: One bit for each key, 0 if all are released.
+            address: Address of the controller.
+        """
+        self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 
     def lose_localisation(self) -> None:
         """Lose the localisation. A client must then send the pose."""

@@ -199,12 +199,15 @@ class RateProfile:
         scan: Time between two scans of the laser, in seconds.
         scan_push: Time between two scans that are pushed, in seconds.
         battery: Time after which an unchanged battery is reported again; None for never.
+        operation: Time after which the statistics of the day are reported again although the robot
+            has not driven, in seconds; None for never.
     """
 
     pose_speed: float
     scan: float
     scan_push: float
     battery: Range | None
+    operation: float | None
 
 
 @dataclass(frozen=True)

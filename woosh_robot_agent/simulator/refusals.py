@@ -119,6 +119,18 @@ NOT_A_CHARGER = Refusal("mark {mark} is not a charger: choose one that is")
 UNKNOWN_TASK_SET = Refusal(
     "unknown task set {task_set}: RepeatTasks lists {task_sets}", code=codes.NO_SUCH_TASK_SET
 )
+NO_TASK_SET = Refusal(
+    "ExecTaskSet names no task set, and real chassis do not implement it: send ExecPreTask, or "
+    "RepeatTask with order 3"
+)
+UNKNOWN_REPEAT_ORDER = Refusal("unknown order {order}: 1 is put, 2 delete, 3 execute")
+TASK_SET_ID_INVALID = Refusal("task set id {task_set} is negative: give a positive one, or 0")
+TASK_SET_SIZE = Refusal("the task set has {count} tasks: give 1 to {limit}")
+TASK_SET_TOO_LARGE = Refusal("the task set has more than {limit} bytes: give a smaller one")
+TASK_IDS_INVALID = Refusal("task ids {ids} must be different numbers from 1 to {limit}, or all 0")
+TOO_MANY_TASK_SETS = Refusal("there are already {limit} task sets: delete one of them first")
+TIMES_OUT_OF_RANGE = Refusal("{times} repetitions are not within 0 to {limit}")
+UNKNOWN_MARK_OF_SCENE = Refusal("unknown mark {mark}: no map of scene {scene} has it")
 NO_TASK = Refusal("no task is running: start one by ExecTask first")
 NO_TASK_TO_PAUSE = Refusal(NO_TASK.explanation, code=codes.PAUSING_FORBIDDEN)
 NO_TASK_TO_RESUME = Refusal(NO_TASK.explanation, code=codes.RESUMING_FORBIDDEN)
@@ -136,9 +148,18 @@ NAVIGATION_MODE_UNUSED = Refusal(
     code=codes.MODE_NOT_NAVIGATING,
     harmless=True,
 )
+NO_NAVIGATION_FOR_MODE = Refusal(
+    "no navigation is running: a navigation mode counts only while one is",
+    code=codes.MODE_NOT_NAVIGATING,
+)
 NO_PATH = Refusal("{failure}")
 PATH_EMPTY = Refusal(
     "the path has no poses: give at least one pose or target", code=codes.PATH_EMPTY
+)
+NO_END = Refusal("PlanNavPath has no end: give the pose to plan a path to")
+NEGATIVE_TOLERANCE = Refusal("tolerance {tolerance:g} is negative: use 0 for any detour")
+DETOUR_TOO_LONG = Refusal(
+    "the path has a detour of {detour:.2f} m, more than the tolerance of {limit:g} m: raise it"
 )
 PATH_TOO_LONG = Refusal("the path has more than {limit} poses: send fewer")
 TOO_MANY_POSES = Refusal("{count} poses are more than {limit}: send fewer")
@@ -311,6 +332,17 @@ POWER_LEVELS_INVALID = Refusal(
     "power levels {levels} must rise from alarm to full, which must be at most 100"
 )
 VOLUME_OUT_OF_RANGE = Refusal("volume {volume} is not within 0 to 100")
+
+UNKNOWN_LIGHT = Refusal("unknown submodule {submodule} of the lights: use 0 to {limit}")
+
+# Statistics
+
+UNKNOWN_COUNT_REQUEST = Refusal("unknown request type {type}: 0 is get, 1 synchronise")
+UNKNOWN_COUNT_TYPE = Refusal(
+    "unknown kind of statistics {type}: 0 is all, 1 operation, 2 task, 3 status"
+)
+NEGATIVE_PAGE = Refusal("page {page} is negative: count pages from 0")
+TIME_SPAN_REVERSED = Refusal("the time span from {start} to {end} ends before it starts")
 
 # Wi-Fi
 

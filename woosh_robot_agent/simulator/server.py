@@ -216,6 +216,16 @@ class SimulatedChassis:
         self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()
 
+    def hold_remote_keys(self, keys: int, address: int = 1) -> None:
+        """Hold down keys of a radio remote controller, until the next call.
+
+        Args:
+            keys: One bit for each key; 0 releases all keys.
+            address: Address of the controller.
+        """
+        self.chassis.hold_remote_keys(keys, address)
+        self.push_changes()
+
     def lose_localisation(self) -> None:
         """Make the robot lose its localisation."""
         self.chassis.lose_localisation()

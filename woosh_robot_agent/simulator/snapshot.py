@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_pb2
 from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.reports import robot_info
@@ -21,9 +21,11 @@ class Snapshot:
         velocity: Velocity, in m/s and rad/s.
         odometer: Total distance driven, in metres.
         jack: Height of the lift of LiftControl, in metres.
-        column: Height of the lift of LiftControl3, in metres.
+        column: Height of the lift of LiftControl2 and LiftControl3, in metres.
         following: The robot follows a leader.
         spoken: The last texts that the robot was told to say.
+        lights: Settings of the lights, by submodule.
+        remote_keys: Keys of the radio remote controller that are held down, one bit each.
         info: All states as reported to clients.
     """
 
@@ -35,6 +37,8 @@ class Snapshot:
     column: float
     following: bool
     spoken: tuple[str, ...]
+    lights: dict[int, robot_pack_pb2.LED]
+    remote_keys: int
     info: robot_pb2.RobotInfo
 
 
@@ -49,5 +53,7 @@ def snapshot(chassis: Chassis) -> Snapshot:
         column=chassis.column.height,
         following=chassis.follower.active,
         spoken=tuple(chassis.spoken),
+        lights=dict(chassis.lights),
+        remote_keys=chassis.remote_controller.keys,
         info=robot_info(chassis),
     )

@@ -256,6 +256,15 @@ class SimulatorThread:
         """
         self.call(lambda simulator: simulator.set_key_switch(manual, accept=accept))
 
+    def hold_remote_keys(self, keys: int, address: int = 1) -> None:
+        """Hold down keys of a radio remote controller, until the next call.
+
+        Args:
+            keys: One bit for each key; 0 releases all keys.
+            address: Address of the controller.
+        """
+        self.call(lambda simulator: simulator.hold_remote_keys(keys, address))
+
     def lose_localisation(self) -> None:
         """Make the robot lose its localisation."""
         self.call(lambda simulator: simulator.lose_localisation())

@@ -83,7 +83,10 @@ class Actions:
         return run.job if run.paused else None
 
     def start(self, name: str, job: Job) -> None:
-        """Run `job` as the action `name`."""
+        """Run `job` as the action `name`, in place of its current run."""
+        if name in self._runs:
+            replaced = f"replaced by {short_name(name)}"
+            self._end(self._runs[name], ros_pack_pb2.kRosCancel, replaced)
         self._runs[name] = _Run(name, job)
 
     def cancel(self, name: str) -> None:

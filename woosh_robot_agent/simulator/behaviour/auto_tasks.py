@@ -91,6 +91,6 @@ class AutoTasks:
             return
         jobs = jobs_at_mark(robot, mark, kind, util_task_pb2.kDirectionUndefined)
         order = TaskOrder(
-            self._tasks.new_id(), kind, mark.number, jobs, automatic=True, own_id=True
+            self._tasks.new_id(), kind, mark.number, lambda: jobs, automatic=True, own_id=True
         )
         self._ownership.start_tasks([order])

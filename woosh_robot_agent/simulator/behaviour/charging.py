@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
-from woosh_robot_agent.simulator.behaviour.jobs import Progress, failed
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Progress, failed
 from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps
 from woosh_robot_agent.simulator.body.devices import Device
 
 
@@ -47,15 +50,32 @@ class Charge:
             robot.battery.charging = robot_pb2.Battery.kNot
 
 
-class EndCharge:
-    """Ends the current charge, if there is one."""
+class LeaveCharger:
+    """Ends the charge, if there is one, and backs out of the charger, if the robot is in one."""
 
-    device = Device.CHARGER
-    kind = util_action_pb2.kCharge
+    device = Device.WHEELS
+    kind = util_action_pb2.kSecondposQuit
+
+    def __init__(self) -> None:
+        self._way_out: Job | None = None
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         robot.battery.charging = robot_pb2.Battery.kNot
-        return Progress(done=True, text="not charging")
+        if self._way_out is None and not robot.at_charger():
+            return Progress(done=True, text="not at a charger")
+        self._way_out = self._way_out or back_out(robot)
+        progress = self._way_out.tick(robot, dt)
+        return replace(progress, text="left the charger") if progress.done else progress
 
     def suspend(self, robot: Robot) -> None:
-        """Do nothing: the job ends in its first tick."""
+        """Reset the timeout for obstacles."""
+        if self._way_out:
+            self._way_out.suspend(robot)
+
+
+def back_out(robot: Robot) -> Job:
+    """Return the job that drives a robot backwards out of a dock."""
+    profile = robot.profile.charging
+    distance = profile.docking_distance + sum(profile.steps)
+    step = Shift(0.0, -distance, profile.docking_speed)
+    return Steps([step], avoid=True, kind=util_action_pb2.kSecondposQuit)

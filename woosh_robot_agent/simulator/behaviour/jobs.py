@@ -51,6 +51,26 @@ def failed(reason: str) -> Progress:
     return Progress(done=True, failure=reason)
 
 
+class Done:
+    """Ends at once, because everything was done before it started.
+
+    Args:
+        text: Text of its report.
+    """
+
+    device = Device.NONE
+    kind = util_action_pb2.kTypeUndefined
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        return Progress(done=True, text=self._text)
+
+    def suspend(self, robot: Robot) -> None:
+        """Do nothing: the job ends in its first tick."""
+
+
 class Wait:
     """Waits for a time in seconds, which may be infinite, or until `end` is called."""
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator.behaviour.charging import Charge
+from woosh_robot_agent.simulator.behaviour.charging import Charge, back_out
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
-from woosh_robot_agent.simulator.behaviour.navigation import PATH_MARGIN, Navigate
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.route import PATH_MARGIN
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps
 from woosh_robot_agent.simulator.world.footprints import outer_radius
 from woosh_robot_agent.simulator.world.maps import Mark
@@ -44,12 +45,8 @@ def jobs_at_mark(
 
 def leave_dock(robot: Robot) -> list[Job]:
     """Return the jobs of a task before it drives: none, unless the robot stands in a dock."""
-    profile = robot.profile
-    if not profile.tasks.leave_dock or not robot.at_charger():
-        return []
-    distance = profile.charging.docking_distance + sum(profile.charging.steps)
-    speed = profile.charging.docking_speed
-    return [_move(-distance, speed, util_action_pb2.kSecondposQuit)]
+    leaves = robot.profile.tasks.leave_dock and robot.at_charger()
+    return [back_out(robot)] if leaves else []
 
 
 def work_jobs(

@@ -12,6 +12,7 @@ from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.forward_clearance import is_clear
 from woosh_robot_agent.simulator.behaviour.jobs import Progress, failed
 from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.route import NoRouteError, plan_route
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
@@ -26,18 +27,13 @@ from woosh_robot_agent.simulator.status_codes import (
     NEW_NAVIGATION,
     OBSTACLE_AVOIDED,
 )
-from woosh_robot_agent.simulator.world.footprints import outer_radius
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, wrap
-from woosh_robot_agent.simulator.world.planner import SearchBudget, SearchBudgetError, planner
 
 DEFAULT_SPEED = 0.8
 """Speed unless the navigation mode limits it, in m/s."""
 
 TURN_SPEED = 0.8
 """Turn rate on the spot, in rad/s."""
-
-PATH_MARGIN = 0.05
-"""Clearance of planned paths in addition to the radius of the robot, in metres."""
 
 _POSITION_TOLERANCE = 1e-3
 """Distance from a point at which it counts as reached, in metres."""
@@ -122,10 +118,11 @@ class Navigate:
         """
         before = self._stops, self._strict
         self._stops, self._strict = deque([*via, self.goal]), strict
-        failure = self._plan(robot)
-        if failure:
+        try:
+            self._plan(robot)
+        except NoRouteError as error:
             self._stops, self._strict = before
-            raise RefusedError(refusals.NO_PATH, failure=failure)
+            raise RefusedError(refusals.NO_PATH, failure=error) from None
 
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Set the arrival type, the behaviour at obstacles and the speed limit."""
@@ -144,9 +141,10 @@ class Navigate:
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if self._corners is None:
-            failure = self._plan(robot)
-            if failure:
-                return failed(failure)
+            try:
+                self._plan(robot)
+            except NoRouteError as error:
+                return failed(str(error))
         if not self._announced:
             self._announced = True
             robot.codes.report(NEW_NAVIGATION, self.kind)
@@ -177,45 +175,22 @@ class Navigate:
         self._stops.append(self.goal)
         return Progress(done=True, text=f"arrived at {base.pose}")
 
-    def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> str:
+    def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
         """Plan the path.
 
         Args:
             robot: The robot.
             obstacles: Walls to avoid in addition to those of the map.
 
-        Returns:
-            The reason if there is no path, with its remedy; else an empty text.
+        Raises:
+            NoRouteError: There is no path.
         """
-        radius = outer_radius(robot.outline) + PATH_MARGIN
-        routes = planner(robot.map, radius)
-        here = robot.base.pose.point
-        legs: deque[deque[Point]] = deque()
-        path = [robot.base.pose]
-        budget = SearchBudget()
-        for stop in self._stops:
-            try:
-                leg = (
-                    [stop.point]
-                    if self._strict
-                    else routes.plan(here, stop.point, obstacles, budget)
-                )
-            except SearchBudgetError:
-                return (
-                    f"the way to {stop} is too long or too winding to plan: choose a nearer goal, "
-                    "or add poses on the way, each in sight of the next"
-                )
-            if leg is None:
-                return f"no free path to {stop}: choose a goal on free floor"
-            for corner in leg:
-                path.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
-                here = corner
-            legs.append(deque(leg))
-        path[-1] = self.goal
-        self.path = tuple(path)
-        self._corners = legs
+        route = plan_route(
+            robot, robot.base.pose, self._stops, strict=self._strict, obstacles=obstacles
+        )
+        self.path = route.poses
+        self._corners = deque(map(deque, route.legs))
         self._turning = True
-        return ""
 
     def _clear_ahead(self, robot: Robot) -> bool:
         """Return True if no obstacle is in the way to the next corner."""
@@ -247,7 +222,9 @@ class Navigate:
         if self._strict or obstacles == self._tried_obstacles:
             return False
         self._tried_obstacles = obstacles
-        if self._plan(robot, obstacles):
+        try:
+            self._plan(robot, obstacles)
+        except NoRouteError:
             return False
         robot.codes.report(OBSTACLE_AVOIDED, self.kind)
         return True

@@ -117,16 +117,24 @@ class Ownership:
         else:
             self.resume_task()
 
-    def start_action(self, name: str, job: Job) -> None:
+    def start_action(self, name: str, job: Job, *, ends: Device = Device.NONE) -> None:
         """Run `job` as the action `name`, in place of an action on the same device.
 
+        Args:
+            name: Full name of the action.
+            job: The job.
+            ends: Another device, whose action ends too.
+
         Raises:
-            RefusedError: A task owns the device, or steps run already.
+            RefusedError: A task owns one of the devices, or steps run already.
         """
         if self._robot.profile.refusals.while_busy and short_name(name) == _STEP_CONTROL:
             self._require_no_steps()
-        self._take_device_for_action(job.device, name)
-        self._actions.clear(job.device, f"replaced by {short_name(name)}")
+        devices = [each for each in (job.device, ends) if each is not Device.NONE]
+        for device in devices:
+            self._take_device_for_action(device, name)
+        for device in devices:
+            self._actions.clear(device, f"replaced by {short_name(name)}")
         self._actions.start(name, job)
 
     def resume_action(self, name: str) -> None:
@@ -192,8 +200,10 @@ class Ownership:
 
     def _has_precedence(self, order: TaskOrder) -> bool:
         """Return True if the running task has precedence over a new one."""
-        if not (self._robot.profile.refusals.while_busy and self._tasks.active):
+        if not self._robot.profile.refusals.while_busy:
             return False
+        if not self._tasks.active:
+            return self._tasks.between_tasks
         # A robot that charges by itself does so until another kind of task comes.
         return not self._tasks.automatic or self._tasks.proc.type == order.type
 

@@ -14,6 +14,7 @@ from woosh_robot_agent.simulator.body.battery import Battery
 from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
+from woosh_robot_agent.simulator.body.statistics import Statistics
 from woosh_robot_agent.simulator.profile import Profile
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.footprints import Outline
@@ -117,6 +118,10 @@ class Robot(Protocol):
     @property
     def codes(self) -> Codes:
         """Status codes."""
+
+    @property
+    def statistics(self) -> Statistics:
+        """Records of what the robot did."""
 
     def at_charger(self) -> bool:
         """Return True if the robot stands at a charger."""

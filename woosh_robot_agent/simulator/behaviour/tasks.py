@@ -48,7 +48,7 @@ class TaskOrder:
         id: The `robot_task_id` in reports.
         type: Type of the task.
         dest: Number of the target mark, empty if the target is not a mark.
-        jobs: Jobs of the task, in order.
+        jobs: Returns the jobs of the task, in order, when it starts.
         automatic: The robot has started the task by itself.
         own_id: The robot has chosen the id.
     """
@@ -56,7 +56,7 @@ class TaskOrder:
     id: int
     type: util_task_pb2.Type
     dest: str
-    jobs: list[Job]
+    jobs: Callable[[], list[Job]]
     automatic: bool = False
     own_id: bool = False
 
@@ -119,6 +119,11 @@ class Tasks:
     def paused(self) -> bool:
         """True if the task is paused."""
         return self.proc.state == util_task_pb2.kPaused
+
+    @property
+    def between_tasks(self) -> bool:
+        """True if a task of a set is completed and the next one is about to start."""
+        return self.proc.state == util_task_pb2.kCompleted and bool(self._rest_of_set)
 
     @property
     def recoverable(self) -> bool:
@@ -195,6 +200,8 @@ class Tasks:
         """Start the current or failed job again."""
         if self._canceling:
             return
+        if not self.active:
+            self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
         self._planned.add(self._order_delay(), self._begin_job)
@@ -210,7 +217,7 @@ class Tasks:
         self._planned.add(self._order_delay(), self.job.end)
 
     def cancel(self, reason: str, *, ordered: bool = False) -> None:
-        """Cancel the task and the rest of its set.
+        """Cancel the task and the rest of its set. Between two tasks of a set, cancel the rest.
 
         Args:
             reason: Text of the report.
@@ -219,6 +226,9 @@ class Tasks:
         Raises:
             RefusedError: There is no task.
         """
+        if self.between_tasks:
+            self._rest_of_set.clear()
+            return
         self.require_active()
         self._rest_of_set.clear()
         if ordered and self._canceling:
@@ -275,7 +285,7 @@ class Tasks:
         order = self._rest_of_set.popleft()
         self._planned.cancel_all()
         self._automatic = order.automatic
-        self._jobs = deque(order.jobs)
+        self._jobs = deque(order.jobs())
         self._waits_done = 0
         self.proc = robot_pb2.TaskProc(
             robot_id=self._robot.robot_id,
@@ -284,6 +294,7 @@ class Tasks:
             state=util_task_pb2.kInit,
             dest=order.dest,
         )
+        self._robot.statistics.task_started(order.id, order.dest)
         if order.own_id and self._profile.empty_report:
             self._reports.push_empty()
         delay = 0.0 if at_once else self._robot.answer_delay
@@ -390,12 +401,15 @@ class Tasks:
         self._report(state, action_state, reason)
         self.proc.state = state
         self.history.append(self.reported)
+        self._robot.statistics.task_ended(state)
         empty_report, chance = self._profile.empty_report, self._robot.chance
         if empty_report is None:
             self.state = _NO_STATE
             if state == util_task_pb2.kCompleted:
                 self._start_next(at_once=True)
-        elif state == util_task_pb2.kFailed or self._robot.battery.charges:
+        elif state == util_task_pb2.kFailed or (
+            self._robot.battery.charges and not self._rest_of_set
+        ):
             # The report stays: the task can be recovered, or the robot still does its work.
             self._planned.add(_PUSH_GAP, self._clear_state)
         else:

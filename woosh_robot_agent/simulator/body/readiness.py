@@ -65,6 +65,17 @@ class Readiness:
         if self.obstruction:
             raise RefusedError(self.obstruction)
 
+    def require_located(self) -> None:
+        """Check that the robot knows its pose.
+
+        Raises:
+            RefusedError: It does not.
+        """
+        if not self.initialised:
+            raise RefusedError(refusals.NOT_INITIALISED)
+        if not self.located:
+            raise RefusedError(refusals.LOCALISATION_LOST)
+
     def objections(self) -> list[Refusal]:
         """Return every reason why the robot may not move by itself."""
         manual, maintenance = util_robot_pb2.kManual, util_robot_pb2.kMaintain

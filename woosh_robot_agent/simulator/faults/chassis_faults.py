@@ -35,6 +35,8 @@ _REPEATED_SHARE = 0.8
 _BACKLOG_TIMEOUT = 1.0
 """Time for which a burst waits for a client that does not read, in seconds of real time."""
 
+_MAX_UINT32 = 2**32 - 1
+
 _POLL_PERIOD = 0.002
 """Period of checking the backlog, in seconds of real time."""
 
@@ -62,6 +64,12 @@ def _key_switch(target: Target, injection: Injection) -> End:
     before, accepted = readiness.key_manual, readiness.key_accepts
     target.set_key_switch(True, accept=injection["requests"] == "accepted")
     return lambda: target.set_key_switch(before, accept=accepted)
+
+
+def _remote_keys(target: Target, injection: Injection) -> End:
+    keys, address = injection["keys"], injection["address"]
+    target.hold_remote_keys(keys, address)
+    return lambda: target.hold_remote_keys(0, address)
 
 
 def _clock_jump(target: Target, injection: Injection) -> End:
@@ -206,6 +214,15 @@ FAULTS = (
                 low=-MAX_CLOCK_OFFSET,
                 high=MAX_CLOCK_OFFSET,
             ),
+        ),
+    ),
+    Fault(
+        "remote_keys",
+        "keys of a radio remote controller are held down; at the end they are released",
+        _remote_keys,
+        (
+            Argument("keys", int, 1, "one bit for each key", low=1, high=_MAX_UINT32),
+            Argument("address", int, 1, "address of the controller", low=0, high=_MAX_UINT32),
         ),
     ),
     Fault(

@@ -44,6 +44,9 @@ class Target(Protocol):
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
         """Turn the key switch to manual or to automatic; accept requests at manual or not."""
 
+    def hold_remote_keys(self, keys: int, address: int = 1) -> None:
+        """Hold down keys of a radio remote controller, one bit each; 0 releases all."""
+
     def lose_localisation(self) -> None:
         """Make the robot lose its localisation."""
 

@@ -9,12 +9,13 @@ from typing import Any
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.charging import Charge, EndCharge
-from woosh_robot_agent.simulator.behaviour.jobs import Job
+from woosh_robot_agent.simulator.behaviour.charging import Charge, LeaveCharger
+from woosh_robot_agent.simulator.behaviour.jobs import Done, Job
 from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps, Turn
 from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE
+from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handlers,
@@ -47,14 +48,17 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     if which is None:
         raise RefusedError(refusals.NO_ACTION)
     command: Any = getattr(request, which)
+    name = command.DESCRIPTOR.full_name
     if which == "nav_mode":
-        return _navigation_mode(chassis, command)
+        _set_navigation_mode(chassis, command)
+        chassis.actions.start(name, Done("navigation mode set"))
+        return None
     if which not in _JOBS:
         raise RefusedError(refusals.UNKNOWN_ACTION, action=command.type, actions=", ".join(_JOBS))
-    name = command.DESCRIPTOR.full_name
     if command.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
-        chassis.ownership.start_action(name, _JOBS[which](chassis, command))
+        ends = Device.CHARGER if which == "charge_control" else Device.NONE
+        chassis.ownership.start_action(name, _JOBS[which](chassis, command), ends=ends)
     elif command.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
     elif command.action == action_pb2.kPause:
@@ -67,7 +71,7 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     return None
 
 
-def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Result:
+def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> None:
     modes = {
         action_pb2.NavigationMode.kVagueAvoid: (navigation_pb2.kVague, navigation_pb2.kAvoid),
         action_pb2.NavigationMode.kAccurateAvoid: (navigation_pb2.kAccurate, navigation_pb2.kAvoid),
@@ -82,11 +86,12 @@ def _navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> Re
         mode=mode,
         wait_timeout=max(0, int(command.wait_time)),
         max_speed=usable_speed(command.max_speed, _MIN_SPEED),
+        permitted_passage=command.permitted_passage,
+        capacity=command.capacity,
     )
     if chassis.ownership.navigation is None:
-        raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
+        raise RefusedError(refusals.NO_NAVIGATION_FOR_MODE)
     chassis.ownership.navigation.change_mode(setting)
-    return None
 
 
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
@@ -149,7 +154,7 @@ def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
             raise RefusedError(refusals.NOT_AT_CHARGER)
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:
-        return EndCharge()
+        return LeaveCharger()
     raise RefusedError(refusals.UNKNOWN_CHARGE_MODE, mode=command.execute_mode)
 
 

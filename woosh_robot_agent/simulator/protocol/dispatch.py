@@ -16,10 +16,13 @@ from woosh_robot_agent.simulator.protocol import (
     map_queries,
     mapping_commands,
     mark_commands,
+    planning,
     queries,
     settings,
     state_commands,
+    statistics,
     task_commands,
+    task_sets,
 )
 from woosh_robot_agent.simulator.protocol.handlers import Handler, non_finite
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -54,7 +57,7 @@ def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
     return {cls.DESCRIPTOR.full_name: do for table in tables for cls, do in table.items()}
 
 
-_QUERIES = _by_name(queries.HANDLERS, map_queries.HANDLERS)
+_QUERIES = _by_name(queries.HANDLERS, map_queries.HANDLERS, planning.HANDLERS, statistics.HANDLERS)
 _COMMANDS = _by_name(
     state_commands.HANDLERS,
     map_commands.HANDLERS,
@@ -62,6 +65,7 @@ _COMMANDS = _by_name(
     mark_commands.HANDLERS,
     drive_commands.HANDLERS,
     task_commands.HANDLERS,
+    task_sets.HANDLERS,
     action_commands.HANDLERS,
     settings.HANDLERS,
 )

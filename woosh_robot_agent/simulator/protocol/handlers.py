@@ -9,12 +9,13 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
 Result = Message | str | None
 """Content of the answer: its body, a text for an answer with an empty body, or None."""
@@ -82,6 +83,27 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
         known = ", ".join(chassis.map.marks) or "none"
         raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
     return mark
+
+
+def task_mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
+    """Return the mark of the current map that is the target of a task.
+
+    Raises:
+        RefusedError: There is no such mark, or it does not suit the type of the task.
+    """
+    mark = named_mark(chassis, number)
+    require_suitable(mark, kind)
+    return mark
+
+
+def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
+    """Check that a mark can be the target of a task of a type.
+
+    Raises:
+        RefusedError: It cannot.
+    """
+    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
+        raise RefusedError(refusals.NOT_A_CHARGER, mark=mark.number)
 
 
 def require_map_change(chassis: Chassis) -> None:

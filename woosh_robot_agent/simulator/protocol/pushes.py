@@ -25,7 +25,14 @@ _DUE_TIMES: dict[str, Callable[[Chassis], float]] = {
 
 _EVENTS = {
     cls.DESCRIPTOR.full_name
-    for cls in (robot_pb2.TaskProc, robot_count_pb2.StatusCode, ros_pack_pb2.Feedbacks)
+    for cls in (
+        robot_pb2.TaskProc,
+        robot_count_pb2.StatusCode,
+        robot_count_pb2.Operation,
+        robot_count_pb2.Task,
+        robot_count_pb2.Status,
+        ros_pack_pb2.Feedbacks,
+    )
 }
 """Messages that are pushed each time they are emitted, even if nothing has changed."""
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.pb.device import device_pb2
 from woosh_robot_agent.pb.map import map_pack_pb2
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
@@ -204,6 +205,11 @@ def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
     return plan
 
 
+def remote_controller(chassis: Chassis) -> device_pb2.RfRemoteController:
+    """Return the keys of the radio remote controller that are held down."""
+    return chassis.remote_controller
+
+
 def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
     """Return all states of the robot in one message."""
     return robot_pb2.RobotInfo(
@@ -224,6 +230,9 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
         task_history=task_history(chassis),
         status_codes=status_codes(chassis),
         abnormal_codes=abnormal_codes(chassis),
+        count_operation=chassis.statistics.days.latest,
+        count_task=chassis.statistics.tasks.latest,
+        count_error=chassis.statistics.statuses.latest,
     )
 
 
@@ -339,6 +348,7 @@ STATES: dict[type[Message], Callable[[Chassis], Message]] = {
     robot_count_pb2.AbnormalCodes: abnormal_codes,
     robot_pb2.NavPath: nav_path,
     robot_pb2.PlanPath: plan_path,
+    device_pb2.RfRemoteController: remote_controller,
 }
 """Reports that are pushed when they change, by their message class."""
 

@@ -1,4 +1,4 @@
-"""Handlers of requests about localisation, modes, flags, speech and Wi-Fi."""
+"""Handlers of requests about localisation, modes, flags, speech, lights and Wi-Fi."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 
 _MAX_SPEECH = 1000
 """Number of characters of a spoken text that are kept."""
+
+_MAX_LIGHT = 15
+"""Maximum number of a submodule of the lights. The schema does not say which ones there are."""
 
 
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
@@ -98,6 +101,13 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
     return None
 
 
+def _led(chassis: Chassis, request: pack.LED) -> Result:
+    if request.submodule > _MAX_LIGHT:
+        raise RefusedError(refusals.UNKNOWN_LIGHT, submodule=request.submodule, limit=_MAX_LIGHT)
+    chassis.lights[request.submodule] = request
+    return request
+
+
 def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
     wifi, order = chassis.wifi, request.order
     answer = pack.RobotWiFi(order=order)
@@ -130,5 +140,6 @@ HANDLERS: Handlers = {
     pack.SwitchWorkMode: _switch_work_mode,
     pack.SwitchFootPrint: _switch_foot_print,
     pack.Speak: _speak,
+    pack.LED: _led,
     pack.RobotWiFi: _wifi,
 }

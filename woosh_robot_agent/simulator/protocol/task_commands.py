@@ -1,17 +1,13 @@
-"""Handlers of requests about tasks and their navigation."""
+"""Handlers of requests about single tasks and their navigation."""
 
 from __future__ import annotations
 
-import math
-
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.pb.task import task_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
+from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, leave_dock, work_jobs
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
@@ -20,17 +16,13 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     MAX_POSES,
     Handlers,
     Result,
-    named_mark,
     pose,
     poses,
+    task_mark,
     usable_speed,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
-
-_MAX_REPEATS = 100
-"""Maximum number of repetitions of a task set. A set with more is repeated this often."""
 
 _MIN_SPEED = 0.01
 """Minimum speed limit of a navigation, in m/s."""
@@ -43,7 +35,7 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     kind, direction = request.type, request.direction
     jobs: list[Job]
     if request.mark_no:
-        mark = _mark(chassis, request.mark_no, kind)
+        mark = task_mark(chassis, request.mark_no, kind)
         jobs = jobs_at_mark(chassis, mark, kind, direction)
     elif request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
@@ -56,37 +48,9 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
         raise RefusedError(refusals.NO_TARGET)
     number = request.task_id or chassis.tasks.new_id()
     own_id = not request.task_id
-    order = TaskOrder(number, kind, request.mark_no, jobs, own_id=own_id)
+    order = TaskOrder(number, kind, request.mark_no, lambda: jobs, own_id=own_id)
     chassis.ownership.start_tasks([order])
     return None
-
-
-def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
-    chassis.readiness.require_ready()
-    for repeat in chassis.scene.predefined.repeat_tasks:
-        if repeat.task_set.base.id == request.task_set_id:
-            times = min(max(1, repeat.times), _MAX_REPEATS)
-            bases = [task.base for _ in range(times) for task in repeat.task_set.tasks]
-            orders = [_of_set(chassis, request.task_set_id, base) for base in bases]
-            chassis.ownership.start_tasks(orders)
-            return None
-    known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
-    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=request.task_set_id, task_sets=known)
-
-
-def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
-    mark = _mark(chassis, base.mark_no, base.type)
-    jobs = jobs_at_mark(chassis, mark, base.type, base.direction)
-    if base.wait_time:
-        jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
-    return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
-
-
-def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
-    mark = named_mark(chassis, number)
-    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise RefusedError(refusals.NOT_A_CHARGER, mark=number)
-    return mark
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
@@ -148,7 +112,6 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
 
 HANDLERS: Handlers = {
     pack.ExecTask: _exec_task,
-    pack.ExecPreTask: _exec_pre_task,
     pack.ActionOrder: _action_order,
     pack.ChangeNavPath: _change_nav_path,
     pack.ChangeNavMode: _change_nav_mode,

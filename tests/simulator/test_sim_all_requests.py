@@ -1,0 +1,131 @@
+"""The simulated chassis answers every request of the schema that goes to a robot."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.simulator.sim_wire import JsonClient
+from woosh_robot_agent.pb.map import map_edit_pb2, map_pack_pb2, storage_edit_pb2
+from woosh_robot_agent.pb.robot import (
+    robot_count_pb2,
+    robot_pack_pb2,
+    robot_pb2,
+    robot_setting_pb2,
+)
+from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
+from woosh_robot_agent.protos import message_types
+from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+
+FILES = (
+    map_edit_pb2,
+    map_pack_pb2,
+    storage_edit_pb2,
+    robot_count_pb2,
+    robot_pack_pb2,
+    robot_pb2,
+    robot_setting_pb2,
+    ros_pack_pb2,
+    woosh_task_pb2,
+)
+"""The files of the schema that have requests to a robot. Other files have parts of messages, and
+messages of the dispatch system and of devices beside the robot."""
+
+NO_REQUESTS = {
+    # Answers
+    "woosh.map.DownloadResponse",
+    "woosh.map.SceneMd5Response",
+    "woosh.map.SceneSyncResponse",
+    "woosh.robot.CountDataResponse",
+    "woosh.robot.DeploymentResponse",
+    # Parts of other messages
+    "woosh.map.SceneFileMD5",
+    "woosh.robot.count.Abnormals",
+    "woosh.robot.count.Operations",
+    "woosh.robot.count.Statuses",
+    "woosh.robot.count.Tasks",
+    "woosh.ros.Feedback",
+    "woosh.task.CallInfo",
+    "woosh.task.CallTask",
+    "woosh.task.TaskInfo",
+    "woosh.task.WooshTask",
+    "woosh.task.WooshTaskSet",
+    # Requests to a dispatch system, which keeps task sets of many robots
+    "woosh.task.AddTask",
+    "woosh.task.InsertTask",
+    # Pushed by robots with a beacon receiver, which this one has not
+    "woosh.robot.BeaconData",
+}
+"""Messages of these files that are not requests to a robot."""
+
+NOT_YET = {
+    "woosh.map.Delete",
+    "woosh.map.Download",
+    "woosh.map.Rename",
+    "woosh.map.SceneMd5",
+    "woosh.map.SceneSync",
+    "woosh.map.Upload",
+    "woosh.map.mark.storage.Create",
+    "woosh.map.mark.storage.Delete",
+    "woosh.map.mark.storage.Find",
+    "woosh.map.mark.storage.Storages",
+    "woosh.map.mark.storage.Update",
+    "woosh.robot.BuildMap",
+    "woosh.robot.BuildMapData",
+    "woosh.robot.Deployment",
+}
+"""Requests that the simulated chassis does not answer yet."""
+
+REQUESTS = sorted(
+    {each.full_name for file in FILES for each in file.DESCRIPTOR.message_types_by_name.values()}
+    - NO_REQUESTS
+    | {"woosh.device.RfRemoteController"}
+)
+
+SUBSCRIPTIONS = (
+    "woosh.device.RfRemoteController",
+    "woosh.robot.Battery",
+    "woosh.robot.BuildMapData",
+    "woosh.robot.DeviceState",
+    "woosh.robot.HardwareState",
+    "woosh.robot.Mode",
+    "woosh.robot.Model",
+    "woosh.robot.NavPath",
+    "woosh.robot.Network",
+    "woosh.robot.OperationState",
+    "woosh.robot.PoseSpeed",
+    "woosh.robot.RobotState",
+    "woosh.robot.ScannerData",
+    "woosh.robot.Scene",
+    "woosh.robot.Setting",
+    "woosh.robot.TaskProc",
+    "woosh.robot.count.AbnormalCodes",
+    "woosh.robot.count.Operation",
+    "woosh.robot.count.Status",
+    "woosh.robot.count.StatusCode",
+    "woosh.robot.count.Task",
+    "woosh.ros.Feedbacks",
+)
+"""Everything that the manufacturer's own client can subscribe to."""
+
+NOT_YET_PUSHED = {"woosh.robot.BuildMapData", "woosh.robot.ScannerData"}
+"""Messages that the simulated chassis does not push yet."""
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_no_request_is_refused_as_unknown(client: JsonClient, name: str) -> None:
+    answer = client.request(name)
+    unknown = answer["type"] == "error" or answer["msg"].startswith("unknown message type")
+    assert unknown is (name in NOT_YET), answer
+    assert unknown or answer["ok"] or (answer["type"], answer["body"]) == (name, {})
+    assert answer["ok"] or answer["msg"]
+
+
+def test_each_message_of_the_schema_is_classified() -> None:
+    assert set(message_types()) >= {*REQUESTS, *NO_REQUESTS, *NOT_YET, *SUBSCRIPTIONS}
+    assert set(REQUESTS) >= NOT_YET
+
+
+@pytest.mark.parametrize("name", SUBSCRIPTIONS)
+def test_everything_that_clients_subscribe_to_is_pushed(name: str) -> None:
+    assert (name in TOPICS) is not (name in NOT_YET_PUSHED)

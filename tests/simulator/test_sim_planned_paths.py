@@ -1,0 +1,116 @@
+"""PlanNavPath: the path that a navigation would take, without driving it."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from google.protobuf import json_format
+
+from tests.quick_chassis import quick_config
+from tests.simulator.sim_wire import Json, JsonClient
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+
+PLAN = "woosh.robot.PlanNavPath"
+NAV_PATH = "woosh.robot.NavPath"
+WEST = {"x": -9.5, "y": -7.5, "theta": 3.0}
+"""Behind a partition, as seen from the start."""
+
+
+def poses(body: Json) -> list[Json]:
+    found: list[Json] = body["path"]["poses"]
+    return found
+
+
+def length(path: list[Json]) -> float:
+    return sum(
+        math.dist((here["x"], here["y"]), (there["x"], there["y"]))
+        for here, there in pairwise(path)
+    )
+
+
+def test_path_leads_around_the_walls_and_nothing_moves(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    before = simulator.state
+    answer = client.request(PLAN, {"start": {"x": 4.0, "y": -6.0, "theta": 1.0}, "end": WEST})
+    assert (answer["type"], answer["ok"]) == (NAV_PATH, True)
+    path = poses(answer["body"])
+    assert path[0] == pytest.approx({"x": 4.0, "y": -6.0, "theta": 1.0})
+    assert path[-1] == pytest.approx(WEST)
+    assert length(path) > math.dist((4.0, -6.0), (-9.5, -7.5)) + 1.0
+    assert any(pose["y"] > -2.5 for pose in path)  # the end of the partition
+    now = simulator.state
+    assert (now.pose, now.odometer, now.info.state) == (
+        before.pose,
+        before.odometer,
+        before.info.state,
+    )
+    assert poses(client.ask(NAV_PATH)) == []
+
+
+def test_navigation_takes_the_planned_path(client: JsonClient) -> None:
+    client.subscribe(NAV_PATH)
+    planned = poses(client.ask(PLAN, {"end": WEST}))
+    client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "pose": WEST})
+    driven = client.next_push(NAV_PATH, lambda body: bool(poses(body)))
+    assert poses(driven) == planned
+
+
+def test_path_can_be_planned_during_a_task_and_in_any_mode(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "pose": WEST})
+    client.ask("woosh.robot.SwitchWorkMode", {"mode": 1})
+    assert poses(client.ask(PLAN, {"end": {"x": 0.0, "y": 0.0}}))
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        ({}, "PlanNavPath has no end"),
+        ({"end": {"x": 99.0}}, "pose (99.00, 0.00, 0.00) is outside map wooshmap"),
+        ({"end": {"x": -5.0, "y": -6.0}}, "pose (-5.00, -6.00, 0.00) is inside a wall"),
+        ({"end": {"x": 0.0, "y": -4.0}}, "no free path to (0.00, -4.00, 0.00): choose a goal"),
+        ({"start": {"y": 99.0}, "end": {}}, "pose (0.00, 99.00, 0.00) is outside map"),
+        ({"end": WEST, "tolerance": -0.5}, "tolerance -0.5 is negative"),
+        ({"end": WEST, "tolerance": 0.5}, "the path has a detour of 4.03 m, more than"),
+        ({"end": {"x": "NaN"}}, "end.x is not a finite number"),
+    ],
+)
+def test_path_that_cannot_be_planned_is_refused(
+    client: JsonClient, body: Json, reason: str
+) -> None:
+    assert client.refusal(PLAN, body).startswith(reason)
+
+
+def plan(chassis: Chassis, **body: Any) -> Any:
+    return dispatch(chassis, json_format.ParseDict(body, PlanNavPath()))
+
+
+def test_detour_within_the_tolerance_is_planned() -> None:
+    chassis = Chassis(quick_config(seed=1))
+    assert plan(chassis, end=WEST, tolerance=10.0).ok
+    ahead = {"x": 5.0, "y": -6.0}
+    assert plan(chassis, start={"x": 4.0, "y": -6.0}, end=ahead, tolerance=0.01).ok
+
+
+def test_start_must_be_given_while_the_robot_does_not_know_its_pose() -> None:
+    chassis = Chassis(quick_config(seed=1))
+    chassis.lose_localisation()
+    assert plan(chassis, end=WEST).msg.startswith("robot has lost its localisation")
+    assert plan(chassis, start={"x": 4.0, "y": -6.0}, end=WEST).ok
+    chassis = Chassis(quick_config(seed=1, initialised=False))
+    assert plan(chassis, end=WEST).msg.startswith("robot is not initialised")
+
+
+def test_answer_can_have_the_type_of_the_request(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    simulator.answer_as(PLAN, PLAN)
+    answer = client.request(PLAN, {"end": WEST})
+    assert (answer["type"], answer["ok"]) == (PLAN, True)
+    assert poses(answer["body"])

@@ -1,0 +1,317 @@
+"""Predefined task sets: run, added, replaced and deleted by ExecPreTask and RepeatTask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from google.protobuf import json_format
+from google.protobuf.message import Message
+
+from tests.quick_chassis import quick_config
+from tests.simulator.sim_wire import Json, JsonClient
+from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+
+REPEAT, PRE_TASK = "woosh.task.RepeatTask", "woosh.robot.ExecPreTask"
+EXEC_TASK, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
+PROC = "woosh.robot.TaskProc"
+PUT, DELETE, EXECUTE = 1, 2, 3
+PAUSED, COMPLETED, CANCELED, FAILED = 4, 7, 8, 9
+ENDED = (COMPLETED, CANCELED, FAILED)
+CHARGE = 3
+
+
+def task_set(number: int, *marks: str, **base: Any) -> Json:
+    tasks = [{"base": {"markNo": mark, "type": 1}} for mark in marks]
+    return {"base": {"id": number, **base}, "tasks": tasks}
+
+
+def put(number: int, *marks: str, times: int = 0) -> Json:
+    return {"order": PUT, "times": times, "taskSet": task_set(number, *marks)}
+
+
+def listed(client: JsonClient) -> dict[int, Json]:
+    sets = client.ask("woosh.task.RepeatTasks")["repeatTasks"]
+    return {each["taskSet"]["base"]["id"]: each for each in sets}
+
+
+def ended(client: JsonClient, count: int) -> list[tuple[str, int]]:
+    """Return the ids and states of the tasks that end next."""
+    bodies = [client.next_push(PROC, lambda body: body["state"] in ENDED) for _ in range(count)]
+    return [(body["robotTaskId"], body["state"]) for body in bodies]
+
+
+def test_added_task_set_is_kept_and_can_be_run(client: JsonClient) -> None:
+    client.subscribe(PROC)
+    answer = client.request(REPEAT, put(9, "A2", "K10", times=2) | {"addr": 3, "key": 4})
+    assert (answer["type"], answer["ok"]) == (REPEAT, True)
+    kept = listed(client)[9]
+    assert answer["body"] == kept
+    assert (kept["order"], kept["times"], kept["addr"], kept["key"]) == (0, 2, 3, 4)
+    assert [each["base"]["id"] for each in kept["taskSet"]["tasks"]] == [1, 2]
+    base = kept["taskSet"]["base"]
+    assert (base["no"], base["adapter"]) == ("9", "woosh")
+    client.ask(PRE_TASK, {"taskSetId": 9})
+    assert ended(client, 4) == [("901", COMPLETED), ("902", COMPLETED)] * 2
+    assert client.take_pushes(PROC) == []
+
+
+def test_task_set_without_an_id_gets_one(client: JsonClient) -> None:
+    first = client.ask(REPEAT, put(0, "A2"))["taskSet"]["base"]["id"]
+    second = client.ask(REPEAT, put(0, "K10"))["taskSet"]["base"]["id"]
+    assert len({first, second, 0}) == 3
+    assert {first, second} <= set(listed(client))
+
+
+def test_task_set_is_replaced_in_its_place(client: JsonClient) -> None:
+    before = listed(client)
+    client.ask(REPEAT, put(666, "K10"))
+    now = listed(client)
+    assert list(now) == list(before)
+    assert [each["base"]["markNo"] for each in now[666]["taskSet"]["tasks"]] == ["K10"]
+    assert {**now, 666: None} == {**before, 666: None}
+
+
+def test_deleted_task_set_is_gone(client: JsonClient) -> None:
+    before = listed(client)
+    client.ask(REPEAT, {"order": DELETE, "taskSet": {"base": {"id": 666}}})
+    assert list(listed(client)) == [number for number in before if number != 666]
+    assert client.refusal(PRE_TASK, {"taskSetId": 666}).startswith("unknown task set 666")
+
+
+def test_deleted_task_set_that_runs_goes_on(client: JsonClient) -> None:
+    client.subscribe(PROC)
+    client.ask(PRE_TASK, {"taskSetId": 666})
+    client.ask(REPEAT, {"order": DELETE, "taskSet": {"base": {"id": 666}}})
+    assert ended(client, 2) == [("66601", COMPLETED), ("66602", COMPLETED)]
+
+
+@pytest.mark.parametrize(
+    ("body", "ids"),
+    [
+        ({"order": EXECUTE, "taskSet": {"base": {"id": 666}}}, ["66601", "66602"]),
+        ({"order": EXECUTE, "taskSet": {"base": {"id": 1735291765}}}, ["173529176501"] * 2),
+        (
+            {"order": EXECUTE, "times": 1, "taskSet": {"base": {"id": 1735291765}}},
+            ["173529176501"],
+        ),
+        ({"order": EXECUTE, "times": 2, "taskSet": task_set(8, "K10")}, ["801", "801"]),
+        ({"taskSet": task_set(8, "K10")}, ["801"]),
+    ],
+)
+def test_task_set_is_run_by_its_id_or_with_the_tasks_in_the_request(
+    simulator: SimulatorThread, client: JsonClient, body: Json, ids: list[str]
+) -> None:
+    client.subscribe(PROC)
+    sets = listed(client)
+    client.ask(REPEAT, body)
+    assert ended(client, len(ids)) == [(each, COMPLETED) for each in ids]
+    assert client.take_pushes(PROC) == []
+    assert listed(client) == sets
+    received = simulator.last(REPEAT)
+    assert received == json_format.ParseDict(body, message_type(REPEAT)())
+
+
+BAD_TASKS: dict[str, tuple[Json, str]] = {
+    "no tasks": (put(9), "the task set has 0 tasks: give 1 to 99"),
+    "too many tasks": (put(9, *["A2"] * 100), "the task set has 100 tasks"),
+    "an unknown mark": (put(9, "A2", "Z9"), "unknown mark Z9: no map of scene wooshmap has it"),
+    "a negative id": (put(-1, "A2"), "task set id -1 is negative"),
+    "a charge task elsewhere": (
+        {"order": PUT, "taskSet": {"tasks": [{"base": {"markNo": "A2", "type": CHARGE}}]}},
+        "mark A2 is not a charger",
+    ),
+    "an id twice": (
+        {"order": PUT, "taskSet": {"tasks": [{"base": {"id": 2, "markNo": "A2"}}] * 2}},
+        "task ids [2, 2] must be different",
+    ),
+    "an id of three digits": (
+        {"order": PUT, "taskSet": {"tasks": [{"base": {"id": 100, "markNo": "A2"}}]}},
+        "task ids [100] must be",
+    ),
+    "negative repetitions": (put(9, "A2", times=-1), "-1 repetitions are not within"),
+    "too many repetitions": (put(9, "A2", times=101), "101 repetitions are not within 0 to 100"),
+    "too long names": (
+        {"order": PUT, "taskSet": task_set(9, "A2", name="n" * 70_000)},
+        "the task set has more than 65536 bytes",
+    ),
+    "an unknown order": ({"order": 4}, "unknown order 4: 1 is put"),
+    "deletion of an unknown set": ({"order": DELETE}, "unknown task set 0"),
+    "execution of an unknown set": ({"order": EXECUTE}, "unknown task set 0"),
+    "execution of nothing": ({}, "unknown task set 0"),
+    "execution with a negative id": (
+        {"order": EXECUTE, "taskSet": task_set(-8, "A2")},
+        "task set id -8 is negative",
+    ),
+    "execution of bad tasks": (
+        {"order": EXECUTE, "taskSet": task_set(8, "Z9")},
+        "unknown mark Z9",
+    ),
+}
+
+
+@pytest.mark.parametrize(("body", "reason"), list(BAD_TASKS.values()), ids=list(BAD_TASKS))
+def test_invalid_task_set_is_refused_and_changes_nothing(
+    client: JsonClient, body: Json, reason: str
+) -> None:
+    before = listed(client)
+    assert client.refusal(REPEAT, body).startswith(reason)
+    assert listed(client) == before
+    assert client.ask("woosh.robot.RobotState")["state"] == 2
+
+
+def test_number_of_task_sets_is_limited(client: JsonClient) -> None:
+    for number in range(1, 201 - len(listed(client))):
+        client.ask(REPEAT, put(number, "A2"))
+    assert client.refusal(REPEAT, put(999, "A2")).startswith("there are already 200 task sets")
+    client.ask(REPEAT, put(1, "K10"))  # replacing one is possible
+
+
+def test_task_sets_belong_to_their_scene_and_their_robot(client: JsonClient) -> None:
+    client.ask(REPEAT, put(9, "A2"))
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    assert 9 not in listed(client)
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
+    assert 9 in listed(client)
+    sets = Chassis(quick_config(seed=1)).scene.predefined.repeat_tasks
+    assert 9 not in [each.task_set.base.id for each in sets]
+
+
+def test_task_set_is_paused_continued_and_cancelled(client: JsonClient) -> None:
+    client.subscribe(PROC)
+    client.ask(PRE_TASK, {"taskSetId": 666})
+    assert ended(client, 1) == [("66601", COMPLETED)]
+    client.next_push(PROC, lambda body: body["state"] == 3)
+    client.ask(ORDER, {"order": 2})
+    paused = client.next_push(PROC)
+    assert (paused["robotTaskId"], paused["state"]) == ("66602", PAUSED)
+    client.ask(ORDER, {"order": 3})
+    client.next_push(PROC, lambda body: body["state"] == 3)
+    client.ask(ORDER, {"order": 4})
+    assert ended(client, 1) == [("66602", CANCELED)]
+    assert client.take_pushes(PROC) == []
+
+
+def test_exec_task_set_is_refused_because_chassis_do_not_implement_it(client: JsonClient) -> None:
+    refusal = client.refusal("woosh.robot.ExecTaskSet", {"repeatTimes": 2})
+    assert refusal.startswith("ExecTaskSet names no task set, and real chassis do not implement it")
+
+
+# Without sockets, with the delays of a real robot
+
+
+def ask(chassis: Chassis, name: str, body: Json) -> Answer:
+    chassis.begin_request(name)
+    return dispatch(chassis, json_format.ParseDict(body, message_type(name)()))
+
+
+STARTS = {
+    EXEC_TASK: {"taskId": 6, "type": 1, "markNo": "A23"},
+    PRE_TASK: {"taskSetId": 666},
+    REPEAT: {"order": EXECUTE, "taskSet": {"base": {"id": 666}}},
+}
+SITUATIONS: dict[str, Callable[[Chassis], object]] = {
+    "emergency stop": lambda chassis: chassis.set_emergency_stop(True),
+    "key at manual": lambda chassis: chassis.set_key_switch(True),
+    "manual mode": lambda chassis: ask(chassis, "woosh.robot.SwitchControlMode", {"mode": 2}),
+    "deployment mode": lambda chassis: ask(chassis, "woosh.robot.SwitchWorkMode", {"mode": 1}),
+    "schedule mode": lambda chassis: ask(chassis, "woosh.robot.SwitchWorkMode", {"mode": 3}),
+    "lost": lambda chassis: chassis.lose_localisation(),
+    "not initialised": lambda chassis: setattr(chassis.readiness, "initialised", False),
+    "task running": lambda chassis: ask(chassis, EXEC_TASK, {"taskId": 5, "markNo": "A2"}),
+    "set running": lambda chassis: ask(chassis, PRE_TASK, {"taskSetId": 777}),
+}
+
+
+@pytest.mark.parametrize("profile", ["tr200", "instant"])
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_task_sets_are_refused_in_the_same_cases_as_tasks(profile: str, situation: str) -> None:
+    answers = []
+    for name, body in STARTS.items():
+        chassis = Chassis(SimulatorConfig(seed=1, profile=profile))
+        SITUATIONS[situation](chassis)
+        answer = ask(chassis, name, body)
+        answers.append((answer.ok, answer.msg, answer.code))
+    assert answers == answers[:1] * len(STARTS)
+    replaces = profile == "instant" and situation.endswith("running")
+    assert answers[0][0] is replaces
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        (EXEC_TASK, {"markNo": "Z9"}),
+        (PRE_TASK, {"taskSetId": 4}),
+        (REPEAT, {"order": EXECUTE, "taskSet": {"base": {"id": 4}}}),
+    ],
+)
+def test_robot_that_is_not_ready_says_so_before_anything_else(name: str, body: Json) -> None:
+    chassis = Chassis(quick_config(seed=1))
+    chassis.set_emergency_stop(True)
+    assert ask(chassis, name, body).msg == "emergency stop is pressed: release it first"
+
+
+@pytest.fixture
+def real() -> Chassis:
+    return Chassis(SimulatorConfig(seed=1))
+
+
+def run_until(chassis: Chassis, condition: Callable[[], object]) -> list[robot_pb2.TaskProc]:
+    """Let time pass until a condition is true, and return the reports about tasks meanwhile."""
+    for _ in range(10_000):
+        if condition():
+            break
+        chassis.tick(TIME_STEP / 10)
+    else:
+        raise AssertionError("the condition does not come true")
+    events: list[Message] = chassis.take_events()
+    return [event for event in events if isinstance(event, robot_pb2.TaskProc)]
+
+
+def run_to_the_gap(chassis: Chassis, body: Json) -> None:
+    """Run a task set up to the moment between its first task and its second one."""
+    chassis.localise(chassis.map.marks["K10"].pose)
+    assert ask(chassis, REPEAT, body).ok
+    run_until(chassis, lambda: chassis.tasks.between_tasks)
+
+
+TWO_TASKS = {"order": EXECUTE, "taskSet": task_set(8, "K10", "K10")}
+
+
+def test_task_set_has_precedence_between_its_tasks(real: Chassis) -> None:
+    run_to_the_gap(real, TWO_TASKS)
+    answer = ask(real, EXEC_TASK, {"taskId": 6, "markNo": "A2"})
+    assert (answer.ok, answer.msg) == (False, "Task is excuting,request failed")
+    run_until(real, lambda: real.tasks.proc.robot_task_id == 802)
+
+
+def test_task_set_is_cancelled_between_its_tasks(real: Chassis) -> None:
+    run_to_the_gap(real, TWO_TASKS)
+    assert ask(real, ORDER, {"order": 4}).ok
+    reports = run_until(real, lambda: not real.tasks.state)
+    assert reports[-1].robot_task_id == 0
+    real.take_events()
+    for _ in range(50):
+        real.tick(TIME_STEP)
+    assert not real.tasks.active
+    assert not [each for each in real.take_events() if isinstance(each, robot_pb2.TaskProc)]
+
+
+def test_task_set_goes_on_after_charging_and_leaves_the_dock_first(real: Chassis) -> None:
+    real.localise(real.map.marks["C1"].pose.moved(-0.6, 0.0, 0.0))
+    charge = {"base": {"id": 1, "markNo": "C1", "type": CHARGE}}
+    then = {"base": {"id": 2, "markNo": "K10", "type": 1}}
+    body = {"order": EXECUTE, "taskSet": {"base": {"id": 8}, "tasks": [charge, then]}}
+    assert ask(real, REPEAT, body).ok
+    reports = run_until(real, lambda: real.tasks.reported.robot_task_id == 802)
+    docking, leaving, driving = 3, 4, 1
+    assert docking in {each.action.type for each in reports if each.robot_task_id == 801}
+    assert leaving not in {each.action.type for each in reports if each.robot_task_id == 801}
+    reports += run_until(real, lambda: real.tasks.reported.action.type == driving)
+    kinds = [each.action.type for each in reports if each.robot_task_id == 802]
+    assert kinds == [leaving, leaving, driving]
