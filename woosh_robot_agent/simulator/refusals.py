@@ -205,6 +205,12 @@ NO_GOAL = Refusal("MoveBase has no target: give target_pose or poses")
 INIT_DURING_TASK = Refusal(
     "task {task} is running: wait for it or cancel it first", code=codes.INITIALISATION_FORBIDDEN
 )
+INIT_WHILE_MAPPING = Refusal(
+    "map {map} is being made: save or cancel it by BuildMap first",
+    code=codes.INITIALISATION_FORBIDDEN,
+)
+POSE_WHILE_MAPPING = Refusal(INIT_WHILE_MAPPING.explanation)
+WORK_MODE_WHILE_MAPPING = Refusal(INIT_WHILE_MAPPING.explanation, code=codes.WORK_MODE_FORBIDDEN)
 POSE_OUTSIDE_MAP = Refusal("pose {pose} is outside map {map}: choose one inside")
 POSE_IN_WALL = Refusal("pose {pose} is inside a wall of map {map}: choose one on free floor")
 UNKNOWN_CONTROL_MODE = Refusal(
@@ -227,6 +233,28 @@ MAP_CHANGE_WHILE_DRIVING = Refusal(
 MAP_CHANGE_WHILE_NAVIGATION_PAUSED = Refusal(
     "a navigation is paused: cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
 )
+SCENE_EXISTS = Refusal("scene {scene} exists already: choose another name")
+MAP_EXISTS = Refusal("map {map} of scene {scene} exists already: choose another name")
+CURRENT_SCENE = Refusal("the robot is in scene {scene}: switch to another one first")
+CURRENT_MAP = Refusal("the robot is on map {map}: switch to another one first")
+CURRENT_MAP_MISSING = Refusal(
+    "the upload has no map {map}, which the robot is on: add it, or switch to another scene first"
+)
+LAST_MAP = Refusal("map {map} is the only one of scene {scene}: delete the scene instead")
+NO_NAME = Refusal("{field} is empty: give a name")
+NAME_INVALID = Refusal(
+    "{field} {name!r} must be a name of at most {limit} characters that is not a path"
+)
+NO_FILES = Refusal("the upload has no files: give at least one")
+NO_MAP_IN_UPLOAD = Refusal(
+    "no file describes a map of scene {scene}: add scene.yaml, or the YAML file and the picture of "
+    "a map of map_server"
+)
+UNKNOWN_FILE = Refusal("unknown file {file} of scene {scene}: SceneMd5 lists its files")
+TOO_MANY_MAPS = Refusal("scene {scene} would have more than {limit} maps: delete one first")
+MAP_CHANGE_WHILE_MAPPING = Refusal(
+    "map {map} is being made: save or cancel it by BuildMap first", code=codes.MAP_CHANGE_FORBIDDEN
+)
 UNKNOWN_SCENE = Refusal(
     "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas"
 )
@@ -236,11 +264,65 @@ SCENE_INVALID = Refusal("scene {scene} is not changed: {error}")
 FILE_NAME_INVALID = Refusal(
     "file {file!r}: the name must be a plain file name of at most {limit} characters"
 )
+FILE_INVALID = Refusal("{error}")
 FILE_TWICE = Refusal("file {file} is uploaded twice")
 SCENE_TOO_LARGE = Refusal(
     "{count} files of {size} bytes are more than the limit of a scene: {max_count} files, "
     "{max_size} bytes"
 )
+
+# Marks
+
+NO_MARK_NUMBER = Refusal("the mark has no number: set identity.no")
+MARK_EXISTS = Refusal(
+    "mark {mark} of map {map} exists already: choose another number, or update it"
+)
+MARK_ID_EXISTS = Refusal("mark {mark} of map {map} has the id {id} already: use 0 for a free one")
+MARK_WITHOUT_POSE = Refusal("mark {mark} has no pose: set pose.dock")
+MARK_OUTSIDE_MAP = Refusal("mark {mark} is outside map {map}: choose a pose inside")
+MARK_TOO_LARGE = Refusal("the data of mark {mark} have {size} bytes, more than {limit}: send fewer")
+TOO_MANY_MARKS = Refusal("map {map} has {limit} marks already: delete one first")
+
+# Mapping and deployment
+
+MAPPING_OUTSIDE_DEPLOYMENT = Refusal(
+    "robot is not in deployment mode and automatic control: send SwitchWorkMode with mode 1 and "
+    "SwitchControlMode with mode 1 first",
+    code=codes.MAPPING_FORBIDDEN,
+)
+SAVE_OUTSIDE_DEPLOYMENT = Refusal(
+    MAPPING_OUTSIDE_DEPLOYMENT.explanation, code=codes.SAVING_FORBIDDEN
+)
+MAPPING_RUNS = Refusal("mapping of {map} {phase}: save or cancel it first")
+MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer first")
+NOT_MAPPING = Refusal("no map is being made: send BuildMap with type 1 (add) or 2 (update) first")
+UPDATE_UNKNOWN_SCENE = Refusal(
+    "unknown scene {scene}: use one of {scenes}", code=codes.UPDATE_PARAMETERS
+)
+UPDATE_UNKNOWN_MAP = Refusal(
+    "unknown map {map} of scene {scene}, which has {maps}", code=codes.UPDATE_PARAMETERS
+)
+UPDATE_OTHER_MAP = Refusal(
+    "map {map} of scene {scene} is not the current one: switch to it by SwitchMap first",
+    code=codes.UPDATE_PARAMETERS,
+)
+SAVE_WHILE_LOST = Refusal(LOCALISATION_LOST.explanation, code=codes.SAVING_LOST)
+UNKNOWN_BUILD_TYPE = Refusal(
+    "unknown type {type} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save"
+)
+COLLECTING_OUTSIDE_DEPLOYMENT = Refusal(
+    "robot is not in deployment mode: send SwitchWorkMode with mode 1 first",
+    code=codes.DEPLOYMENT_FORBIDDEN,
+)
+OTHER_ROBOT = Refusal("the request is for robot {robot_id}: this is robot {own_id}")
+UNKNOWN_DEPLOYMENT_TYPE = Refusal(
+    "unknown type {type} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
+)
+UNKNOWN_DEPLOYMENT_MODE = Refusal(
+    "unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
+)
+ONLY_REFLECTORS = Refusal("only reflectors can be calibrated: use type 3")
+NO_REFLECTORS = Refusal("map {map} has no reflectors: collect them first")
 
 # Settings
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import array
 import asyncio
-import io
 import logging
 import math
-from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
 
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.map_image import MapError, cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.standard.part import Part
@@ -26,25 +24,6 @@ _CHECK_RATE = 2.0
 """Rate of checking if the map has to be requested, in Hz."""
 _RETRY_DELAY = 10.0
 """Delay before a failed request is retried, in seconds."""
-_MAX_CELLS = 100_000_000
-"""Maximum size of a map, in cells."""
-_OCCUPIED_THRESHOLD = 0.65
-"""Darkness above which a cell is occupied, as in map_server."""
-_FREE_THRESHOLD = 0.196
-"""Darkness below which a cell is free, as in map_server."""
-_CELLS = bytes(
-    100
-    if (255 - grey) / 255 > _OCCUPIED_THRESHOLD
-    else 0
-    if (255 - grey) / 255 < _FREE_THRESHOLD
-    else 255
-    for grey in range(256)
-)
-"""Value of a cell by its shade of grey; 255 stands for -1, unknown."""
-
-
-class MapError(ValueError):
-    """The chassis sent no usable map; the text says why."""
 
 
 class Map(Part):
@@ -141,21 +120,3 @@ def _find(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
     if not 0.0 < area.resolution < math.inf:
         raise MapError(f"map {area.name} has an invalid resolution: {area.resolution:g}")
     return area
-
-
-def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
-    """Return width, height and cells of a map's image, as in nav_msgs/OccupancyGrid.
-
-    Raises:
-        MapError: the image cannot be decoded, or is too large.
-    """
-    from PIL import Image, UnidentifiedImageError  # needed only for maps
-
-    try:
-        with Image.open(io.BytesIO(image_file)) as image:
-            if image.width * image.height > _MAX_CELLS:
-                raise MapError(f"its image is too large: {image.width} x {image.height} pixels")
-            grey: Any = image.convert("L").transpose(Image.Transpose.FLIP_TOP_BOTTOM)
-    except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
-        raise MapError(f"its image cannot be decoded: {error}") from None
-    return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))

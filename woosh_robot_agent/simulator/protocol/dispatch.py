@@ -13,6 +13,9 @@ from woosh_robot_agent.simulator.protocol import (
     action_commands,
     drive_commands,
     map_commands,
+    map_queries,
+    mapping_commands,
+    mark_commands,
     planning,
     queries,
     settings,
@@ -54,10 +57,12 @@ def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
     return {cls.DESCRIPTOR.full_name: do for table in tables for cls, do in table.items()}
 
 
-_QUERIES = _by_name(queries.HANDLERS, planning.HANDLERS, statistics.HANDLERS)
+_QUERIES = _by_name(queries.HANDLERS, map_queries.HANDLERS, planning.HANDLERS, statistics.HANDLERS)
 _COMMANDS = _by_name(
     state_commands.HANDLERS,
     map_commands.HANDLERS,
+    mapping_commands.HANDLERS,
+    mark_commands.HANDLERS,
     drive_commands.HANDLERS,
     task_commands.HANDLERS,
     task_sets.HANDLERS,

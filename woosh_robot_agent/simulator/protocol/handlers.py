@@ -15,7 +15,7 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
 Result = Message | str | None
 """Content of the answer: its body, a text for an answer with an empty body, or None."""
@@ -59,16 +59,39 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     return scene
 
 
+def named_map(scene: Scene, name: str) -> Map:
+    """Return the map of a scene called `name`, or the first one if `name` is empty.
+
+    Raises:
+        RefusedError: There is no such map.
+    """
+    area = scene.map(name)
+    if area is None:
+        maps = ", ".join(each.name for each in scene.maps)
+        raise RefusedError(refusals.UNKNOWN_MAP, map=name, scene=scene.name, maps=maps)
+    return area
+
+
+def named_mark(chassis: Chassis, number: str) -> Mark:
+    """Return the mark of the current map with this number.
+
+    Raises:
+        RefusedError: There is no such mark.
+    """
+    mark = chassis.map.marks.get(number)
+    if mark is None:
+        known = ", ".join(chassis.map.marks) or "none"
+        raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
+    return mark
+
+
 def task_mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
     """Return the mark of the current map that is the target of a task.
 
     Raises:
         RefusedError: There is no such mark, or it does not suit the type of the task.
     """
-    mark = chassis.map.marks.get(number)
-    if mark is None:
-        known = ", ".join(chassis.map.marks) or "none"
-        raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
+    mark = named_mark(chassis, number)
     require_suitable(mark, kind)
     return mark
 
@@ -81,6 +104,23 @@ def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
     """
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(refusals.NOT_A_CHARGER, mark=mark.number)
+
+
+def require_map_change(chassis: Chassis) -> None:
+    """Check that nothing runs or is paused that would go on on another map.
+
+    Raises:
+        RefusedError: Something does.
+    """
+    # A paused task or navigation would continue to a target on the old map.
+    if chassis.tasks.paused:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
+    if chassis.tasks.active:
+        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
+    if chassis.ownership.driver:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
+    if chassis.ownership.navigation:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
 
 
 def usable_speed(speed: float, minimum: float) -> float:

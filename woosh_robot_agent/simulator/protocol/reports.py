@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.device import device_pb2
-from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.map import map_pack_pb2
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.scenes.marks import mark_info_of, storages_of
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map
 
 _Hardware = robot_pb2.HardwareState
 _Bit = robot_pb2.DeviceState
@@ -252,6 +253,30 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
     )
 
 
+def build_map_data(chassis: Chassis) -> robot_pack_pb2.BuildMapData:
+    """Return the map that is being made, empty if there is none.
+
+    The picture has the grey values of `scene_data`. The marks are a serialised MarkInfo.
+    """
+    mapping = chassis.mapping
+    raster = mapping.raster
+    if raster is None:
+        return robot_pack_pb2.BuildMapData()
+    # numpy and Pillow load slowly, and only pictures need them.
+    from woosh_robot_agent.simulator.world.picture import png
+
+    height, width = raster.cells.shape
+    return robot_pack_pb2.BuildMapData(
+        map_data=png(raster.cells),
+        width=width,
+        height=height,
+        origin_x=raster.low[0],
+        origin_y=raster.low[1],
+        resolution=raster.resolution,
+        mark_data=mark_info_of(mapping.draft or chassis.map).SerializeToString(),
+    )
+
+
 def scene_data_easy(scene: Scene) -> map_pack_pb2.SceneDataEasy:
     """Return the maps of a scene with their marks."""
     return map_pack_pb2.SceneDataEasy(
@@ -262,7 +287,7 @@ def scene_data_easy(scene: Scene) -> map_pack_pb2.SceneDataEasy:
                 name=each.name,
                 floor=each.floor,
                 version=each.version,
-                storages=_storages(each),
+                storages=storages_of(each.marks.values()),
             )
             for each in scene.maps
         ],
@@ -302,37 +327,9 @@ def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
         name=area.name,
         resolution=drawn.resolution,
         origin=common_pb2.Pose2D(x=drawn.low[0], y=drawn.low[1]),
+        end=pose2d(area.end) if area.end else None,
         map_png=drawn.png,
-        mark_info=mark_pb2.MarkInfo(
-            version=area.version,
-            floor_name=area.floor,
-            storages=[_mark_data(mark) for mark in area.marks.values()],
-        ),
-    )
-
-
-def _mark_data(mark: Mark) -> mark_pb2.Storage:
-    base = _storage(mark)
-    storage = mark_pb2.Storage(identity=base.identity, pose=base.pose)
-    if mark.kind is not MarkKind.BASE:
-        # The values of MarkKind are plurals, the fields of Storage are singulars.
-        getattr(storage, mark.kind.value.removesuffix("s")).SetInParent()
-    return storage
-
-
-def _storages(area: Map) -> mark_pb2.Storages:
-    groups: dict[str, Iterable[mark_pb2.Storages.Base]] = {
-        kind.value: [_storage(mark) for mark in area.marks.values() if mark.kind is kind]
-        for kind in MarkKind
-    }
-    return mark_pb2.Storages(**groups)  # its fields are the values of MarkKind
-
-
-def _storage(mark: Mark) -> mark_pb2.Storages.Base:
-    pose = pose2d(mark.pose)
-    return mark_pb2.Storages.Base(
-        identity=mark_pb2.Identity(id=mark.id, no=mark.number, desc=mark.description),
-        pose=mark_pb2.Pose(dock=pose, real=pose),
+        mark_info=mark_info_of(area),
     )
 
 
@@ -354,3 +351,9 @@ STATES: dict[type[Message], Callable[[Chassis], Message]] = {
     device_pb2.RfRemoteController: remote_controller,
 }
 """Reports that are pushed when they change, by their message class."""
+
+PERIODIC: dict[type[Message], Callable[[Chassis], Message]] = {
+    robot_pb2.ScannerData: scanner_data,
+    robot_pack_pb2.BuildMapData: build_map_data,
+}
+"""Reports that are pushed at their rate, even if nothing has changed, by their message class."""
