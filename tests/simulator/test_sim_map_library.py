@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from google.protobuf.json_format import ParseDict
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_uploads import NAV2, SCENE, distance_ahead, file_datas, floor_png
+from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.refusals import REFUSALS
 
@@ -121,6 +123,25 @@ def test_files_come_back_as_they_were_uploaded(client: JsonClient) -> None:
     files = download(client, "lab")
     assert (files["floor.yaml"], files["floor.png"]) == (NAV2, floor_png())
     assert files["notes.txt"] == b"hello"
+
+
+def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: JsonClient) -> None:
+    info = MarkInfo(floor_name="2F")
+    info.storages.add(custom=b"x").identity.no = "S1"
+    info.storages[0].pose.dock.x = 1.5
+    info.beacons.add(id=5).point.x = 0.5
+    info.wormholes.add(token="lift").identity.no = "W1"
+    info.artags.add(id=7).pose.y = 2.0
+    files = {"floor.yaml": NAV2, "floor.png": floor_png()}
+    files["floor.mark_info.data"] = info.SerializeToString()
+    assert send_files(client, "lab", files)["ok"]
+    assert send_files(second, "copy", download(client, "lab"))["ok"]
+    for robot, scene in ((client, "lab"), (second, "copy")):
+        (area,) = robot.ask("woosh.map.SceneData", {"name": scene})["maps"]
+        found = ParseDict(area["markInfo"], MarkInfo())
+        assert found == MarkInfo.FromString(download(robot, scene)["floor.mark_info.data"])
+        info.version = found.version
+        assert found == info
 
 
 def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pty
+import shlex
 import signal
 import socket
 import subprocess
@@ -210,7 +211,7 @@ def test_coloured_picture_is_saved_in_the_shades_of_the_topic_map(
     run: Run, chassis: SimulatorThread, tmp_path: Path
 ) -> None:
     colours = np.zeros((3, 4, 3), np.uint8)
-    colours[0], colours[1], colours[2] = (60, 255, 60), (255, 60, 60), (250, 250, 250)
+    colours[0], colours[1], colours[2] = (255, 255, 0), (0, 255, 0), (0, 0, 255)
     buffer = io.BytesIO()
     Image.fromarray(colours).save(buffer, "PNG")
 
@@ -469,6 +470,23 @@ def test_a_download_that_fails_leaves_nothing(
     assert "cannot be saved" in err
     assert tree(tmp_path) == before
     assert [path.name for path in tmp_path.iterdir()] == ["scenex"]
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_full_disk_leaves_no_half_scene(
+    run: Run, chassis: SimulatorThread, tmp_path: Path, exists: bool
+) -> None:
+    if exists:
+        run("download", "wooshmap")
+    before = tree(tmp_path)
+    program = shlex.join([sys.executable, "-m", "woosh_robot_agent.tools.maps"])
+    arguments = shlex.join([*address(chassis), "download", "wooshmap", "--force"])
+    limited = ["bash", "-c", f"ulimit -f 1; exec {program} {arguments}"]  # KiB of a file
+    done = subprocess.run(limited, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("error: scene wooshmap cannot be saved: ")
+    assert tree(tmp_path) == before
+    assert [path.name for path in tmp_path.iterdir()] == (["wooshmap"] if exists else [])
 
 
 def test_a_download_that_is_cut_off_leaves_nothing(

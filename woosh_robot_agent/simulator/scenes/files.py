@@ -161,7 +161,12 @@ def read_maps(names: Collection[str], read: Read) -> list[Map]:
                 )
                 if stem + MARK_INFO in names:
                     info = read_mark_info(stem + MARK_INFO, read)
-                    area = replace(area, marks=marks_of(info), other_marks=other_marks(info))
+                    area = replace(
+                        area,
+                        floor=info.floor_name or area.floor,
+                        marks=marks_of(info),
+                        other_marks=other_marks(info),
+                    )
                 maps.append(area)
                 _check_pictures(description, maps)
                 if stem in [other.name for other in maps[:-1]]:

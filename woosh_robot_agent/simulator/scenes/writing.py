@@ -68,7 +68,8 @@ def files_of(scene: Scene) -> SceneFiles:
         if scene.start_map:
             root["start"]["map"] = scene.start_map
     root |= {"maps": maps, "task_info": TASK_INFO}
-    shared[SCENE_FILE] = yaml.safe_dump(root, sort_keys=False, allow_unicode=True).encode()
+    text = yaml.safe_dump(root, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    shared[SCENE_FILE] = text.encode()
     shared.update((name, data) for name, data in scene.files.items() if name not in taken)
     return SceneFiles(shared, of_maps)
 
