@@ -37,8 +37,8 @@ _NODE_TOPICS = ("/rosout", "/parameter_events")
 """Topics that every rclpy node publishes."""
 _OUTPUTS = [each.name for each in TOPICS] + [each.name for each in STANDARD if each.is_output]
 _INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT]
-_QUERIES = [each.name for each in QUERIES]
-_COMMANDS = [each.name for each in COMMANDS]
+_QUERIES = [each.name for each in QUERIES] + [each.name for each in COMMANDS if each.reads]
+_COMMANDS = [each.name for each in COMMANDS if not each.reads]
 _COMMANDS += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
 _OWN_ACTIONS = ("ros/MoveBase",)
 """Actions that the agent calls itself: a message on goal_pose becomes a goal."""
