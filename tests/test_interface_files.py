@@ -142,6 +142,7 @@ ADDED = {
         "srv/BuildMap",
         "srv/CountData",
         "srv/Deployment",
+        "srv/ExecTaskSet",
         "srv/LED",
         "srv/PlanNavPath",
     },

@@ -241,6 +241,8 @@ COMMANDS = (
     _command("robot/BuildMap", timeout=600.0, extra=True),
     _command("robot/Deployment", "woosh.robot.DeploymentResponse", extra=True),
     _command("robot/LED", extra=True),
+    # according to the manufacturer not implemented yet
+    _command("robot/ExecTaskSet", extra=True),
     _command("task/RepeatTask", extra=True),
 )
 
@@ -315,13 +317,6 @@ def markdown() -> str:
     rows += [_row("topic", e, e.msg, "msg", e.push) for e in TOPICS]
     rows += [_row("action", e, e.action, "action", e.arg) for e in ACTIONS]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def raw_requests_markdown() -> str:
-    """Return the requests without an endpoint and their minimum timeouts in Markdown."""
-    rows = ["| Request | Timeout |", "| --- | --- |"]
-    rows += [f"| {each.request} | {each.timeout:g} s |" for each in RAW_REQUESTS]
-    return "\n".join(rows)
 
 
 def _row(

@@ -18,6 +18,7 @@ COMMAND_MOTION = {
     "woosh.robot.ActionOrder",
     "woosh.robot.ExecPreTask",
     "woosh.robot.ExecTask",
+    "woosh.robot.ExecTaskSet",
     "woosh.robot.Follow",
     "woosh.robot.Twist",
     "woosh.task.RepeatTask",
