@@ -48,6 +48,8 @@ class Command:
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
         timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
         reads: True if it only reads: it changes and moves nothing.
+        two_types: True if the chassis may also name the type of the request in its answer, although
+            the content is that of `answer`.
         extra: True if the manufacturer's agent lacks it.
     """
 
@@ -57,6 +59,7 @@ class Command:
     answer: str = ""
     timeout: float = 0.0
     reads: bool = False
+    two_types: bool = False
     extra: bool = False
 
 
@@ -69,6 +72,8 @@ class Topic:
         msg: ROS type of the topic.
         push: protobuf full name of the push.
         depth: number of messages that late subscribers receive.
+        on_demand: True if the pushes are large: the agent asks the chassis for them only while the
+            topic has subscribers.
         extra: True if the manufacturer's agent lacks it.
     """
 
@@ -76,7 +81,21 @@ class Topic:
     msg: str
     push: str
     depth: int = 1
+    on_demand: bool = False
     extra: bool = False
+
+
+@dataclass(frozen=True)
+class OwnTopic:
+    """A topic on which the agent publishes something about itself.
+
+    Attributes:
+        name: name of the topic.
+        msg: ROS type of the topic.
+    """
+
+    name: str
+    msg: str
 
 
 @dataclass(frozen=True)
@@ -138,10 +157,11 @@ def _command(
     *,
     timeout: float = 0.0,
     reads: bool = False,
+    two_types: bool = False,
     extra: bool = False,
 ) -> Command:
     srv, request = _types(name)
-    return Command(name, srv, request, answer, timeout, reads, extra)
+    return Command(name, srv, request, answer, timeout, reads, two_types, extra)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -153,9 +173,9 @@ def _topic(short: str, depth: int = 1, package: str = "woosh.robot") -> Topic:
     return Topic(f"robot/{short}", f"woosh_robot_msgs/{short}", f"{package}.{short}", depth)
 
 
-def _extra_topic(name: str, depth: int = 1) -> Topic:
+def _extra_topic(name: str, depth: int = 1, *, on_demand: bool = False) -> Topic:
     msg, push = _types(name)
-    return Topic(name, msg, push, depth, extra=True)
+    return Topic(name, msg, push, depth, on_demand, extra=True)
 
 
 def _call_action(short: str, member: str, *, extra: bool = False) -> Action:
@@ -235,7 +255,14 @@ COMMANDS = (
     _command("map/storage/Delete", extra=True),
     _command("map/storage/Find", "woosh.map.mark.Storage", reads=True, extra=True),
     _command("map/storage/Storages", "woosh.map.mark.Storages", reads=True, extra=True),
-    _command("robot/PlanNavPath", "woosh.robot.NavPath", timeout=30.0, reads=True, extra=True),
+    _command(
+        "robot/PlanNavPath",
+        "woosh.robot.NavPath",
+        timeout=30.0,
+        reads=True,
+        two_types=True,
+        extra=True,
+    ),
     # may change the records: only its kGet reads
     _command("robot/CountData", "woosh.robot.CountDataResponse", extra=True),
     _command("robot/BuildMap", timeout=600.0, extra=True),
@@ -262,14 +289,17 @@ TOPICS = (
     _topic("AbnormalCodes", package="woosh.robot.count"),
     _topic("StatusCode", depth=50, package="woosh.robot.count"),
     _topic("NavPath"),
-    _extra_topic("robot/BuildMapData"),
-    _extra_topic("robot/ScannerData"),
+    _extra_topic("robot/BuildMapData", on_demand=True),
+    _extra_topic("robot/ScannerData", on_demand=True),
     _extra_topic("robot/count/Operation"),
     _extra_topic("robot/count/Task", depth=10),
     _extra_topic("robot/count/Status", depth=10),
     # depth 1: a key that was pressed long ago must not seem to be pressed again
     _extra_topic("device/RfRemoteController"),
 )
+
+AGENT_INFO = OwnTopic("robot/AgentInfo", "woosh_robot_msgs/AgentInfo")
+"""The topic that tells if the agent has a link to the chassis."""
 
 ACTIONS = (
     Action(
@@ -311,10 +341,13 @@ def markdown() -> str:
         ("---",) * 6,
     ]
     rows += [_row("query", e, e.srv, "srv", e.request, e.timeout) for e in QUERIES]
-    for e in COMMANDS:
-        kind = "query" if e.reads else "command"
-        rows.append(_row(kind, e, e.srv, "srv", e.request, e.timeout))
+    rows += [_row("query", e, e.srv, "srv", e.request, e.timeout) for e in COMMANDS if e.reads]
+    rows += [
+        _row("command", e, e.srv, "srv", e.request, e.timeout) for e in COMMANDS if not e.reads
+    ]
     rows += [_row("topic", e, e.msg, "msg", e.push) for e in TOPICS]
+    own = AGENT_INFO
+    rows.append(("topic", own.name, _full_type(own.msg, "msg"), "", "", "newer versions"))
     rows += [_row("action", e, e.action, "action", e.arg) for e in ACTIONS]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
@@ -330,11 +363,15 @@ def _row(
     return (
         kind,
         endpoint.name,
-        ros_type.replace("/", f"/{folder}/"),
+        _full_type(ros_type, folder),
         message,
         f"{timeout:g} s" if timeout else "",
         "no" if endpoint.extra else "yes",
     )
+
+
+def _full_type(ros_type: str, folder: str) -> str:
+    return ros_type.replace("/", f"/{folder}/")
 
 
 if __name__ == "__main__":

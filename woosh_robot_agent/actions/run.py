@@ -245,6 +245,8 @@ class GoalRun:
             ):
                 continue
             self._last_report = report.message
+            if report.begins_part and self._cancellation.requested:
+                self._cancellation.pending = True
             self._heard()
             self._goal.feedback(self._context.to_ros(report.message))
             if report.outcome is not None:
@@ -314,6 +316,8 @@ class GoalRun:
     def _polled(self, polled: Polled) -> End | None:
         for report in polled.findings.reports:
             if report.message == self._last_report:
+                if report.outcome is not None:  # only the poll shows that it was the last one
+                    return End(report.outcome, report.message)
                 self._heard()
             elif self._attribution.is_news(report.message, report.outcome, self.phase):
                 end = self._read([report])

@@ -23,7 +23,7 @@ _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
 _DRIVING_ORDERS = (action_pb2.kStart, action_pb2.kContinue, action_pb2.kRecover)
 _EDITING_ORDERS = (RepeatTask.kPut, RepeatTask.kDel)
 """Orders of RepeatTask that only change the list of predefined task sets."""
-_DRIVING_MEMBERS = ("step_control", "move_base")
+_DRIVING_MEMBERS = ("step_control", "move_base", "charge_control")
 """Members of the oneof of CallAction that drive the base."""
 
 
