@@ -172,21 +172,21 @@ def is_running(task_proc: TaskProc) -> bool:
 
 
 def is_taskable(info: RobotInfo) -> bool | None:
-    """Return whether the robot reports that it accepts tasks; None if it does not report it."""
+    """Return True if the robot reports that it accepts tasks; None if it does not report it."""
     if not info.HasField("operation_state"):
         return None
     return bool(info.operation_state.robot & OperationState.kTaskable)
 
 
 def is_located(info: RobotInfo) -> bool | None:
-    """Return whether the robot knows its position; None if it does not report it."""
+    """Return True if the robot knows its position; None if it does not report it."""
     if not info.HasField("device_state"):
         return None
     return bool(info.device_state.software & DeviceState.kLocation)
 
 
 def has_map(info: RobotInfo) -> bool | None:
-    """Return whether the robot's pose belongs to a map; None if it does not report its pose."""
+    """Return True if the robot's pose belongs to a map; None if it does not report its pose."""
     return bool(info.pose_speed.map_id) if info.HasField("pose_speed") else None
 
 

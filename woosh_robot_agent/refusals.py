@@ -113,8 +113,8 @@ class RefusalExplainer:
         find = _STATE_RULES.get(name)
         if len(self._refusals) == self._refusals.maxlen:
             self._refusals[0].end()
-        info = self._last_known.get(full_name(RobotInfo)) if find is not None else None
-        state = find(info) if find is not None and isinstance(info, RobotInfo) else []
+        info = self._last_known.value(RobotInfo) if find is not None else None
+        state = find(info) if find is not None and info is not None else []
         loop = asyncio.get_running_loop()
         state = [_MANUAL if each == MANUAL else each for each in state]
         refusal = _Refusal(name, state, loop.create_future())

@@ -86,8 +86,11 @@ class GoalRun:
         self._is_displaced = False
         """True if a push after the last report shows that the chassis has left this goal."""
         self._next_poll = 0.0
+        """Loop time of the next poll."""
         self._starting: asyncio.Task[None] | None = None
+        """Task that sends the start request."""
         self._polling: asyncio.Task[None] | None = None
+        """Task of the last poll; None before the first one."""
 
     @property
     def name(self) -> str:

@@ -52,8 +52,7 @@ class TaskSetGoal:
         """The last report on a task of the set; blank before the first one."""
         self._polls_outside = 0
         """Number of polls since then that found the robot executing nothing of the set."""
-        known = last_known.get(full_name(TaskProc))
-        last = known if isinstance(known, TaskProc) else TaskProc()
+        last = last_known.value(TaskProc) or TaskProc()
         self._since = last.time
         """Time of the last report before this goal, by the robot's clock."""
         predecessors = context.open_goals.possibly_running(self.name)
@@ -100,9 +99,8 @@ class TaskSetGoal:
             return Findings()
         if self._is_executing(current):
             return Findings(tuple(self.read(current)))
-        is_other = is_running(current)
-        state = self._last_known.get(full_name(RobotState))
-        if not is_other and isinstance(state, RobotState) and state.state in _EXECUTING:
+        state = self._last_known.value(RobotState)
+        if not is_running(current) and state is not None and state.state in _EXECUTING:
             # between two tasks of the set
             return Findings([Report(self._last, None)] if self.attribution.heard else ())
         return None

@@ -59,17 +59,20 @@ class Map(Part):
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher("map")
         self._wanted: tuple[str, int, str, int] | None = None
+        """Scene, map id, map name and version that the robot uses; None if unknown."""
         self._published: tuple[str, int, str, int] | None = None
+        """The same of the published map."""
         self._not_before = -math.inf
+        """Loop time before which the map is not requested again."""
         self._robot = object()
         """Stands for the current robot."""
-        context.chassis.on_robot_changed(self._forget)
-        context.chassis.on_snapshot(self._snapshot)
-        context.chassis.subscribe(Scene, self._scene)
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.subscribe(Scene, self._scene)
 
     async def run(self) -> None:
         async for now in self._subscribers.times(lambda: _CHECK_RATE):
-            ready = self._context.chassis.state is LinkState.READY
+            ready = self._context.robot.chassis.state is LinkState.READY
             stale = self._wanted != self._published and now >= self._not_before
             if ready and stale:
                 await self._update(now)
@@ -113,7 +116,7 @@ class Map(Part):
         self._published = wanted
 
     async def _request(self, scene_name: str) -> SceneData:
-        answer = await self._context.chassis.request(SceneData(name=scene_name))
+        answer = await self._context.robot.chassis.request(SceneData(name=scene_name))
         if not answer.ok:
             raise MapError(f"the chassis refused SceneData of {scene_name}: {answer.msg}")
         if not isinstance(answer.body, SceneData):

@@ -140,11 +140,10 @@ class Standstill:
 
     def _text(self, demand: _Demand) -> str:
         """Return the warning about a command."""
-        info = self._last_known.get(full_name(RobotInfo))
-        causes = likely_causes(info if isinstance(info, RobotInfo) else RobotInfo())
+        causes = likely_causes(self._last_known.value(RobotInfo) or RobotInfo())
         return f"{demand.name} was accepted, but the robot does not move: {causes}"
 
-    # What should move the robot
+    # Commands
 
     def _answered(self, command: AnsweredCommand) -> None:
         message = command.message
@@ -172,8 +171,7 @@ class Standstill:
 
     def _expect(self, name: str, kind: str, task_id: int = 0) -> _Demand:
         """Expect the robot to move because of a command."""
-        pose = self._last_known.get(full_name(PoseSpeed))
-        start = pose if isinstance(pose, PoseSpeed) else PoseSpeed()
+        start = self._last_known.value(PoseSpeed) or PoseSpeed()
         now = asyncio.get_running_loop().time()
         self._demand = _Demand(name, kind, task_id, start, None, now)
         self._may_not_stand(self._demand)
@@ -204,7 +202,7 @@ class Standstill:
         text = self._text(demand)
         self._log.warn(text, text)
 
-    # What the robot does
+    # Reports of the robot
 
     def _pose_pushed(self, body: Body) -> None:
         demand = self._demand

@@ -50,7 +50,7 @@ _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
 """Topic whose publisher is taken for the agent."""
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name that rmw reports for a node which it has not discovered yet, although its publisher is."""
+"""Name that rmw reports for the node of a publisher before it has discovered the node."""
 _PARAMETERS = ("transport", "ip", "port", "enable_connected")
 """Parameters requested from the agent, to show the address and to see that it is alive."""
 
