@@ -174,6 +174,11 @@ class GoalRun:
         self._advance(Step.ORDER_SENT)
         try:
             answer = await self._context.gate.request(order.message)
+        except ConnectionLostError as error:
+            return self._aborted(
+                f"the link was lost before the chassis answered: {error}; whether the order took "
+                "effect is not known"
+            )
         except LinkError as error:
             return self._aborted(str(error))
         if not answer.ok:
