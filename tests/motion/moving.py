@@ -10,6 +10,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecPreTask,
     ExecTask,
+    ExecTaskSet,
     Follow,
     Twist,
 )
@@ -37,6 +38,7 @@ MOVING: tuple[Message, ...] = (
     Twist(angular=0.1),
     ExecTask(task_id=1),
     ExecPreTask(task_set_id=1),
+    ExecTaskSet(repeat_times=1),
     ActionOrder(order=kContinue),
     Follow(type=True),
     RepeatTask(order=RepeatTask.kExec),

@@ -110,9 +110,7 @@ class CallActionGoal:
         call = CallAction()
         command: Any = getattr(call, self._member)
         command.CopyFrom(self._command)
-        if action is None:
-            command.SetInParent()  # present even if all fields have their default values
-        else:
+        if action is not None:
             command.action = action
         return call
 
