@@ -24,6 +24,8 @@ from woosh_ros_msgs.action import ChargeControl, LiftControl2, NavigationMode
 
 pytestmark = pytest.mark.usefixtures("agent")
 
+FURTHER_ACTIONS = ("ros/ChargeControl", "ros/LiftControl2", "ros/NavigationMode")
+"""Names of the actions that these tests cover."""
 CHARGE, LEAVE = 1, 2
 RUNNING, DONE, FAILED, CANCELLED = 2, 1, -1, -2
 """States of feedback."""

@@ -44,6 +44,7 @@ from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.action import ExecPreTask
 
+TASK_SETS = "robot/ExecPreTask"
 IDLE, TASK = {"state": 2}, {"state": 4}
 EMPTY: Body = {"action": {}, "time": 1719991764}
 SET = 1719959961
@@ -98,7 +99,7 @@ def normal(chassis: ScriptedChassis, monkeypatch: pytest.MonkeyPatch) -> None:
 def send(client: Client, number: int = SET) -> GoalClient:
     goal = ExecPreTask.Goal()
     goal.arg.task_set_id = number
-    return client.send_goal(ExecPreTask, "robot/ExecPreTask", goal)
+    return client.send_goal(ExecPreTask, TASK_SETS, goal)
 
 
 def started(chassis: ScriptedChassis, client: Client) -> GoalClient:
