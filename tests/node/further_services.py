@@ -73,7 +73,8 @@ def scene_data(client: Client) -> None:
 
 def download(client: Client) -> None:
     found = files(client, "scenex")
-    assert any(bytes(each.data).startswith(PNG) for each in found)
+    assert found
+    assert all(each.name and len(each.data) for each in found)
 
 
 def upload(client: Client) -> None:

@@ -203,7 +203,7 @@ def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, s
         return [frame]
 
     agent = connect(count_down)
-    echoes = echo_all(client)
+    echoes = echo_all(client, simulator)
     echoes[BATTERY].wait_count(1)
     push(PoseSpeed(mileage=3))
     echoes[POSE_SPEED].wait_count(1)
