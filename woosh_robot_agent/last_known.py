@@ -52,7 +52,8 @@ class LastKnown:
         chassis.on_robot_changed(self.forget)
         chassis.on_snapshot(self.remember)
         for topic in TOPICS:
-            chassis.subscribe_raw(message_type(topic.push), self.remember)
+            if not topic.on_demand:
+                chassis.subscribe_raw(message_type(topic.push), self.remember)
 
     def get(self, name: str) -> Message | None:
         """Return the last value of a type, given by its protobuf full name, or None."""

@@ -12,6 +12,7 @@ from woosh_robot_agent.bridge import DeferredService, Reply
 from woosh_robot_agent.convert import BadFieldError, Converter, converter, filled
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
 from woosh_robot_agent.link import (
+    Answer,
     Body,
     ConnectionLostError,
     FrameError,
@@ -167,7 +168,7 @@ class _CommandHandler:
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
-        reply.send(self._response(answer.ok, answer.msg, answer.raw))
+        reply.send(self._answered(answer))
 
     def _lost(self, address: str, error: ConnectionLostError) -> str:
         return (
@@ -175,20 +176,33 @@ class _CommandHandler:
             f"{self._endpoint.request}: {error}; whether it took effect is not known"
         )
 
-    def _response(self, ok: bool, msg: str, body: Body | None = None) -> Any:
+    def _answered(self, answer: Answer) -> Any:
+        """Return the response for an answer of the chassis."""
+        if self._convert_ret is None:
+            return self._response(answer.ok, answer.msg)
+        ret, defect = self._ret(self._convert_ret, answer.raw)
+        if defect and answer.ok:
+            if self._endpoint.reads:
+                return self._response(False, f"no usable answer: {defect}")
+            if answer.defect:  # an echo of the request is no defect
+                _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
+        return self._response(answer.ok, answer.msg, ret)
+
+    def _ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
+        """Return `ret`, converted from an answer; None and the reason if that is not possible."""
+        endpoint = self._endpoint
+        if endpoint.two_types and body.type == endpoint.request:
+            body = body.as_type(endpoint.answer)
+        if body.type != endpoint.answer:
+            return None, f"the chassis answered with {body.type}, not with {endpoint.answer}"
+        try:
+            return convert.read(body), ""
+        except FrameError as error:
+            return None, f"the answer cannot be read: {error}"
+
+    def _response(self, ok: bool, msg: str, ret: Any = None) -> Any:
         if self._convert_ret is None:
             return self.srv.Response(ok=ok, msg=msg)
-        return filled(self.srv.Response, ok=ok, msg=msg, ret=self._ret(self._convert_ret, ok, body))
-
-    def _ret(self, convert: Converter, ok: bool, body: Body | None) -> Any:
-        """Return `ret`, converted from the answer; blank if the answer has no such content."""
-        if body is not None:
-            try:
-                if body.type == self._endpoint.answer:
-                    return convert.read(body)
-                body.message()  # another type is fine, an unknown one raises
-            except FrameError as error:
-                if ok:
-                    text = "%s: accepted, but the answer cannot be read: %s"
-                    _LOG.warning(text, self._endpoint.name, error)
-        return convert.to_ros(convert.proto_class())
+        if ret is None:
+            ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
+        return filled(self.srv.Response, ok=ok, msg=msg, ret=ret)

@@ -10,11 +10,13 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecPreTask,
     ExecTask,
+    ExecTaskSet,
     Follow,
     Twist,
 )
 from woosh_robot_agent.pb.ros.action_pb2 import kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util.action_pb2 import kContinue
 
 
@@ -36,8 +38,11 @@ MOVING: tuple[Message, ...] = (
     Twist(angular=0.1),
     ExecTask(task_id=1),
     ExecPreTask(task_set_id=1),
+    ExecTaskSet(repeat_times=1),
     ActionOrder(order=kContinue),
     Follow(type=True),
+    RepeatTask(order=RepeatTask.kExec),
+    RepeatTask(),
     *_calls(),
 )
 

@@ -9,9 +9,12 @@ import pytest
 import yaml
 
 from tests.harness import Client, wait_until
+from tests.node.further_services import FURTHER
 from tests.node.goals import slow_down
+from tests.node.test_further_actions import FURTHER_ACTIONS
+from tests.node.test_task_sets import TASK_SETS
 from tests.ros2_commands import documented
-from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
+from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
 from woosh_robot_msgs.srv import ExecTask, PlanPath, RobotWiFi, SetIdentity, Setting
 
 FACTS = yaml.safe_load((Path(__file__).parents[1] / "facts/endpoints.yaml").read_text())
@@ -20,22 +23,25 @@ TWICE = "setting/SetIdentity"
 
 
 def test_table_matches_the_facts():
-    queries = {e.name: {"srv": e.srv, "request": e.request} for e in QUERIES}
+    queries = {e.name: {"srv": e.srv, "request": e.request} for e in QUERIES if not e.extra}
     assert queries == FACTS["info_services"]
     commands = {}
     for e in COMMANDS:
+        if e.extra:
+            continue
         commands[e.name] = {"srv": e.srv, "request": e.request}
         if e.answer:
             commands[e.name]["answer"] = e.answer
     assert commands.pop(TWICE) == commands["setting/Identity"]
     assert commands == FACTS["command_services"]
-    topics = {e.name: {"msg": e.msg, "push": e.push} for e in TOPICS}
+    topics = {e.name: {"msg": e.msg, "push": e.push} for e in TOPICS if not e.extra}
     assert topics == FACTS["topics"]
-    assert {e.name: (e.action, e.feedback) for e in ACTIONS} == {
+    actions = [e for e in ACTIONS if not e.extra]
+    assert {e.name: (e.action, e.feedback) for e in actions} == {
         name: (fact["action"], fact["feedback"].replace("Feedbacks", "Feedback"))
         for name, fact in FACTS["actions"].items()
     }
-    for e in ACTIONS:
+    for e in actions:
         fact = FACTS["actions"][e.name]["request"]
         assert fact == (f"woosh.ros.CallAction{{{e.member}}}" if e.member else e.arg)
 
@@ -65,7 +71,7 @@ def check_graph(watcher: Client, namespace: str) -> None:
 
     services = {e.name: e.srv.replace("/", "/srv/") for e in (*QUERIES, *COMMANDS)}
     wait_until(lambda: offered(node.get_service_names_and_types_by_node) == services, "services")
-    topics = {e.name: e.msg.replace("/", "/msg/") for e in TOPICS}
+    topics = {e.name: e.msg.replace("/", "/msg/") for e in (*TOPICS, AGENT_INFO)}
     wait_until(lambda: offered(node.get_publisher_names_and_types_by_node) == topics, "topics")
     for action in ACTIONS:
         feedback = f"{namespace}/{action.name}/_action/feedback"
@@ -83,7 +89,7 @@ def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client)
     assert client.call(SetIdentity, "setting/Identity").ok
 
 
-# Endpoints that the vendor's manual does not show
+# Services that the vendor's manual does not show
 
 
 def plan_path(client: Any) -> None:
@@ -109,7 +115,12 @@ def set_identity(client: Any) -> None:
     assert client.call(Setting, "robot/Setting").info.identity.name == "second"
 
 
-MORE = {"robot/PlanPath": plan_path, "robot/RobotWiFi": robot_wifi, TWICE: set_identity}
+MORE = {
+    "robot/PlanPath": plan_path,
+    "robot/RobotWiFi": robot_wifi,
+    TWICE: set_identity,
+    **FURTHER,
+}
 
 
 @pytest.mark.parametrize("name", MORE)
@@ -119,9 +130,14 @@ def test_endpoint_outside_the_manual_works(name, simulator, agent, client):
 
 
 def test_every_endpoint_has_a_test():
-    """`test_documented_commands` tests the endpoints in the manual, `MORE` the others."""
+    """`test_documented_commands` tests the endpoints in the manual, `MORE` the other services.
+
+    `test_topics` tests all topics, `test_further_actions` and `test_task_sets` the other actions.
+    """
     shown = {(command.verb, command.name) for command in documented()}
     shown |= {("service call", name) for name in MORE}
+    shown |= {("topic echo", each.name) for each in TOPICS if each.extra}
+    shown |= {("action send_goal", name) for name in (*FURTHER_ACTIONS, TASK_SETS)}
     table = {("service call", e.name) for e in (*QUERIES, *COMMANDS)}
     table |= {("topic echo", e.name) for e in TOPICS}
     table |= {("action send_goal", e.name) for e in ACTIONS}

@@ -31,6 +31,7 @@ from tests.node.test_cancel import losing
 from tests.node.test_parameters import change
 from tests.node.test_services_queries import ask
 from tests.node.test_states import diagnostics
+from tests.node.test_topics import subscribed
 from tests.node.test_twist import answers, drive, speeds
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
@@ -106,8 +107,13 @@ def test_latched_topics_are_taken_back(
     simulator.push(TaskProc(robot_task_id=5))
     simulator.push(nav_path())
     topics = {topic.name: class_of(topic.msg, "msg") for topic in TOPICS}
-    for name, msg in topics.items():
-        client.echo(msg, name).wait_count(1)
+    before = {name: client.echo(msg, name) for name, msg in topics.items()}
+    wait_until(lambda: {topic.push for topic in TOPICS} <= subscribed(simulator))
+    for topic in TOPICS:
+        if topic.extra:  # without a first value
+            simulator.push(message_type(topic.push)())
+    for collector in before.values():
+        collector.wait_count(1)
     leave(client)
     after = {name: client.echo(msg, name) for name, msg in topics.items()}
     settled(client)

@@ -137,6 +137,9 @@ def message_with(cls: Any, path: str, value: Any) -> Any:
     if rest:
         value = message_with(class_of(item_type(kind) or kind, "msg"), rest, value)
     setattr(message, name, [value] if item_type(kind) else value)
+    if hasattr(message, "which"):  # of a oneof, only the member that is set is sent
+        (member,) = (each for each in dir(cls) if each.endswith(f"_{name.upper()}_SET"))
+        message.which = getattr(cls, member)
     return message
 
 

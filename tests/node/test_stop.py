@@ -159,7 +159,7 @@ def test_after_a_stop_no_request_moves_the_robot(
         assert "not sent: cancelled by the `stop` service" in response.msg
     for action in ACTIONS:
         command = message_type(action.arg)()
-        if action.member:
+        if "action" in command.DESCRIPTOR.fields_by_name:
             command.action = EXECUTE
         action_class = class_of(action.action, "action")
         goal = action_class.Goal(arg=to_ros(action_class.Goal, command))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
@@ -18,12 +19,13 @@ from woosh_robot_agent.actions.kind import GoalKind
 from woosh_robot_agent.actions.open_goals import OpenGoals
 from woosh_robot_agent.actions.run import STOPPING, GoalRun
 from woosh_robot_agent.actions.server import Goal, GoalServer
+from woosh_robot_agent.actions.task_sets import TaskSetGoal
 from woosh_robot_agent.actions.tasks import LastReports, TaskGoal, TaskIds
 from woosh_robot_agent.actions.timing import GoalTiming
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkState
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.robot_context import RobotContext
@@ -54,8 +56,8 @@ class Actions:
     ) -> None:
         self._thread = robot.thread
         self._link_timeout = link_timeout
-        self._open_goals: list[OpenGoals] = []
-        """The open goals of each action."""
+        self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
+        """The open goals of each member of CallAction; all tasks have the key ""."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._is_link_ready = False
         self._is_stopping = False
@@ -76,36 +78,37 @@ class Actions:
             context = Context(
                 robot.chassis,
                 robot.gate,
-                OpenGoals(),
+                self._open_goals[action.member],
                 self._timing,
                 partial(robot.requests.make, arg),
                 robot.requests.empty,
                 fb.to_ros,
                 explain,
             )
-            self._open_goals.append(context.open_goals)
-            make_kind: Callable[[Any], GoalKind] = (
-                partial(
+            make_kind: Callable[[Any], GoalKind]
+            if action.member:
+                make_kind = partial(
                     CallActionGoal,
                     context=context,
                     member=action.member,
                     action=action.arg,
                     last_feedback=self._last_feedback,
                 )
-                if action.member
-                else partial(
+            elif action.arg == TaskSetGoal.request_type:
+                make_kind = partial(TaskSetGoal, context=context, last_known=robot.last_known)
+            else:
+                make_kind = partial(
                     TaskGoal,
                     context=context,
                     ids=task_ids,
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
-            )
             start = partial(self._start, make_kind, context)
             self.servers.append(
                 GoalServer(robot.node, action_class, action.name, start, result_timeout)
             )
-        for report in (TaskProc, Feedbacks):
+        for report in (TaskProc, RobotState, Feedbacks):
             robot.chassis.subscribe(report, self._pushed)
         robot.chassis.on_state(self._link_changed)
         robot.chassis.on_robot_changed(self._robot_changed)
@@ -135,12 +138,13 @@ class Actions:
     @property
     def running_goals(self) -> int:
         """Number of goals that the robot may be executing; in the link thread."""
-        return sum(len(open_goals) for open_goals in self._open_goals)
+        return sum(len(open_goals) for open_goals in self._open_goals.values())
 
     @property
     def accepted_goals(self) -> list[str]:
         """Names of the goals that the chassis has accepted; in the link thread."""
-        return [name for open_goals in self._open_goals for name in open_goals.accepted_names]
+        open_goals = self._open_goals.values()
+        return [name for each in open_goals for name in each.accepted_names]
 
     def _timing(self) -> GoalTiming:
         return replace(timing.DEFAULT_TIMING, link_timeout=self._link_timeout())
@@ -183,7 +187,7 @@ class Actions:
         self._last_reports.clear()
 
     def _post(self, event: Event) -> None:
-        for open_goals in self._open_goals:
+        for open_goals in self._open_goals.values():
             open_goals.post(event)
 
 

@@ -174,6 +174,11 @@ class GoalRun:
         self._advance(Step.ORDER_SENT)
         try:
             answer = await self._context.gate.request(order.message)
+        except ConnectionLostError as error:
+            return self._aborted(
+                f"the link was lost before the chassis answered: {error}; whether the order took "
+                "effect is not known"
+            )
         except LinkError as error:
             return self._aborted(str(error))
         if not answer.ok:
@@ -248,6 +253,8 @@ class GoalRun:
             ):
                 continue
             self._last_report = report.message
+            if report.begins_part and self._cancellation.requested:
+                self._cancellation.pending = True
             self._heard()
             self._goal.feedback(self._context.to_ros(report.message))
             if report.outcome is not None:
@@ -317,6 +324,8 @@ class GoalRun:
     def _polled(self, polled: Polled) -> End | None:
         for report in polled.findings.reports:
             if report.message == self._last_report:
+                if report.outcome is not None:  # only the poll shows that it was the last one
+                    return End(report.outcome, report.message)
                 self._heard()
             elif self._attribution.is_news(report.message, report.outcome, self.phase):
                 end = self._read([report])

@@ -20,11 +20,12 @@ from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.recent_dict import RecentDict
 
-_OUTCOMES = {
+OUTCOMES = {
     task_pb2.kCompleted: Outcome.SUCCEEDED,
     task_pb2.kFailed: Outcome.ABORTED,
     task_pb2.kCanceled: Outcome.CANCELED,
 }
+"""Outcomes of the states in which a task has ended."""
 _MAX_REPORTS = 100
 """Maximum number of tasks whose last report is remembered."""
 
@@ -102,7 +103,7 @@ class TaskGoal:
         if last is not None and is_current:
             self._previous = TaskProc()
             self._previous.CopyFrom(last)
-            predecessors = max(predecessors, int(last.state not in _OUTCOMES))
+            predecessors = max(predecessors, int(last.state not in OUTCOMES))
         elif last is not None:
             self._since = last.time
         # after an empty report, no more reports on an earlier task come
@@ -173,7 +174,7 @@ class TaskGoal:
         """Return True if a history entry can be this task's end, not that of an earlier one."""
         return (
             old.robot_task_id == self._id
-            and old.state in _OUTCOMES
+            and old.state in OUTCOMES
             and old != self._previous
             and old.time >= (self._previous.time if self._previous is not None else 0)
             and (self.attribution.heard or not self._since or old.time > self._since)
@@ -181,4 +182,4 @@ class TaskGoal:
 
 
 def _report(proc: TaskProc) -> Report:
-    return Report(proc, _OUTCOMES.get(proc.state))
+    return Report(proc, OUTCOMES.get(proc.state))

@@ -10,8 +10,10 @@ from typing import NamedTuple
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.readiness import is_running
@@ -69,7 +71,8 @@ class WhoDrives:
         gate: sender of the agent's commands.
         last_known: last values that the chassis reported.
         velocities: the sources of velocities.
-        goals: returns the names of the goals that the chassis executes, e.g. `task 17`.
+        goals: returns the names of the goals that the chassis executes, e.g. `task 17` or
+            `task set 4`.
     """
 
     def __init__(
@@ -122,10 +125,11 @@ class WhoDrives:
 
     def _task_driver(self, task: TaskProc) -> Driver:
         number = task.robot_task_id
+        task_set = number // _TASKS_PER_SET
         detail = f"task {number}"
-        if detail in self._goals():
+        if not {detail, f"task set {task_set}"}.isdisjoint(self._goals()):
             return Driver(GOAL, detail)
-        source = self._tasks.get(number) or self._sets.get(number // _TASKS_PER_SET)
+        source = self._tasks.get(number) or self._sets.get(task_set)
         if source == GOAL:
             return Driver(GOAL, f"{detail}; the goal has ended, but the robot continues")
         if source:
@@ -161,7 +165,10 @@ class WhoDrives:
         if isinstance(message, ExecTask):  # a goal sends its command without a source
             self._tasks[message.task_id] = source or GOAL
         elif isinstance(message, ExecPreTask):
-            self._sets[message.task_set_id] = source
+            self._sets[message.task_set_id] = source or GOAL
+        elif isinstance(message, RepeatTask):
+            if may_move(message):
+                self._sets[message.task_set.base.id] = source
         elif isinstance(message, Follow):
             self._follower = source if message.type else ""
 

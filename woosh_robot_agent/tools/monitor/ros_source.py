@@ -159,9 +159,10 @@ class RosSource:
             client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
         )
         for topic in TOPICS:
-            self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
+            if not topic.on_demand:
+                self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
         for action in ACTIONS:
-            if action.member:  # progress of robot/ExecTask is also published on robot/TaskProc
+            if action.member:  # progress of tasks is also published on robot/TaskProc
                 self._subscribe_feedback(
                     action.name, class_of(action.action, "action"), action.feedback
                 )

@@ -16,10 +16,13 @@ from woosh_robot_agent.tools.recording.records import Event, Frame, Record
 from woosh_robot_agent.tools.replay.decoded_record import DecodedRecord
 from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_subscription
 
-COMMAND_TYPES = frozenset({command.request for command in COMMANDS} | {full_name(CallAction)}) - {
-    full_name(Twist)
-}
-"""Types of the requests that the playback waits for: all but velocities, which are too many."""
+COMMAND_TYPES = frozenset(
+    {command.request for command in COMMANDS if not command.reads} | {full_name(CallAction)}
+) - {full_name(Twist)}
+"""Types of the requests that the playback waits for.
+
+Not among them are reads, which cause no pushes, and velocities, which are too many.
+"""
 
 
 class StepKind(Enum):
