@@ -8,11 +8,21 @@ from google.protobuf.message import Message
 from tests.motion.moving import MOVING, name_of
 from tests.motion.test_requests import COMMAND_MOTION, MOVE_NOTHING, RESTING
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import RobotWiFi
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, RobotWiFi
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.reads import only_reads
 
-READING_COMMANDS = {"woosh.robot.ScannerData"}
+READING_COMMANDS = {
+    "woosh.map.Download",
+    "woosh.map.SceneData",
+    "woosh.map.SceneMd5",
+    "woosh.map.SceneSync",
+    "woosh.map.mark.storage.Find",
+    "woosh.map.mark.storage.Storages",
+    "woosh.robot.CountData",
+    "woosh.robot.PlanNavPath",
+    "woosh.robot.ScannerData",
+}
 
 
 def test_each_command_of_the_table_is_classified() -> None:
@@ -55,3 +65,8 @@ def test_whatever_else_is_no_query_does_not_read() -> None:
 )
 def test_of_the_wifi_orders_only_the_list_reads(request_: RobotWiFi, reads: bool) -> None:
     assert only_reads(request_) is reads
+
+
+@pytest.mark.parametrize(("req_type", "reads"), [(CountData.kGet, True), (CountData.kSync, False)])
+def test_statistics_are_read_but_not_synchronised(req_type: CountData.Type, reads: bool) -> None:
+    assert only_reads(CountData(req_type=req_type)) is reads

@@ -49,6 +49,13 @@ def test_a_client_may_use_all_endpoints_but_not_set_parameters() -> None:
     assert "/woosh_robot/agent/" not in policy
 
 
+def test_a_read_only_client_may_read_by_commands() -> None:
+    policy = security.client_policy(read_only=True, only=["map/*"])
+    services = names(policy, "services request")
+    assert {"/woosh_robot/map/SceneList", "/woosh_robot/map/Download"} <= services
+    assert "/woosh_robot/map/Upload" not in services
+
+
 def test_a_read_only_client_may_send_no_command() -> None:
     policy = security.client_policy(read_only=True, only=["robot/Pose*", "robot/ExecTask"])
     assert names(policy, "services request") == {"/woosh_robot/robot/PoseSpeed"}

@@ -24,6 +24,7 @@ class Query:
         field: name of the response's field.
         takes_arg: True if the request has the field `arg`; otherwise it has no fields.
         timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
+        extra: True if the manufacturer's agent lacks it.
     """
 
     name: str
@@ -32,11 +33,12 @@ class Query:
     field: str = "info"
     takes_arg: bool = False
     timeout: float = 0.0
+    extra: bool = False
 
 
 @dataclass(frozen=True)
 class Command:
-    """A service that makes the chassis do something.
+    """A service that makes the chassis do something, or requests a value that `arg` selects.
 
     Attributes:
         name: name of the service.
@@ -46,6 +48,9 @@ class Command:
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
         timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
         reads: True if it only reads: it changes and moves nothing.
+        two_types: True if the chassis may also name the type of the request in its answer, although
+            the content is that of `answer`.
+        extra: True if the manufacturer's agent lacks it.
     """
 
     name: str
@@ -54,19 +59,8 @@ class Command:
     answer: str = ""
     timeout: float = 0.0
     reads: bool = False
-
-
-@dataclass(frozen=True)
-class RawRequest:
-    """A request that chassis answer slowly, and that has no endpoint.
-
-    Attributes:
-        request: protobuf full name of the request.
-        timeout: minimum timeout of the answer, in seconds.
-    """
-
-    request: str
-    timeout: float
+    two_types: bool = False
+    extra: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,12 +72,30 @@ class Topic:
         msg: ROS type of the topic.
         push: protobuf full name of the push.
         depth: number of messages that late subscribers receive.
+        on_demand: True if the pushes are large: the agent asks the chassis for them only while the
+            topic has subscribers.
+        extra: True if the manufacturer's agent lacks it.
     """
 
     name: str
     msg: str
     push: str
     depth: int = 1
+    on_demand: bool = False
+    extra: bool = False
+
+
+@dataclass(frozen=True)
+class OwnTopic:
+    """A topic on which the agent publishes something about itself.
+
+    Attributes:
+        name: name of the topic.
+        msg: ROS type of the topic.
+    """
+
+    name: str
+    msg: str
 
 
 @dataclass(frozen=True)
@@ -97,6 +109,7 @@ class Action:
         feedback: protobuf full name of the reports, which become `fb` and `ret`.
         member: member of the oneof of woosh.ros.CallAction that carries `arg`; empty if `arg`
             itself is the request.
+        extra: True if the manufacturer's agent lacks it.
     """
 
     name: str
@@ -104,26 +117,51 @@ class Action:
     arg: str
     feedback: str
     member: str = ""
+    extra: bool = False
+
+
+_GROUPS = {
+    "device": ("woosh_robot_msgs/", "woosh.device."),
+    "map": ("woosh_map_msgs/", "woosh.map."),
+    "map/storage": ("woosh_map_msgs/Storage", "woosh.map.mark.storage."),
+    "robot": ("woosh_robot_msgs/", "woosh.robot."),
+    "robot/count": ("woosh_robot_msgs/", "woosh.robot.count."),
+    "task": ("woosh_task_msgs/", "woosh.task."),
+}
+"""What replaces the group of an endpoint's name in its ROS type and in its protobuf message."""
+
+
+def _types(name: str) -> tuple[str, str]:
+    """Return ROS type and protobuf message of an endpoint with a usual name."""
+    group, _, short = name.rpartition("/")
+    ros_prefix, prefix = _GROUPS[group]
+    return f"{ros_prefix}{short}", f"{prefix}{short}"
 
 
 def _query(
     name: str,
-    package: str = "woosh_robot_msgs",
-    request: str = "",
     *,
+    request: str = "",
     field: str = "info",
     takes_arg: bool = False,
     timeout: float = 0.0,
+    extra: bool = False,
 ) -> Query:
-    short = name.split("/")[1]
-    full_name = request or f"woosh.robot.{short}"
-    return Query(name, f"{package}/{short}", full_name, field, takes_arg, timeout)
+    srv, usual_request = _types(name)
+    return Query(name, srv, request or usual_request, field, takes_arg, timeout, extra)
 
 
-def _command(name: str, answer: str = "", timeout: float = 0.0, *, reads: bool = False) -> Command:
-    short = name.split("/")[1]
-    request = f"woosh.robot.{short}"
-    return Command(name, f"woosh_robot_msgs/{short}", request, answer, timeout, reads)
+def _command(
+    name: str,
+    answer: str = "",
+    *,
+    timeout: float = 0.0,
+    reads: bool = False,
+    two_types: bool = False,
+    extra: bool = False,
+) -> Command:
+    srv, request = _types(name)
+    return Command(name, srv, request, answer, timeout, reads, two_types, extra)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -135,13 +173,19 @@ def _topic(short: str, depth: int = 1, package: str = "woosh.robot") -> Topic:
     return Topic(f"robot/{short}", f"woosh_robot_msgs/{short}", f"{package}.{short}", depth)
 
 
-def _call_action(short: str, member: str) -> Action:
+def _extra_topic(name: str, depth: int = 1, *, on_demand: bool = False) -> Topic:
+    msg, push = _types(name)
+    return Topic(name, msg, push, depth, on_demand, extra=True)
+
+
+def _call_action(short: str, member: str, *, extra: bool = False) -> Action:
     return Action(
         f"ros/{short}",
         f"woosh_ros_msgs/{short}",
         f"woosh.ros.action.{short}",
         "woosh.ros.Feedback",
         member,
+        extra,
     )
 
 
@@ -165,9 +209,10 @@ QUERIES = (
     _query("robot/StatusCodes", request="woosh.robot.count.StatusCodes"),
     _query("robot/NavPath", field="nav_path", timeout=30.0),
     _query("robot/PlanPath", field="plan_path", timeout=30.0),
-    _query("map/SceneDataEasy", "woosh_map_msgs", "woosh.map.SceneDataEasy", timeout=60.0),
-    _query("task/RepeatTasks", "woosh_task_msgs", "woosh.task.RepeatTasks"),
-    _query("task/CallTasks", "woosh_task_msgs", "woosh.task.CallTasks"),
+    _query("map/SceneDataEasy", timeout=60.0),
+    _query("task/RepeatTasks"),
+    _query("task/CallTasks"),
+    _query("map/SceneList", extra=True),
 )
 
 COMMANDS = (
@@ -198,6 +243,34 @@ COMMANDS = (
     _setting("GoodsCheck"),
     _setting("Power"),
     _setting("Sound"),
+    _command("map/SceneData", "woosh.map.SceneData", timeout=60.0, reads=True, extra=True),
+    _command("map/Download", "woosh.map.DownloadResponse", timeout=120.0, reads=True, extra=True),
+    _command("map/Upload", timeout=120.0, extra=True),
+    _command("map/Rename", extra=True),
+    _command("map/Delete", extra=True),
+    _command("map/SceneMd5", "woosh.map.SceneMd5Response", timeout=60.0, reads=True, extra=True),
+    _command("map/SceneSync", "woosh.map.SceneSyncResponse", timeout=120.0, reads=True, extra=True),
+    _command("map/storage/Create", "woosh.map.mark.Storage", extra=True),
+    _command("map/storage/Update", extra=True),
+    _command("map/storage/Delete", extra=True),
+    _command("map/storage/Find", "woosh.map.mark.Storage", reads=True, extra=True),
+    _command("map/storage/Storages", "woosh.map.mark.Storages", reads=True, extra=True),
+    _command(
+        "robot/PlanNavPath",
+        "woosh.robot.NavPath",
+        timeout=30.0,
+        reads=True,
+        two_types=True,
+        extra=True,
+    ),
+    # may change the records: only its kGet reads
+    _command("robot/CountData", "woosh.robot.CountDataResponse", extra=True),
+    _command("robot/BuildMap", timeout=600.0, extra=True),
+    _command("robot/Deployment", "woosh.robot.DeploymentResponse", extra=True),
+    _command("robot/LED", extra=True),
+    # according to the manufacturer not implemented yet
+    _command("robot/ExecTaskSet", extra=True),
+    _command("task/RepeatTask", extra=True),
 )
 
 TOPICS = (
@@ -216,7 +289,17 @@ TOPICS = (
     _topic("AbnormalCodes", package="woosh.robot.count"),
     _topic("StatusCode", depth=50, package="woosh.robot.count"),
     _topic("NavPath"),
+    _extra_topic("robot/BuildMapData", on_demand=True),
+    _extra_topic("robot/ScannerData", on_demand=True),
+    _extra_topic("robot/count/Operation"),
+    _extra_topic("robot/count/Task", depth=10),
+    _extra_topic("robot/count/Status", depth=10),
+    # depth 1: a key that was pressed long ago must not seem to be pressed again
+    _extra_topic("device/RfRemoteController"),
 )
+
+AGENT_INFO = OwnTopic("robot/AgentInfo", "woosh_robot_msgs/AgentInfo")
+"""The topic that tells if the agent has a link to the chassis."""
 
 ACTIONS = (
     Action(
@@ -229,51 +312,66 @@ ACTIONS = (
     _call_action("LiftControl", "lift_control"),
     _call_action("LiftControl3", "lift_control3"),
     _call_action("MoveBase", "move_base"),
-)
-
-RAW_REQUESTS = (
-    RawRequest("woosh.robot.BuildMap", 600.0),
-    RawRequest("woosh.robot.PlanNavPath", 30.0),
-    RawRequest("woosh.map.SceneData", 60.0),
-    RawRequest("woosh.map.Download", 120.0),
-    RawRequest("woosh.map.Upload", 120.0),
+    Action(
+        "robot/ExecPreTask",
+        "woosh_robot_msgs/ExecPreTask",
+        "woosh.robot.ExecPreTask",
+        "woosh.robot.TaskProc",
+        extra=True,
+    ),
+    _call_action("ChargeControl", "charge_control", extra=True),
+    _call_action("LiftControl2", "lift_control2", extra=True),
+    _call_action("NavigationMode", "nav_mode", extra=True),
 )
 
 
 def minimum_timeouts() -> dict[str, float]:
     """Return the minimum timeout of each slow request, in seconds, by its protobuf full name."""
-    requests = (*QUERIES, *COMMANDS, *RAW_REQUESTS)
-    return {each.request: each.timeout for each in requests if each.timeout}
+    return {each.request: each.timeout for each in (*QUERIES, *COMMANDS) if each.timeout}
 
 
-OWN_READS = ("woosh.map.SceneData", "woosh.ros.Feedbacks")
+OWN_READS = ("woosh.ros.Feedbacks",)
 """Protobuf full names of requests that have no endpoint, and with which the agent only reads."""
 
 
 def markdown() -> str:
     """Return the whole table in Markdown."""
     rows: list[tuple[str, ...]] = [
-        ("Kind", "Name", "ROS type", "Chassis message", "Timeout"),
-        ("---",) * 5,
+        ("Kind", "Name", "ROS type", "Chassis message", "Timeout", "Manufacturer's agent"),
+        ("---",) * 6,
     ]
-    rows += [_row("query", e.name, e.srv, "srv", e.request, e.timeout) for e in QUERIES]
-    rows += [_row("command", e.name, e.srv, "srv", e.request, e.timeout) for e in COMMANDS]
-    rows += [_row("topic", e.name, e.msg, "msg", e.push) for e in TOPICS]
-    rows += [_row("action", e.name, e.action, "action", e.arg) for e in ACTIONS]
+    rows += [_row("query", e, e.srv, "srv", e.request, e.timeout) for e in QUERIES]
+    rows += [_row("query", e, e.srv, "srv", e.request, e.timeout) for e in COMMANDS if e.reads]
+    rows += [
+        _row("command", e, e.srv, "srv", e.request, e.timeout) for e in COMMANDS if not e.reads
+    ]
+    rows += [_row("topic", e, e.msg, "msg", e.push) for e in TOPICS]
+    own = AGENT_INFO
+    rows.append(("topic", own.name, _full_type(own.msg, "msg"), "", "", "newer versions"))
+    rows += [_row("action", e, e.action, "action", e.arg) for e in ACTIONS]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
-def raw_requests_markdown() -> str:
-    """Return the requests without an endpoint and their minimum timeouts in Markdown."""
-    rows = ["| Request | Timeout |", "| --- | --- |"]
-    rows += [f"| {each.request} | {each.timeout:g} s |" for each in RAW_REQUESTS]
-    return "\n".join(rows)
-
-
 def _row(
-    kind: str, name: str, ros: str, folder: str, message: str, timeout: float = 0.0
+    kind: str,
+    endpoint: Query | Command | Topic | Action,
+    ros_type: str,
+    folder: str,
+    message: str,
+    timeout: float = 0.0,
 ) -> tuple[str, ...]:
-    return kind, name, ros.replace("/", f"/{folder}/"), message, f"{timeout:g} s" * bool(timeout)
+    return (
+        kind,
+        endpoint.name,
+        _full_type(ros_type, folder),
+        message,
+        f"{timeout:g} s" if timeout else "",
+        "no" if endpoint.extra else "yes",
+    )
+
+
+def _full_type(ros_type: str, folder: str) -> str:
+    return ros_type.replace("/", f"/{folder}/")
 
 
 if __name__ == "__main__":

@@ -63,7 +63,6 @@ FILES: dict[str, Callable[[], str]] = {
 
 TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,
-    "raw-requests": endpoints.raw_requests_markdown,
     "standard-topics": standard_endpoints.markdown,
     "parameters": parameters.markdown,
     "simulator-options": lambda: options_table(simulator_parser()),

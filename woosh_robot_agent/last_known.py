@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 from google.protobuf.message import Message
 
@@ -11,6 +11,7 @@ from woosh_robot_agent.link import Body, ChassisClient, FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState
 from woosh_robot_agent.protos import full_name, message_type
 
+M = TypeVar("M", bound=Message)
 _INFO = full_name(RobotInfo)
 _INFO_FIELDS = {
     field.message_type.full_name: field.name
@@ -51,12 +52,18 @@ class LastKnown:
         chassis.on_robot_changed(self.forget)
         chassis.on_snapshot(self.remember)
         for topic in TOPICS:
-            chassis.subscribe_raw(message_type(topic.push), self.remember)
+            if not topic.on_demand:
+                chassis.subscribe_raw(message_type(topic.push), self.remember)
 
     def get(self, name: str) -> Message | None:
         """Return the last value of a type, given by its protobuf full name, or None."""
         self._read()
         return self._values.get(name)
+
+    def value(self, cls: type[M]) -> M | None:
+        """Return the last value of a message class, or None."""
+        value = self.get(full_name(cls))
+        return value if isinstance(value, cls) else None
 
     def remember(self, value: Message | Body) -> None:
         """Store an answer or push of the chassis. It is decoded lazily, in `get`."""

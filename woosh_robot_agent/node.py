@@ -26,6 +26,7 @@ from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.reads import only_reads
 from woosh_robot_agent.refusals import RefusalExplainer
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.robot_context import RobotContext
 from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.services import Services
 from woosh_robot_agent.standard.part_context import PartContext
@@ -80,11 +81,10 @@ class Agent:
         self._chassis = ChassisClient(
             config=self.settings.link, minimum_timeouts=minimum_timeouts()
         )
-        requests = RequestMaker(self.settings.link.robot_id)
-        self._requests = requests
+        self._requests = RequestMaker(self.settings.link.robot_id)
         # first: it reports unreadable pushes before others see them
         self._latched = LatchedPublishers(self.node, self._thread, self._chassis)
-        self._topics = Topics(self._latched, self._chassis)
+        self._topics = Topics(self.node, self._latched, self._thread, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
         explainer = RefusalExplainer(self._chassis, last_known)
@@ -95,22 +95,12 @@ class Agent:
             explainer,
             lambda: self._actions.accepted_goals,
         )
-        self._services = Services(
-            self.node,
-            self._thread,
-            self._chassis,
-            self._gate,
-            last_known,
-            requests,
-            watch.velocities,
+        robot = RobotContext(
+            self.node, self._thread, self._chassis, self._gate, last_known, self._requests
         )
+        self._services = Services(robot, watch.velocities)
         self._actions = Actions(
-            self.node,
-            self._thread,
-            self._chassis,
-            self._gate,
-            last_known,
-            requests,
+            robot,
             explainer.reason,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
@@ -118,13 +108,8 @@ class Agent:
         self._second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
             PartContext(
-                self.node,
-                self._thread,
-                self._chassis,
-                self._gate,
+                robot,
                 self._latched,
-                last_known,
-                requests,
                 watch,
                 self._second_agent,
                 lambda: self.settings.standard,
@@ -225,7 +210,7 @@ class Agent:
 
     @property
     def _observes_only(self) -> str:
-        """Why commands are refused with `observe_only`, and how to allow them."""
+        """Reason why `observe_only` refuses commands, and how to allow them."""
         name = self.node.get_fully_qualified_name()
         return (
             "this agent only observes the robot; to allow commands, call "

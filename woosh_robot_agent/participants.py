@@ -1,4 +1,4 @@
-"""Where the process of a DDS endpoint runs, as far as its global identifier (GID) tells.
+"""The place of a DDS endpoint's process, as far as its global identifier (GID) tells.
 
 The first 8 bytes of a GID of Fast DDS, the default middleware of ROS 2, are: 2 bytes for the
 vendor, 2 for the computer (from its network addresses), the lower 2 of the process id, and 2 random
@@ -14,8 +14,11 @@ from enum import Enum
 from pathlib import Path
 
 _FAST_DDS = b"\x01\x0f"
+"""First two bytes of a GID of Fast DDS: the vendor."""
 _PID_MASK = 0xFFFF
+"""Mask of the bits of a process id that a GID contains."""
 _PROCESSES = Path("/proc")
+"""Folder that has a subfolder for each process, named by its id."""
 
 
 class Place(Enum):

@@ -176,14 +176,14 @@ def is_running(task_proc: TaskProc) -> bool:
 
 
 def is_taskable(info: RobotInfo) -> bool | None:
-    """Return whether the robot reports that it accepts tasks; None if it does not report it."""
+    """Return True if the robot reports that it accepts tasks; None if it does not report it."""
     if not info.HasField("operation_state"):
         return None
     return bool(info.operation_state.robot & OperationState.kTaskable)
 
 
 def is_located(info: RobotInfo) -> bool | None:
-    """Return whether the robot knows its position; None if it does not report it.
+    """Return True if the robot knows its position; None if it does not report it.
 
     A robot that builds a map may report that it does not. Then this is None, too, because there is
     no map yet in which it could be lost.
@@ -195,7 +195,7 @@ def is_located(info: RobotInfo) -> bool | None:
 
 
 def has_map(info: RobotInfo) -> bool | None:
-    """Return whether the robot's pose belongs to a map; None if it does not report its pose.
+    """Return True if the robot's pose belongs to a map; None if it does not report its pose.
 
     While the robot builds a map, its pose belongs to that map, which may have no id yet.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from google.protobuf.message import Message
 
 from woosh_robot_agent.endpoints import COMMANDS, OWN_READS, QUERIES
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import RobotWiFi
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, RobotWiFi
 from woosh_robot_agent.protos import full_name
 
 _READS = {
@@ -20,4 +20,6 @@ def only_reads(request: Message) -> bool:
     """Return True if a request changes and moves nothing; False if in doubt."""
     if isinstance(request, RobotWiFi):
         return request == RobotWiFi(order=RobotWiFi.kWiFiList)
+    if isinstance(request, CountData):
+        return request.req_type == CountData.kGet
     return full_name(request) in _READS

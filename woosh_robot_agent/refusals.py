@@ -113,8 +113,8 @@ class RefusalExplainer:
         find = _STATE_RULES.get(name)
         if len(self._refusals) == self._refusals.maxlen:
             self._refusals[0].end()
-        info = self._last_known.get(full_name(RobotInfo)) if find is not None else None
-        state = find(info) if find is not None and isinstance(info, RobotInfo) else []
+        info = self._last_known.value(RobotInfo) if find is not None else None
+        state = find(info) if find is not None and info is not None else []
         loop = asyncio.get_running_loop()
         state = [_MANUAL if each == MANUAL else each for each in state]
         refusal = _Refusal(name, state, loop.create_future())
@@ -217,6 +217,7 @@ _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProx
         "woosh.robot.ActionOrder": _for_order,
         "woosh.robot.ChangeNavPath": _for_navigation,
         "woosh.robot.ChangeNavMode": _for_navigation,
+        "woosh.ros.action.NavigationMode": _for_navigation,
         "woosh.robot.InitRobot": _for_change,
         "woosh.robot.SwitchMap": _for_change,
         "woosh.robot.SwitchWorkMode": _for_change,
@@ -233,7 +234,8 @@ _MOVE_CODES = ("140304",)
 _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         **dict.fromkeys(
-            _TASKS, (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026")
+            (*_TASKS, "woosh.task.RepeatTask"),
+            (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
         ),
         **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, *_LIFT_CODES)),
         _STEP: (_NOT_AUTOMATIC, *_STEP_CODES),
@@ -243,7 +245,10 @@ _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
         "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
         "woosh.robot.ChangeNavPath": ("14080100006", "14080100025"),
-        "woosh.robot.ChangeNavMode": ("14080100007", "14030100001"),
+        **dict.fromkeys(
+            ("woosh.robot.ChangeNavMode", "woosh.ros.action.NavigationMode"),
+            ("14080100007", "14030100001"),
+        ),
         "woosh.robot.SwitchWorkMode": ("14080100002", "14080100003"),
         "woosh.robot.BuildMap": ("14080100004", "14080100005", "140701", "140702", "140703"),
         "woosh.robot.Deployment": ("14080100010",),

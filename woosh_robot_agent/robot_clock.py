@@ -5,6 +5,7 @@ from __future__ import annotations
 TOLERANCE = 1.0
 """Maximum difference of the clocks without a warning, in seconds."""
 _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
+"""Units of long times, with their lengths in seconds."""
 
 
 def difference(offset: float) -> str:

@@ -19,7 +19,7 @@ from woosh_robot_agent.participants import Place, is_possibly_own, place_of, pro
 _LOG = logging.getLogger(__name__)
 
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name of a node of which only a topic has been discovered yet."""
+"""Name that rmw reports for the node of a publisher before it has discovered the node."""
 PERIOD = 2.0
 """Period of the checks of the ROS graph, in seconds."""
 LEASE = 25.0
@@ -36,7 +36,7 @@ class SecondAgent:
         node: the agent's node.
 
     Attributes:
-        warning: which other agent there is, and what to do; empty if there is none.
+        warning: description of the other agent, and what to do; empty if there is none.
     """
 
     def __init__(self, node: Any) -> None:
@@ -56,7 +56,7 @@ class SecondAgent:
     def look(self) -> None:
         """Check the ROS graph now, and log a second agent that was not there at the last check."""
         before, self.warning = self.warning, ""
-        # counting is cheap; finding the nodes is not
+        # these counts are cheap; naming the nodes is not
         publishers = self._node.count_publishers(self._topic)
         if max(publishers, self._node.count_services(self._service)) < 2:
             self._seen = 0.0
@@ -84,9 +84,10 @@ class SecondAgent:
         )
 
     def _other_publishers(self, *, certain: bool) -> tuple[list[str], bool]:
-        """Return the other nodes that publish a topic of the agent, and if one of them surely runs.
+        """Return the other nodes that publish a topic of the agent.
 
-        Each node is returned as its name and its place.
+        Returns:
+            Name and place of each node, and True if one of them certainly runs.
         """
         found = list(self._node.get_publishers_info_by_topic(self._topic))
         own = self._own(found)

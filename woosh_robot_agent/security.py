@@ -15,7 +15,7 @@ from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, NAMESPACE, QUERIES, TOPICS
+from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, NAMESPACE, QUERIES, TOPICS
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 
@@ -35,10 +35,11 @@ _NODE_SERVICES = (
 """Services of every rclpy node."""
 _NODE_TOPICS = ("/rosout", "/parameter_events")
 """Topics that every rclpy node publishes."""
-_OUTPUTS = [each.name for each in TOPICS] + [each.name for each in STANDARD if each.is_output]
+_OUTPUTS = [each.name for each in (*TOPICS, AGENT_INFO)]
+_OUTPUTS += [each.name for each in STANDARD if each.is_output]
 _INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT]
-_QUERIES = [each.name for each in QUERIES]
-_COMMANDS = [each.name for each in COMMANDS]
+_QUERIES = [each.name for each in QUERIES] + [each.name for each in COMMANDS if each.reads]
+_COMMANDS = [each.name for each in COMMANDS if not each.reads]
 _COMMANDS += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
 _OWN_ACTIONS = ("ros/MoveBase",)
 """Actions that the agent calls itself: a message on goal_pose becomes a goal."""
@@ -89,7 +90,7 @@ def client_policy(
             `read_only` the patterns match commands and actions only.
     """
     prefix = _prefix(namespace)
-    names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS, *STANDARD)}
+    names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, AGENT_INFO, *ACTIONS, *STANDARD)}
     for pattern in only:
         if not _matching(names, [pattern]):
             raise ValueError(f"no endpoint matches; the README lists their names: {pattern!r}")

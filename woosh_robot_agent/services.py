@@ -8,24 +8,22 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
+from woosh_robot_agent.bridge import DeferredService, Reply
 from woosh_robot_agent.convert import BadFieldError, Converter, converter, filled
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
-from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import (
+    Answer,
     Body,
-    ChassisClient,
     ConnectionLostError,
     FrameError,
     LinkError,
     TooManyRequestsError,
 )
 from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.robot_context import RobotContext
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.watch.velocity_sources import VelocitySources
 
@@ -36,39 +34,27 @@ class Services:
     """Servers of all services in the table.
 
     Args:
-        node: owner of the services.
-        thread: the link thread.
-        chassis: the link; used in the link thread only.
-        gate: forwards commands to the chassis.
-        last_known: values for queries that the chassis does not answer.
-        requests: converts service requests into requests to the chassis.
+        robot: the objects of the robot.
         velocities: learns of the calls that command velocities.
 
     Attributes:
         last_known: the last known values.
     """
 
-    def __init__(
-        self,
-        node: Any,
-        thread: LinkThread,
-        chassis: ChassisClient,
-        gate: MotionGate,
-        last_known: LastKnown,
-        requests: RequestMaker,
-        velocities: VelocitySources,
-    ) -> None:
-        self.last_known = last_known
+    def __init__(self, robot: RobotContext, velocities: VelocitySources) -> None:
+        self.last_known = robot.last_known
         self._servers: list[DeferredService] = []
         for query in QUERIES:
-            query_handler = _QueryHandler(query, thread, chassis, last_known, requests)
+            query_handler = _QueryHandler(query, robot)
             self._servers.append(
-                DeferredService(node, query_handler.srv, query.name, query_handler.handle)
+                DeferredService(robot.node, query_handler.srv, query.name, query_handler.handle)
             )
         for command in COMMANDS:
-            command_handler = _CommandHandler(command, thread, chassis, gate, requests, velocities)
+            command_handler = _CommandHandler(command, robot, velocities)
             self._servers.append(
-                DeferredService(node, command_handler.srv, command.name, command_handler.handle)
+                DeferredService(
+                    robot.node, command_handler.srv, command.name, command_handler.handle
+                )
             )
 
 
@@ -79,27 +65,17 @@ class _QueryHandler:
     without one. The log says why.
     """
 
-    def __init__(
-        self,
-        endpoint: Query,
-        thread: LinkThread,
-        chassis: ChassisClient,
-        last_known: LastKnown,
-        requests: RequestMaker,
-    ) -> None:
+    def __init__(self, endpoint: Query, robot: RobotContext) -> None:
         self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
-        self._thread = thread
-        self._chassis = chassis
-        self._last_known = last_known
-        self._requests = requests
+        self._robot = robot
         self._log = LogOnce(_LOG)
         self._proto = message_type(endpoint.request)
         field_type = self.srv.Response.get_fields_and_field_types()[endpoint.field]
         self._convert = converter(class_of(field_type, "msg"), self._proto)
 
     def handle(self, request: Any, reply: Reply) -> None:
-        self._thread.spawn(partial(self._answer, request, reply), reply.fail)
+        self._robot.thread.spawn(partial(self._answer, request, reply), reply.fail)
 
     async def _answer(self, request: Any, reply: Reply) -> None:
         try:
@@ -116,7 +92,7 @@ class _QueryHandler:
 
     async def _ask(self, request: Any) -> Any:
         """Request the value from the chassis; return it as a ROS message."""
-        answer = await self._chassis.request(self._message(request))
+        answer = await self._robot.chassis.request(self._message(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
         if answer.type != self._endpoint.request:
@@ -125,26 +101,26 @@ class _QueryHandler:
             value = self._convert.read(answer.raw)
         except FrameError as error:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
-        self._last_known.remember(answer.raw)
+        self._robot.last_known.remember(answer.raw)
         return value
 
     @property
     def _fallback(self) -> str:
-        """What the response is when the chassis gives no usable answer, for the log."""
+        """The response when the chassis gives no usable answer, in words for the log."""
         name = self._endpoint.name
-        if self._last_known.get(self._endpoint.request) is None:
+        if self._robot.last_known.get(self._endpoint.request) is None:
             return f"{name} answers blank, because no value is known yet"
         return f"{name} answers with the last known value"
 
     def _last_value(self) -> Any:
-        last = self._last_known.get(self._endpoint.request)
+        last = self._robot.last_known.get(self._endpoint.request)
         return self._convert.to_ros(last or self._proto())
 
     def _message(self, request: Any) -> Message:
         if not self._endpoint.takes_arg:
-            return self._requests.empty(self._proto)
+            return self._robot.requests.empty(self._proto)
         try:
-            return self._requests.make(self._convert, request.arg)
+            return self._robot.requests.make(self._convert, request.arg)
         except BadFieldError as error:
             raise error.below("arg") from None
 
@@ -160,22 +136,11 @@ class _UnusableAnswerError(Exception):
 class _CommandHandler:
     """Handler of one command: forwards it to the chassis, and the answer to the client."""
 
-    def __init__(
-        self,
-        endpoint: Command,
-        thread: LinkThread,
-        chassis: ChassisClient,
-        gate: MotionGate,
-        requests: RequestMaker,
-        velocities: VelocitySources,
-    ) -> None:
-        self._velocities = velocities
+    def __init__(self, endpoint: Command, robot: RobotContext, velocities: VelocitySources) -> None:
         self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
-        self._thread = thread
-        self._chassis = chassis
-        self._gate = gate
-        self._requests = requests
+        self._robot = robot
+        self._velocities = velocities
         arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
         self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
         self._convert_ret: Converter | None = None
@@ -185,25 +150,25 @@ class _CommandHandler:
 
     def handle(self, request: Any, reply: Reply) -> None:
         try:
-            message = self._requests.make(self._convert, request.arg)
+            message = self._robot.requests.make(self._convert, request.arg)
         except BadFieldError as error:
             reply.send(self._response(False, f"{error.below('arg')}; nothing was sent"))
             return
-        self._thread.spawn(partial(self._answer, message, reply), reply.fail)
+        self._robot.thread.spawn(partial(self._answer, message, reply), reply.fail)
 
     async def _answer(self, message: Message, reply: Reply) -> None:
-        address = self._chassis.config.address
+        address = self._robot.chassis.config.address
         if isinstance(message, Twist) and may_move(message):
             self._velocities.called(self._endpoint.name, reply.number)
         try:
-            answer = await self._gate.request(message, source=self._endpoint.name)
+            answer = await self._robot.gate.request(message, source=self._endpoint.name)
         except ConnectionLostError as error:
             reply.send(self._response(False, self._lost(address, error)))
             return
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
-        reply.send(self._response(answer.ok, answer.msg, answer.raw))
+        reply.send(self._answered(answer))
 
     def _lost(self, address: str, error: ConnectionLostError) -> str:
         return (
@@ -211,20 +176,33 @@ class _CommandHandler:
             f"{self._endpoint.request}: {error}; whether it took effect is not known"
         )
 
-    def _response(self, ok: bool, msg: str, body: Body | None = None) -> Any:
+    def _answered(self, answer: Answer) -> Any:
+        """Return the response for an answer of the chassis."""
+        if self._convert_ret is None:
+            return self._response(answer.ok, answer.msg)
+        ret, defect = self._ret(self._convert_ret, answer.raw)
+        if defect and answer.ok:
+            if self._endpoint.reads:
+                return self._response(False, f"no usable answer: {defect}")
+            if answer.defect:  # an echo of the request is no defect
+                _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
+        return self._response(answer.ok, answer.msg, ret)
+
+    def _ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
+        """Return `ret`, converted from an answer; None and the reason if that is not possible."""
+        endpoint = self._endpoint
+        if endpoint.two_types and body.type == endpoint.request:
+            body = body.as_type(endpoint.answer)
+        if body.type != endpoint.answer:
+            return None, f"the chassis answered with {body.type}, not with {endpoint.answer}"
+        try:
+            return convert.read(body), ""
+        except FrameError as error:
+            return None, f"the answer cannot be read: {error}"
+
+    def _response(self, ok: bool, msg: str, ret: Any = None) -> Any:
         if self._convert_ret is None:
             return self.srv.Response(ok=ok, msg=msg)
-        return filled(self.srv.Response, ok=ok, msg=msg, ret=self._ret(self._convert_ret, ok, body))
-
-    def _ret(self, convert: Converter, ok: bool, body: Body | None) -> Any:
-        """Return `ret`, converted from the answer; blank if the answer has no such content."""
-        if body is not None:
-            try:
-                if body.type == self._endpoint.answer:
-                    return convert.read(body)
-                body.message()  # another type is fine, an unknown one raises
-            except FrameError as error:
-                if ok:
-                    text = "%s: accepted, but the answer cannot be read: %s"
-                    _LOG.warning(text, self._endpoint.name, error)
-        return convert.to_ros(convert.proto_class())
+        if ret is None:
+            ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
+        return filled(self.srv.Response, ok=ok, msg=msg, ret=ret)

@@ -1,4 +1,7 @@
-"""The topics: pushes of the chassis, published directly from the link thread."""
+"""The topics: pushes of the chassis, and the state of the agent.
+
+They are published directly from the link thread.
+"""
 
 from __future__ import annotations
 
@@ -7,37 +10,48 @@ from functools import partial
 from typing import Any
 
 from google.protobuf.message import Message
+from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
 
+from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
-from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
 from woosh_robot_agent.last_known import parts_of
 from woosh_robot_agent.latched import LatchedPublisher, LatchedPublishers
-from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.link import Body, ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 
 
 class Topics:
     """Publishers of all topics in the table.
 
-    Each topic gets its first value from RobotInfo, and then each push once, in order.
+    Each topic of the chassis gets its first value from RobotInfo, then each push once, in order.
 
     Args:
-        latched: creates the publishers.
+        node: the agent's node.
+        publishers: creates the publishers.
+        thread: the link thread.
         chassis: the link; used in its event loop only.
     """
 
-    def __init__(self, latched: LatchedPublishers, chassis: ChassisClient) -> None:
+    def __init__(
+        self, node: Any, publishers: LatchedPublishers, thread: LinkThread, chassis: ChassisClient
+    ) -> None:
         self._publish = {}
         chassis.on_snapshot(self._snapshot)
         for topic in TOPICS:
+            if topic.on_demand:
+                _OnDemand(topic, publishers, thread, chassis)
+                continue
             msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
-            publisher = latched.create(msg, topic.name, topic.depth)
+            publisher = publishers.create(msg, topic.name, topic.depth)
             convert = converter(msg, proto_class)
             self._publish[topic.push] = partial(_publish, publisher, convert.to_ros)
             chassis.subscribe_raw(proto_class, partial(_publish, publisher, convert.read))
+        _AgentInfo(node, chassis)
 
     def _snapshot(self, info: RobotInfo) -> None:
         for part in parts_of(info):
@@ -50,3 +64,61 @@ def _publish(
     publisher: LatchedPublisher, to_ros: Callable[[Any], Any], value: Message | Body
 ) -> None:
     publisher.publish(to_ros(value))
+
+
+class _OnDemand:
+    """Publisher of pushes that the chassis is asked for only while the topic has subscribers."""
+
+    def __init__(
+        self,
+        topic: Topic,
+        publishers: LatchedPublishers,
+        thread: LinkThread,
+        chassis: ChassisClient,
+    ) -> None:
+        self._chassis = chassis
+        self._proto_class = message_type(topic.push)
+        self._unsubscribe: Callable[[], None] | None = None
+        msg = class_of(topic.msg, "msg")
+        self._convert = converter(msg, self._proto_class)
+        callbacks = PublisherEventCallbacks(
+            matched=lambda _change: thread.call(self._update), use_default_callbacks=False
+        )
+        try:
+            self._publisher = publishers.create(msg, topic.name, topic.depth, callbacks)
+        except UnsupportedEventTypeError:  # the middleware does not tell when subscribers come
+            self._publisher = publishers.create(msg, topic.name, topic.depth)
+            self._subscribe()
+
+    def _update(self) -> None:
+        """Subscribe or unsubscribe at the chassis; in the link thread."""
+        if self._publisher.get_subscription_count():
+            self._subscribe()
+        elif self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+
+    def _subscribe(self) -> None:
+        if self._unsubscribe is None:
+            publish = partial(_publish, self._publisher, self._convert.read)
+            self._unsubscribe = self._chassis.subscribe_raw(self._proto_class, publish)
+
+
+class _AgentInfo:
+    """Publishes whether the link is ready: at the start, and on each change."""
+
+    def __init__(self, node: Any, chassis: ChassisClient) -> None:
+        self._message_class = class_of(AGENT_INFO.msg, "msg")
+        self._publisher = node.create_publisher(self._message_class, AGENT_INFO.name, latched(1))
+        self._online = False
+        self._publish()
+        chassis.on_state(self._changed)
+
+    def _changed(self, state: LinkState) -> None:
+        online = state is LinkState.READY
+        if online != self._online:
+            self._online = online
+            self._publish()
+
+    def _publish(self) -> None:
+        self._publisher.publish(self._message_class(online=self._online))

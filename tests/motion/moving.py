@@ -15,6 +15,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
 )
 from woosh_robot_agent.pb.ros.action_pb2 import kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util.action_pb2 import kContinue
 
 
@@ -38,6 +39,8 @@ MOVING: tuple[Message, ...] = (
     ExecPreTask(task_set_id=1),
     ActionOrder(order=kContinue),
     Follow(type=True),
+    RepeatTask(order=RepeatTask.kExec),
+    RepeatTask(),
     *_calls(),
 )
 

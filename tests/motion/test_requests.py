@@ -10,6 +10,7 @@ from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES
 from woosh_robot_agent.motion.requests import commands_motion, may_move
 from woosh_robot_agent.motion.stop import cancel_orders
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.protos import message_type
 
@@ -17,13 +18,32 @@ COMMAND_MOTION = {
     "woosh.robot.ActionOrder",
     "woosh.robot.ExecPreTask",
     "woosh.robot.ExecTask",
+    "woosh.robot.ExecTaskSet",
     "woosh.robot.Follow",
     "woosh.robot.Twist",
+    "woosh.task.RepeatTask",
 }
 MOVE_NOTHING = {
+    "woosh.map.Delete",
+    "woosh.map.Download",
+    "woosh.map.Rename",
+    "woosh.map.SceneData",
+    "woosh.map.SceneMd5",
+    "woosh.map.SceneSync",
+    "woosh.map.Upload",
+    "woosh.map.mark.storage.Create",
+    "woosh.map.mark.storage.Delete",
+    "woosh.map.mark.storage.Find",
+    "woosh.map.mark.storage.Storages",
+    "woosh.map.mark.storage.Update",
+    "woosh.robot.BuildMap",
     "woosh.robot.ChangeNavMode",
     "woosh.robot.ChangeNavPath",
+    "woosh.robot.CountData",
+    "woosh.robot.Deployment",
     "woosh.robot.InitRobot",
+    "woosh.robot.LED",
+    "woosh.robot.PlanNavPath",
     "woosh.robot.RobotWiFi",
     "woosh.robot.ScannerData",
     "woosh.robot.SetMuteCall",
@@ -51,6 +71,8 @@ RESTING: tuple[Message, ...] = (
     ActionOrder(order=action_pb2.kCancel),
     ActionOrder(order=action_pb2.kPause),
     Follow(type=False),
+    RepeatTask(order=RepeatTask.kPut),
+    RepeatTask(order=RepeatTask.kDel),
     *cancel_orders().values(),
 )
 

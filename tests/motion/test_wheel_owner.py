@@ -14,6 +14,7 @@ from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kExecute, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 
 
 @aio
@@ -22,10 +23,12 @@ async def test_no_zero_follows_an_accepted_task() -> None:
     taking = ("ExecTask", "ExecPreTask", "ActionOrder", "Follow")
     tasks = [each for each in MOVING if each.DESCRIPTOR.name in taking]
     assert len(tasks) == len(taking)
-    starting, resuming = CallAction(), CallAction()
+    starting, resuming, docking = CallAction(), CallAction(), CallAction()
     starting.move_base.action = kExecute
     resuming.step_control.action = kResume
-    for request_ in (*tasks, starting, resuming):
+    docking.charge_control.action = kExecute
+    task_set = RepeatTask(order=RepeatTask.kExec)
+    for request_ in (*tasks, task_set, starting, resuming, docking):
         async with Peer(script=answer_all) as peer, peer.client() as client:
             gate = MotionGate(client)
             wire = await peer.wire()
@@ -46,10 +49,17 @@ STARTS = [
         {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": "kRosExecuting"}]},
         {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": "kSuspend"}]},
     ),
+    (
+        "woosh.ros.Feedbacks",
+        {"fbs": [{"action": "woosh.ros.action.ChargeControl", "state": "kRosExecuting"}]},
+        {"fbs": [{"action": "woosh.ros.action.ChargeControl", "state": "kRosSuccess"}]},
+    ),
 ]
 
 
-each_start = pytest.mark.parametrize(("type_", "runs", "rests"), STARTS, ids=["task", "action"])
+each_start = pytest.mark.parametrize(
+    ("type_", "runs", "rests"), STARTS, ids=["task", "action", "charging"]
+)
 
 
 @each_start

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from tests.harness import Client, RunningAgent
-from woosh_robot_agent.endpoints import COMMANDS, QUERIES, RAW_REQUESTS, minimum_timeouts
+from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.pb.robot.robot_pb2 import General
-from woosh_robot_agent.protos import full_name, message_types
+from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import General as GeneralSrv
 from woosh_robot_msgs.srv import InitRobot, Speak
@@ -82,9 +82,3 @@ def test_a_poll_timeout_beyond_the_minimum_wins(
 def test_the_longest_real_answers_fit_twice() -> None:
     for request, longest in LONGEST_ANSWERS.items():
         assert minimum_timeouts().get(request, 10.0) >= 2 * longest, request
-
-
-def test_each_raw_request_exists_and_has_no_endpoint() -> None:
-    names = {each.request for each in RAW_REQUESTS}
-    assert names <= set(message_types())
-    assert not names & {each.request for each in (*QUERIES, *COMMANDS)}

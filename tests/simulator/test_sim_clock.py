@@ -11,6 +11,7 @@ from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient
 from tests.simulator.test_sim_program import running
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET, SEEDED_START
 
 HOUR = 3600.0
@@ -115,3 +116,28 @@ def test_simulated_time_catches_up_after_a_stall() -> None:
 
 def test_a_long_stall_is_mostly_skipped() -> None:
     assert 3580.0 < lag_after_stall(3600.0, at_most=3591.0) <= 3591.0
+
+
+def test_every_call_within_a_step_is_made_when_it_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
+    due = [0.2 * TIME_STEP, 0.6 * TIME_STEP]
+
+    async def run() -> list[tuple[float, float]]:
+        loop, made = asyncio.get_running_loop(), []
+        async with SimulatedChassis(SimulatorConfig(port=0, tcp_port=0, seed=1)) as simulator:
+            chassis, now = simulator.chassis, loop.time()
+            for into_step in due:
+                # In a later step: calls for the current step are scheduled when they are added.
+                chassis.agenda.add(
+                    chassis.stepped + 2 * TIME_STEP + into_step,
+                    lambda: made.append((loop.time(), chassis.elapsed)),
+                )
+            with monkeypatch.context() as patch:
+                patch.setattr(loop, "time", lambda: now)
+                while len(made) < len(due):
+                    now += 0.001
+                    await asyncio.sleep(0)
+        return made
+
+    (real, simulated), (later_real, later_simulated) = asyncio.run(run())
+    assert later_simulated - simulated == pytest.approx(due[1] - due[0])
+    assert later_real - real == pytest.approx(due[1] - due[0], abs=0.1 * TIME_STEP)

@@ -12,7 +12,7 @@ from tests.simulator.test_sim_program import running
 from woosh_robot_agent import simulator as package
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
-from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.profile_files import load_profile
 from woosh_robot_agent.simulator.status_codes import CODES
 
 FACTS = Path(__file__).parents[1] / "facts/status_codes.yaml"

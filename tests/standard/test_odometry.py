@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -45,6 +46,18 @@ def test_a_jump_moves_the_map_and_not_odom(jump: Pose2D) -> None:
     odometry.update(jump * next_pose, 0.5, 0.5, 1, 5 * PERIOD)
     assert near(odometry.pose, next_pose)
     assert near(odometry.map_to_odom, jump)
+
+
+@pytest.mark.parametrize(
+    "jump", [Pose2D(0.3), Pose2D(-0.3), Pose2D(0.0, 0.3), Pose2D(0.0, 0.0, 0.5)]
+)
+@pytest.mark.parametrize("after", [(-0.25, 1.0), (-0.5, 0.5), (-0.25, 0.5)])
+def test_a_jump_of_a_braking_robot_moves_the_map(after: tuple[float, float], jump: Pose2D) -> None:
+    odometry = Odometry()
+    end = drive(odometry, -0.5, 1.0)
+    odometry.update(end * Pose2D.from_arc(-0.095, 0.0, 0.2) * jump, *after, 1, 5 * PERIOD)
+    assert odometry.pose.seen_from(end).distance < 0.11
+    assert not near(odometry.map_to_odom, Pose2D(), 0.25)
 
 
 def test_another_map_moves_the_map_and_not_odom() -> None:
@@ -102,6 +115,46 @@ def test_a_turn_that_begins_just_before_a_report_is_no_jump() -> None:
     end = drive(odometry, 0.5, 0.0)
     odometry.update(end * Pose2D.from_arc(0.5 * PERIOD, 0.0, 0.02), 0.5, 0.8, 1, 5 * PERIOD)
     assert near(odometry.map_to_odom, Pose2D())
+
+
+SPEEDS = list(itertools.product([0.5, 0.0], [1.0, 0.0]))
+"""Forward speed and angular speed, in m/s and rad/s."""
+
+
+@pytest.mark.parametrize("rates", [(1.0, 2.0), (5.0, 10.0)], ids=["gentle", "hard"])
+@pytest.mark.parametrize(("start", "end"), list(itertools.permutations(SPEEDS, 2)))
+@pytest.mark.parametrize("signs", list(itertools.product([1, -1], repeat=2)))
+def test_a_change_of_the_speeds_between_two_reports_is_no_jump(
+    signs: tuple[int, int],
+    start: tuple[float, float],
+    end: tuple[float, float],
+    rates: tuple[float, float],
+) -> None:
+    """The robot accelerates and brakes at `rates`, from any moment between two reports on."""
+    parts = 20
+    step = PERIOD / parts
+    for changed in range(parts, 2 * parts, 2):
+        odometry, pose = Odometry(), Pose2D()
+        forward, turn = start
+        for number in range(6 * parts):
+            if number % parts == 0:
+                assert odometry.update(pose, forward * signs[0], turn * signs[1], 1, number * step)
+                assert near(odometry.map_to_odom, Pose2D()), f"changed at {changed * step:.3f} s"
+            last_forward, last_turn = forward, turn
+            if number >= changed:
+                forward = towards(end[0], forward, rates[0] * step)
+                turn = towards(end[1], turn, rates[1] * step)
+            pose *= Pose2D.from_arc(
+                signs[0] * (forward + last_forward) / 2 * step,
+                0.0,
+                signs[1] * (turn + last_turn) / 2 * step,
+            )
+        assert (forward, turn) == end
+
+
+def towards(end: float, value: float, step: float) -> float:
+    """Return `value`, changed by at most `step` towards `end`."""
+    return min(value + step, end) if end > value else max(value - step, end)
 
 
 def test_with_a_jump_odom_moves_by_the_mean_speeds() -> None:

@@ -12,7 +12,13 @@ from tests.link.link_peer import aio, eventually, turns
 from tests.watch.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
-from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, MoveBase, StepControl, kExecute
+from woosh_robot_agent.pb.ros.action_pb2 import (
+    ChargeControl,
+    LiftControl,
+    MoveBase,
+    StepControl,
+    kExecute,
+)
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util.action_pb2 import kContinue
 from woosh_robot_agent.watch import standstill
@@ -176,6 +182,7 @@ async def test_refused_commands_are_not_reported():
         ZERO,
         Follow(type=True),
         CallAction(lift_control=LiftControl(action=kExecute)),
+        CallAction(charge_control=ChargeControl(action=kExecute)),
         CallAction(
             step_control=StepControl(
                 steps=[StepControl.Step(mode=StepControl.Step.kRotate, value=0.005)],

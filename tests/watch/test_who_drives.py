@@ -13,6 +13,7 @@ from tests.watch.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.watch import who_drives
 from woosh_robot_agent.watch.who_drives import Driver
 
@@ -48,22 +49,34 @@ async def test_velocities_that_override_a_task():
         assert rig.watch.who_drives.now() == Driver("cmd_vel")
 
 
+def repeat_task(number: int, order: int) -> RepeatTask:
+    request = RepeatTask(order=order)
+    request.task_set.base.id = number
+    return request
+
+
 @pytest.mark.parametrize(
     ("task", "driver"),
     [
         ("18", Driver("another client", "task 18")),
         ("19", Driver("robot/ExecTask", "task 19")),
         ("2003", Driver("robot/ExecPreTask", "task 2003")),
+        ("2103", Driver("task/RepeatTask", "task 2103")),
+        ("2203", Driver("another client", "task 2203")),
+        ("2303", Driver("a goal", "task 2303")),
         ("17", Driver("a goal", "task 17")),
     ],
 )
 @aio
 async def test_tasks(task: str, driver: Driver) -> None:
     async with Rig(READY).running() as rig:
-        rig.goals = ["task 17"]
+        rig.goals = ["task 17", "task set 23"]
         await rig.send(ExecTask(task_id=17))
+        await rig.send(ExecPreTask(task_set_id=23))
         await rig.send(ExecTask(task_id=19), "robot/ExecTask")
         await rig.send(ExecPreTask(task_set_id=20), "robot/ExecPreTask")
+        await rig.send(repeat_task(21, RepeatTask.kExec), "task/RepeatTask")
+        await rig.send(repeat_task(22, RepeatTask.kPut), "task/RepeatTask")
         await rig.push(TaskProc(), {**NAVIGATING, "robotTaskId": task})
         assert rig.watch.who_drives.now() == driver
         rig.goals = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
@@ -18,18 +19,16 @@ from woosh_robot_agent.actions.kind import GoalKind
 from woosh_robot_agent.actions.open_goals import OpenGoals
 from woosh_robot_agent.actions.run import STOPPING, GoalRun
 from woosh_robot_agent.actions.server import Goal, GoalServer
+from woosh_robot_agent.actions.task_sets import TaskSetGoal
 from woosh_robot_agent.actions.tasks import LastReports, TaskGoal, TaskIds
 from woosh_robot_agent.actions.timing import GoalTiming
-from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import ACTIONS
-from woosh_robot_agent.last_known import LastKnown
-from woosh_robot_agent.link import ChassisClient, LinkState
-from woosh_robot_agent.motion.gate import MotionGate
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.robot_context import RobotContext
 from woosh_robot_agent.ros_types import class_of
 
 _OTHER_ROBOT = (
@@ -42,12 +41,7 @@ class Actions:
     """All action servers and their goals.
 
     Args:
-        node: owner of the servers.
-        thread: the link thread, which also runs the goals.
-        chassis: the link; used in the link thread only.
-        gate: sends commands.
-        last_known: last values that the chassis reported.
-        requests: creates requests to the chassis.
+        robot: the objects of the robot. Its link thread also runs the goals.
         explain: returns why the chassis has just refused a request, given its type.
         link_timeout: returns `GoalTiming.link_timeout`, in seconds.
         result_timeout: time for which results are kept, in seconds.
@@ -55,20 +49,15 @@ class Actions:
 
     def __init__(
         self,
-        node: Any,
-        thread: LinkThread,
-        chassis: ChassisClient,
-        gate: MotionGate,
-        last_known: LastKnown,
-        requests: RequestMaker,
+        robot: RobotContext,
         explain: Callable[[str], Awaitable[str]],
         link_timeout: Callable[[], float],
         result_timeout: int,
     ) -> None:
-        self._thread = thread
+        self._thread = robot.thread
         self._link_timeout = link_timeout
-        self._open_goals: list[OpenGoals] = []
-        """The open goals of each action."""
+        self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
+        """The open goals of each member of CallAction; all tasks have the key ""."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._is_link_ready = False
         self._is_stopping = False
@@ -87,39 +76,42 @@ class Actions:
                 )
             )
             context = Context(
-                chassis,
-                gate,
-                OpenGoals(),
+                robot.chassis,
+                robot.gate,
+                self._open_goals[action.member],
                 self._timing,
-                partial(requests.make, arg),
-                requests.empty,
+                partial(robot.requests.make, arg),
+                robot.requests.empty,
                 fb.to_ros,
                 explain,
             )
-            self._open_goals.append(context.open_goals)
-            make_kind: Callable[[Any], GoalKind] = (
-                partial(
+            make_kind: Callable[[Any], GoalKind]
+            if action.member:
+                make_kind = partial(
                     CallActionGoal,
                     context=context,
                     member=action.member,
                     action=action.arg,
                     last_feedback=self._last_feedback,
                 )
-                if action.member
-                else partial(
+            elif action.arg == TaskSetGoal.request_type:
+                make_kind = partial(TaskSetGoal, context=context, last_known=robot.last_known)
+            else:
+                make_kind = partial(
                     TaskGoal,
                     context=context,
                     ids=task_ids,
-                    last_known=last_known,
+                    last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
-            )
             start = partial(self._start, make_kind, context)
-            self.servers.append(GoalServer(node, action_class, action.name, start, result_timeout))
-        for report in (TaskProc, Feedbacks):
-            chassis.subscribe(report, self._pushed)
-        chassis.on_state(self._link_changed)
-        chassis.on_robot_changed(self._robot_changed)
+            self.servers.append(
+                GoalServer(robot.node, action_class, action.name, start, result_timeout)
+            )
+        for report in (TaskProc, RobotState, Feedbacks):
+            robot.chassis.subscribe(report, self._pushed)
+        robot.chassis.on_state(self._link_changed)
+        robot.chassis.on_robot_changed(self._robot_changed)
 
     async def stop(self) -> None:
         """Abort the open goals, and all that arrive later. Call it in the link thread."""
@@ -146,12 +138,13 @@ class Actions:
     @property
     def running_goals(self) -> int:
         """Number of goals that the robot may be executing; in the link thread."""
-        return sum(len(open_goals) for open_goals in self._open_goals)
+        return sum(len(open_goals) for open_goals in self._open_goals.values())
 
     @property
     def accepted_goals(self) -> list[str]:
         """Names of the goals that the chassis has accepted; in the link thread."""
-        return [name for open_goals in self._open_goals for name in open_goals.accepted_names]
+        open_goals = self._open_goals.values()
+        return [name for each in open_goals for name in each.accepted_names]
 
     def _timing(self) -> GoalTiming:
         return replace(timing.DEFAULT_TIMING, link_timeout=self._link_timeout())
@@ -194,7 +187,7 @@ class Actions:
         self._last_reports.clear()
 
     def _post(self, event: Event) -> None:
-        for open_goals in self._open_goals:
+        for open_goals in self._open_goals.values():
             open_goals.post(event)
 
 

@@ -1,4 +1,4 @@
-"""Attribution of reports: does a report belong to this goal, or to an earlier one of its name?
+"""Attribution of each report to a goal or to an earlier one of the same name.
 
 A report identifies a task by its id, which clients may reuse, and any other action only by its
 type. So a report with the name of a goal may belong to an earlier goal, even to one of another

@@ -1,4 +1,7 @@
-"""Goals of woosh.ros.CallAction: steps, lifts and paths, with reports in woosh.ros.Feedbacks."""
+"""Goals of woosh.ros.CallAction: steps, lifts, paths and the like.
+
+The chassis reports on them in woosh.ros.Feedbacks.
+"""
 
 from __future__ import annotations
 
@@ -63,6 +66,8 @@ class CallActionGoal:
 
     def request(self) -> Start | Order:
         self._command = self._context.to_proto(self._arg)
+        if not _has_action(self._command):  # a setting, such as NavigationMode: nothing to report
+            return Order(self._call(), self._success)
         action = self._command.action
         # the documented MoveBase example omits `action`, which then reads as 0, cancel
         if action == action_pb2.kCancel and not _is_empty(self._command):
@@ -101,12 +106,20 @@ class CallActionGoal:
     def _success(self, text: str) -> Message:
         return Feedback(action=self.name, state=ros_pack_pb2.kRosSuccess, msg=text)
 
-    def _call(self, action: int) -> CallAction:
+    def _call(self, action: int | None = None) -> CallAction:
         call = CallAction()
         command: Any = getattr(call, self._member)
         command.CopyFrom(self._command)
-        command.action = action
+        if action is None:
+            command.SetInParent()  # present even if all fields have their default values
+        else:
+            command.action = action
         return call
+
+
+def _has_action(command: Message) -> bool:
+    """Return True if a command can be executed, paused, resumed and cancelled."""
+    return "action" in command.DESCRIPTOR.fields_by_name
 
 
 def _is_empty(command: Message) -> bool:

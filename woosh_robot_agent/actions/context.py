@@ -23,7 +23,7 @@ class Context:
     gate: MotionGate
     """Sends commands."""
     open_goals: OpenGoals
-    """The open goals of the action."""
+    """The open goals of the action, and of others that displace each other."""
     timing: Callable[[], GoalTiming]
     """Returns the timing of a goal that starts now."""
     to_proto: Callable[[Any], Message]

@@ -54,7 +54,7 @@ class CancelRequested:
 
 @dataclass(frozen=True)
 class Replaced:
-    """The chassis accepted a newer goal of the same action."""
+    """The chassis accepted a newer goal, which displaces this one."""
 
 
 @dataclass(frozen=True)

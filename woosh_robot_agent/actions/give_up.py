@@ -8,6 +8,7 @@ from math import inf
 from woosh_robot_agent.actions.timing import GoalTiming
 
 _CHECK = "check the robot, and stop it with the `stop` service if necessary"
+"""Advice to the user, at the end of the reasons to give up."""
 
 
 class GiveUp:
@@ -29,16 +30,22 @@ class GiveUp:
         self._timing = timing
         self._clock = clock
         self._deadline: float | None = None
+        """Time at which to give up; None while there is no deadline."""
         self._cause = ""
-        """Why the deadline was set."""
+        """Cause of the deadline."""
         self._is_silent = False
         """True if the deadline was set because the chassis sends nothing at all."""
         self._is_link_lost = False
         self._fruitless_polls = 0
+        """Number of consecutive polls without a report."""
         self._fruitless_since = 0.0
+        """Time of the first of them."""
         self._unknown_polls = 0
+        """Number of consecutive polls that found the goal unknown to the chassis."""
         self._unknown_since = 0.0
+        """Time of the first of them."""
         self._cancel_deadline = inf
+        """End of the wait after an accepted cancel; infinite if no cancel was accepted."""
 
     @property
     def deadline(self) -> float:

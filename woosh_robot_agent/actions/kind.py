@@ -20,6 +20,9 @@ class Report:
     """The report as the chassis sent it."""
     outcome: Outcome | None
     """The reported outcome; None if the goal is still running."""
+    begins_part: bool = False
+    """True if the chassis goes on with a further part of the goal, such as the next task of a set.
+    A cancel may have ended the part before it only."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Order:
-    """A request about the running goal, such as a pause; its answer ends this goal."""
+    """A request whose answer ends the goal: an order such as a pause, or a setting."""
 
     message: Message
     result: Callable[[str], Message]

@@ -1,4 +1,4 @@
-"""The open goals of one action, and which of them the chassis runs."""
+"""The open goals that displace each other, and which of them the chassis runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from woosh_robot_agent.actions.events import Event, Replaced
 
 
 class OpenGoal(Protocol):
-    """Interface of a goal to the other goals of its action."""
+    """Interface of a goal to the goals that it may displace."""
 
     @property
     def name(self) -> str:
@@ -24,7 +24,10 @@ class OpenGoal(Protocol):
 
 
 class OpenGoals:
-    """The goals of one action that have not ended, oldest first."""
+    """The goals that have not ended, oldest first: those of one call action, or all tasks.
+
+    The chassis executes only one of them at a time.
+    """
 
     def __init__(self) -> None:
         self._goals: list[OpenGoal] = []

@@ -86,8 +86,11 @@ class GoalRun:
         self._is_displaced = False
         """True if a push after the last report shows that the chassis has left this goal."""
         self._next_poll = 0.0
+        """Loop time of the next poll."""
         self._starting: asyncio.Task[None] | None = None
+        """Task that sends the start request."""
         self._polling: asyncio.Task[None] | None = None
+        """Task of the last poll; None before the first one."""
 
     @property
     def name(self) -> str:
@@ -245,6 +248,8 @@ class GoalRun:
             ):
                 continue
             self._last_report = report.message
+            if report.begins_part and self._cancellation.requested:
+                self._cancellation.pending = True
             self._heard()
             self._goal.feedback(self._context.to_ros(report.message))
             if report.outcome is not None:
@@ -314,6 +319,8 @@ class GoalRun:
     def _polled(self, polled: Polled) -> End | None:
         for report in polled.findings.reports:
             if report.message == self._last_report:
+                if report.outcome is not None:  # only the poll shows that it was the last one
+                    return End(report.outcome, report.message)
                 self._heard()
             elif self._attribution.is_news(report.message, report.outcome, self.phase):
                 end = self._read([report])

@@ -33,9 +33,11 @@ class Goal:
         self._handle = handle
         self._lock = threading.Lock()
         self._finished = False
+        """True once `finish` was called."""
         self.arg: Any = handle.request.arg
         """The command, as the client gave it."""
         self._cancel_requested = False
+        """True once a client has asked to cancel the goal."""
         self._on_cancel: Callable[[], None] | None = None
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
@@ -104,6 +106,7 @@ class GoalServer(DeferringActionServer):
     ) -> None:
         self._start = start
         self._open: dict[bytes, Goal] = {}
+        """Goals whose final state is not set yet, by the bytes of their ids."""
         self._log_as_node = partial(log_as, node.get_logger())
         super().__init__(
             node,

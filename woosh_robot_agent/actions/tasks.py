@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -19,14 +18,16 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.recent_dict import RecentDict
 
-_OUTCOMES = {
+OUTCOMES = {
     task_pb2.kCompleted: Outcome.SUCCEEDED,
     task_pb2.kFailed: Outcome.ABORTED,
     task_pb2.kCanceled: Outcome.CANCELED,
 }
+"""Outcomes of the states in which a task has ended."""
 _MAX_REPORTS = 100
-"""Number of tasks of which the last report is remembered."""
+"""Maximum number of tasks whose last report is remembered."""
 
 
 class TaskIds:
@@ -34,6 +35,7 @@ class TaskIds:
 
     def __init__(self) -> None:
         self._last = 0
+        """The last id that was returned."""
 
     def next(self) -> int:
         """Return an id above all earlier ones."""
@@ -48,17 +50,13 @@ class LastReports:
     """
 
     def __init__(self) -> None:
-        self._reports: OrderedDict[int, TaskProc] = OrderedDict()
-        """By task id, the oldest first."""
+        self._reports: RecentDict[int, TaskProc] = RecentDict(_MAX_REPORTS)
+        """By task id."""
 
     def add(self, report: TaskProc) -> None:
         """Remember a report, unless it is about no task."""
-        if not report.robot_task_id:
-            return
-        self._reports[report.robot_task_id] = report
-        self._reports.move_to_end(report.robot_task_id)
-        if len(self._reports) > _MAX_REPORTS:
-            self._reports.popitem(last=False)
+        if report.robot_task_id:
+            self._reports[report.robot_task_id] = report
 
     def clear(self) -> None:
         """Forget all reports: they are those of another robot."""
@@ -100,13 +98,13 @@ class TaskGoal:
         """The last report on an earlier task of this id."""
         self._since = 0
         """Time of the last report that was not on this task, by the robot's clock."""
-        last = last_known.get(full_name(TaskProc))
-        is_current = isinstance(last, TaskProc) and last.robot_task_id == self._id
-        if isinstance(last, TaskProc) and is_current:
+        last = last_known.value(TaskProc)
+        is_current = last is not None and last.robot_task_id == self._id
+        if last is not None and is_current:
             self._previous = TaskProc()
             self._previous.CopyFrom(last)
-            predecessors = max(predecessors, int(last.state not in _OUTCOMES))
-        elif isinstance(last, TaskProc):
+            predecessors = max(predecessors, int(last.state not in OUTCOMES))
+        elif last is not None:
             self._since = last.time
         # after an empty report, no more reports on an earlier task come
         is_reused = predecessors > 0 or is_current
@@ -176,7 +174,7 @@ class TaskGoal:
         """Return True if a history entry can be this task's end, not that of an earlier one."""
         return (
             old.robot_task_id == self._id
-            and old.state in _OUTCOMES
+            and old.state in OUTCOMES
             and old != self._previous
             and old.time >= (self._previous.time if self._previous is not None else 0)
             and (self.attribution.heard or not self._since or old.time > self._since)
@@ -184,4 +182,4 @@ class TaskGoal:
 
 
 def _report(proc: TaskProc) -> Report:
-    return Report(proc, _OUTCOMES.get(proc.state))
+    return Report(proc, OUTCOMES.get(proc.state))

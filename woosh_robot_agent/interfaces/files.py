@@ -12,13 +12,16 @@ from woosh_robot_agent.interfaces.actions import action_file
 from woosh_robot_agent.interfaces.enums import enum_file
 from woosh_robot_agent.interfaces.errors import InterfaceError
 from woosh_robot_agent.interfaces.messages import message_file
-from woosh_robot_agent.interfaces.names import PACKAGES, message_name, oneof_message_name
+from woosh_robot_agent.interfaces.names import (
+    PACKAGES,
+    has_ros_message,
+    message_name,
+    oneof_message_name,
+)
 from woosh_robot_agent.interfaces.oneofs import oneof_file
+from woosh_robot_agent.interfaces.own import OWN_MESSAGES
 from woosh_robot_agent.interfaces.schema import Schema
 from woosh_robot_agent.interfaces.services import command_file, query_file
-
-_WITHOUT_MESSAGE = frozenset({"woosh.robot.LED"})
-"""Messages of `PACKAGES` that the manufacturer's ROS packages lack."""
 
 
 def interface_files(proto: Path) -> dict[str, str]:
@@ -54,7 +57,7 @@ def superfluous_files(root: Path, wanted: Collection[str]) -> Iterator[Path]:
 
 def _files(schema: Schema) -> Iterator[tuple[str, str]]:
     for element in schema.types():
-        if element.file.package not in PACKAGES or element.full_name in _WITHOUT_MESSAGE:
+        if not has_ros_message(element):
             continue
         if isinstance(element, EnumDescriptor):
             yield _path(message_name(element), "msg"), enum_file(element, schema)
@@ -62,6 +65,8 @@ def _files(schema: Schema) -> Iterator[tuple[str, str]]:
         yield _path(message_name(element), "msg"), message_file(element, schema)
         for oneof in element.oneofs:
             yield _path(oneof_message_name(oneof), "msg"), oneof_file(oneof, schema)
+    for name, text in OWN_MESSAGES.items():
+        yield _path(name, "msg"), text
     for query in QUERIES:
         yield _path(query.srv, "srv"), query_file(query, schema)
     for command in COMMANDS:

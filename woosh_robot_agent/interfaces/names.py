@@ -23,7 +23,16 @@ PACKAGES = {
     "woosh.ros.action": "woosh_ros_msgs",
     "woosh.task": "woosh_task_msgs",
 }
-"""ROS package of each protobuf package that has ROS messages."""
+"""ROS package of each protobuf package whose messages and enums all have a ROS message."""
+OTHERS = {
+    "woosh.device.RfRemoteController": "woosh_robot_msgs/RfRemoteController",
+    "woosh.map.mark.storage.Create": "woosh_map_msgs/StorageCreate",
+    "woosh.map.mark.storage.Delete": "woosh_map_msgs/StorageDelete",
+    "woosh.map.mark.storage.Find": "woosh_map_msgs/StorageFind",
+    "woosh.map.mark.storage.Storages": "woosh_map_msgs/StorageStorages",
+    "woosh.map.mark.storage.Update": "woosh_map_msgs/StorageUpdate",
+}
+"""ROS messages of the messages of other protobuf packages that endpoints need."""
 
 ANY = "google.protobuf.Any"
 """Full name of the protobuf message that holds a message of any type."""
@@ -33,18 +42,25 @@ ANY_MESSAGE = "woosh_common_msgs/AnyProto"
 _WORD_STARTS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
+def has_ros_message(element: Descriptor | EnumDescriptor) -> bool:
+    """Return True if a message or an enum has a ROS message of its own."""
+    return element.full_name in OTHERS or element.file.package in PACKAGES
+
+
 def message_name(element: Descriptor | EnumDescriptor) -> str:
     """Return package and name of the ROS message, e.g. `woosh_robot_msgs/BatteryChargeState`.
 
     Raises:
-        InterfaceError: its protobuf package has no ROS package.
+        InterfaceError: it has no ROS message.
     """
     if element.full_name == ANY:
         return ANY_MESSAGE
+    if element.full_name in OTHERS:
+        return OTHERS[element.full_name]
     package: str = element.file.package
     if package not in PACKAGES:
         raise InterfaceError(
-            f"a field or an endpoint needs a message without a ROS package; add one to "
+            f"a field or an endpoint needs a message that has no ROS message; name one in "
             f"interfaces/names.py: {element.full_name}"
         )
     return f"{PACKAGES[package]}/{element.full_name[len(package) :].replace('.', '')}"

@@ -75,6 +75,14 @@ class Body:
         except FieldError as error:
             self._fail(FrameError("body", f"{self.type}: {error}"))
 
+    def as_type(self, name: str) -> Body:
+        """Return the same content as the body of another type.
+
+        Args:
+            name: protobuf full name of that type.
+        """
+        return Body(self._codec, Envelope(name, self._value), self._on_bad)
+
     def _fail(self, error: FrameError) -> NoReturn:
         if self._error is None:
             self._error = error

@@ -74,6 +74,7 @@ class ChassisClient:
         )
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
+        """Callbacks of `on_accepted`, by protobuf full name of the request."""
         self._minimum_timeouts = minimum_timeouts or {}
         self._refused_callbacks: list[Callable[[Message], None]] = []
         self._reserved: Callable[[Message], bool] = _reserve_nothing
@@ -81,7 +82,7 @@ class ChassisClient:
         self._permitted: Callable[[Message], bool] | None = None
         """Selects the requests that may be sent; None for all of them."""
         self._refusal_reason = ""
-        """Why other requests may not be sent."""
+        """Reason why other requests may not be sent, and what to do."""
 
     @property
     def config(self) -> LinkConfig:
@@ -410,7 +411,7 @@ class ChassisClient:
                 first=first,
                 urgent=urgent or first,
                 send_within=send_within,
-                # nobody expects what the robot that is left answers
+                # the callbacks must not get an answer of the robot that the link is leaving
                 tap=None if farewell else self._queued_tap(message, tap),
             )
         except NotConnectedError as error:  # the connection has just ended

@@ -108,8 +108,11 @@ class Connection:
         frames have negative keys."""
         self._outbox_filled = asyncio.Event()
         self._next_sn = 1
+        """Serial number of the next request."""
         self._subscribe_frames = 0
+        """Number of subscribe frames so far."""
         self._sent = 0
+        """Number of frames that the transport has taken."""
         self._liveness = Liveness(
             transport, config.liveness_timeout, self._probe, lambda: self._sent
         )

@@ -37,6 +37,7 @@ class DropLog:
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
         self._series: dict[str, _Series] = {}
+        """Series that have not ended, by kind."""
 
     def count(self, kind: str, text: str) -> None:
         """Count one drop.

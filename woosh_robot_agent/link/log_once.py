@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import logging
 
+from woosh_robot_agent.recent_dict import RecentDict
+
 _MAX_KINDS = 200
 """Maximum number of kinds that are remembered, since the texts of errors can vary without end."""
 _LONGEST_KIND = 200
+"""Maximum length of the name of a kind, in characters; the rest is cut off."""
 _LONGEST_LINE = 1000
+"""Maximum length of a logged line, in characters; the rest is cut off."""
 
 
 def one_line(text: str, limit: int = 500) -> str:
@@ -32,15 +36,14 @@ class LogOnce:
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
-        self._logged: dict[str, None] = {}
+        self._logged: RecentDict[str, None] = RecentDict(_MAX_KINDS)
+        """The kinds of problems that were logged."""
 
     def warn(self, kind: str, text: str) -> None:
         """Log `text`, at WARNING if this kind was not logged since it was last cleared."""
         kind = kind[:_LONGEST_KIND]
         repeated = kind in self._logged
         if not repeated:
-            if len(self._logged) >= _MAX_KINDS:
-                del self._logged[next(iter(self._logged))]
             self._logged[kind] = None
         self._logger.log(
             logging.DEBUG if repeated else logging.WARNING, "%s", one_line(text, _LONGEST_LINE)

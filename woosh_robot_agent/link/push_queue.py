@@ -7,8 +7,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type of which only the newest values matter. It lasts for 17
-ms at 3000 Hz, while another program uses the core."""
+"""Maximum number of queued pushes of a type of which only the newest values matter. Enough
+for 17 ms at 3000 Hz, in which another program may use the core."""
 
 
 class PushQueue:
@@ -23,7 +23,9 @@ class PushQueue:
         self._depths = depths
         self._dropped = dropped
         self._queue: deque[tuple[str, Callable[[], None]]] = deque()
+        """The type of each push, and the function that delivers it."""
         self._waiting: dict[str, int] = {}
+        """Number of queued pushes, by type."""
         self._filled = asyncio.Event()
 
     def __len__(self) -> int:

@@ -50,6 +50,7 @@ class Subscriptions:
         self._log = log
         self._drops = drops
         self._callbacks: dict[str, list[Callable[[Body], None]]] = {}
+        """Consumers of pushes, by type."""
         self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
         self._robot_changed_callbacks: list[Callable[[], None]] = []
         self._robot: RobotIdentity | None = None
@@ -57,6 +58,7 @@ class Subscriptions:
         self.robot_changes = 0
         """Number of times that the link turned to another robot."""
         self._depths = {_ANSWER: math.inf}  # the number of requests limits them
+        """Maximum number of queued pushes, by type."""
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, stats.dropped_pushes)
         self._held: PushQueue | None = None

@@ -14,13 +14,16 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
 )
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2
 
 _TASKS = (ExecTask, ExecPreTask, ExecTaskSet)
-_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, *_TASKS)
+_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, RepeatTask, *_TASKS)
 _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
 _DRIVING_ORDERS = (action_pb2.kStart, action_pb2.kContinue, action_pb2.kRecover)
-_DRIVING_MEMBERS = ("step_control", "move_base")
+_EDITING_ORDERS = (RepeatTask.kPut, RepeatTask.kDel)
+"""Orders of RepeatTask that only change the list of predefined task sets."""
+_DRIVING_MEMBERS = ("step_control", "move_base", "charge_control")
 """Members of the oneof of CallAction that drive the base."""
 
 
@@ -41,6 +44,8 @@ def may_move(request: Message) -> bool:
         return request.order not in _RESTING_ORDERS
     if isinstance(request, Follow):
         return request.type
+    if isinstance(request, RepeatTask):
+        return request.order not in _EDITING_ORDERS
     return isinstance(request, _TASKS)
 
 
@@ -55,4 +60,6 @@ def takes_wheels(request: Message) -> bool:
         return request.order in _DRIVING_ORDERS
     if isinstance(request, Follow):
         return request.type
+    if isinstance(request, RepeatTask):
+        return request.order not in _EDITING_ORDERS
     return isinstance(request, _TASKS)

@@ -6,13 +6,15 @@ from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
-from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, StepControl
+from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.protos import full_name
 
 _RUNNING = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
-_DRIVING_ACTIONS = {full_name(cls): cls.DESCRIPTOR.name for cls in (MoveBase, StepControl)}
+_DRIVING_ACTIONS = {
+    full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
+}
 
 
 class WheelOwner:

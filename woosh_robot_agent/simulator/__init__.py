@@ -9,7 +9,8 @@ The packages and modules, each of which imports only those before it:
 
 - `agenda`, `scenario`, `yaml_fields`: calls that are due later, a schedule of faults, validation of
   YAML files. `refusals`, `status_codes`: why the robot refuses a request, what it reports.
-- `profile`, `config`: how a robot of some model behaves, the options.
+- `profile`, `profile_files`: how a robot of some model behaves, read from a file. `config`: the
+  options.
 - `world`: geometry, maps, obstacles, collisions, laser and path planner.
 - `body`: the parts of the robot. `scenes`: maps with marks and tasks, read from files.
 - `behaviour`: what the robot does over time. `behaviour.ownership` decides which job owns which

@@ -14,6 +14,7 @@ from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.agenda import Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
+from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.following import Follower
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
@@ -26,7 +27,7 @@ from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.profile_files import load_profile
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
 from woosh_robot_agent.simulator.scenes.scene import Scene
@@ -63,6 +64,8 @@ class Chassis:
 
     Attributes:
         profile: How a robot of this model behaves.
+        robot_id: Number of the robot.
+        omnidirectional: The base can move sideways.
         elapsed: Simulated time since the start, in seconds.
         clock_offset: Difference between the clock of the robot and the real one, in seconds.
         stepped: The time up to which the motion is computed, in seconds.
@@ -77,16 +80,27 @@ class Chassis:
         map: Current map.
         obstacles: Obstacles that are not in the map.
         base: The driven base.
+        laser: The laser.
+        battery: The battery.
         jack: The lift of LiftControl, which carries goods.
         column: The lift of LiftControl2 and LiftControl3.
+        wifi: The Wi-Fi.
         readiness: Modes and conditions.
         occupied: A client has reserved the robot.
+        call_muted: Flag that SetMuteCall sets. It only shows in DeviceState.
+        program_muted: Flag that SetProgramMute sets. It only shows in DeviceState.
         scan_pose: Pose of the robot at the last scan of the laser.
         footprint: The `woosh.robot.FootPrint` in use.
         footprints: Outlines of the robot by `woosh.robot.FootPrint`.
         setting: Settings, as reported to clients.
         spoken: The last texts that the robot was told to say.
+        codes: Status codes.
+        teleop: Remote control.
+        follower: Following of a leader.
+        tasks: The current task, and the ended ones.
+        actions: The current actions.
         ownership: Starts and resumes jobs.
+        auto_tasks: Starts the tasks that the robot does by itself.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -100,10 +114,13 @@ class Chassis:
         self.on_change: Callable[[], object] = lambda: None
         self.answer_delay = 0.0
         self.state_first = False
-        self._initialisation = object()
+        self._initialisation = DelayedCalls(self)
+        """The end of the current initialisation."""
         self._start_time = config.start_time()
+        """Unix time at which the simulated clock started, in seconds."""
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
         self._events: list[Message] = []
+        """Messages that were emitted since the last call of `take_events`, in order."""
         self.chance = random.Random(f"{self._seed}:chance")
 
         self.scenes, self.scene = library.known_scenes(config.scenes)
@@ -118,7 +135,9 @@ class Chassis:
         self.laser = Laser()
         self.scan_pose = start
         self._scan_time = 0.0
+        """Simulated time of the last scan of the laser, in seconds."""
         self._ranges: list[float] = []
+        """Ranges of the last scan in metres, empty until they are needed."""
         self.battery = Battery(93.0, self.profile.battery)
         self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
@@ -142,6 +161,7 @@ class Chassis:
         language = config.code_language or self.profile.status_codes.language
         self.codes = Codes(language, self._publish_code)
         self._reported_mode = self.readiness.control
+        """Control mode that was reported last."""
         self.teleop = Teleop(driving.start_delay)
         self.follower = Follower()
         self.tasks = Tasks(self)
@@ -284,13 +304,12 @@ class Chassis:
         """Initialise the robot, and return how long that takes, in seconds."""
         duration = self.profile.answers.initialisation.at(self.chance.random())
         self.readiness.initialised = False
-        self._initialisation = initialisation = object()
 
         def finish() -> None:
-            if self._initialisation is initialisation:
-                self.readiness.initialised = True
+            self.readiness.initialised = True
 
-        self.after(duration, finish)
+        self._initialisation.cancel_all()
+        self._initialisation.add(duration, finish)
         return duration
 
     def enter(self, scene: Scene, area: Map) -> None:

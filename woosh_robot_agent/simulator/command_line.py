@@ -15,7 +15,7 @@ from typing import Any
 import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
-from woosh_robot_agent.simulator.profile import SHIPPED
+from woosh_robot_agent.simulator.profile_files import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.simulator.status_codes import LANGUAGES
 from woosh_robot_agent.simulator.yaml_fields import DataFileError

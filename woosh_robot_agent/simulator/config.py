@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from woosh_robot_agent.simulator.profile import DEFAULT_PROFILE, Profile
+from woosh_robot_agent.simulator.profile import Profile
 from woosh_robot_agent.simulator.scenario import Scenario
 from woosh_robot_agent.simulator.status_codes import Language
 
@@ -58,7 +58,7 @@ class SimulatorConfig:
     tcp_port: int = 5481
     speed: float = 1.0
     seed: int | None = None
-    profile: str | Path | Profile = DEFAULT_PROFILE
+    profile: str | Path | Profile = "tr200"
     scenes: tuple[Path, ...] = ()
     robot_id: int = 30001
     omnidirectional: bool = True

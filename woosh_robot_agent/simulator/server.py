@@ -63,6 +63,7 @@ class SimulatedChassis:
         steps = self.config.scenario.steps if self.config.scenario else ()
         self._injector = Injector(self, seed, steps)
         self._frozen = False
+        """True if the simulated time stands still and requests are queued."""
         self._connections = Connections(
             self._exchange, self.config.max_connections, self.config.max_outbox
         )

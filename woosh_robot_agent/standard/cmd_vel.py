@@ -29,8 +29,8 @@ class CmdVel(Part):
     def __init__(self, context: PartContext) -> None:
         self._context = context
         self._driver = VelocityDriver(
-            context.gate,
-            context.chassis,
+            context.robot.gate,
+            context.robot.chassis,
             "cmd_vel",
             self._limits,
             log_refusals=False,  # the log of all refused commands has them, with their reasons
@@ -42,7 +42,7 @@ class CmdVel(Part):
             "geometry_msgs/TwistStamped" if stamped else "",
             with_info=True,
         )
-        self._topic = context.node.resolve_topic_name("cmd_vel")
+        self._topic = context.robot.node.resolve_topic_name("cmd_vel")
         self._publishers = Interleaving()
         self._reported = -math.inf
         """Monotonic time at which several publishers were last reported."""
@@ -61,7 +61,7 @@ class CmdVel(Part):
         )
 
     def _stamped(self, message: TwistStamped, info: Mapping[str, Any]) -> None:
-        now = self._context.node.get_clock().now()
+        now = self._context.robot.node.get_clock().now()
         stamp = Time.from_msg(message.header.stamp, clock_type=now.clock_type)
         age = float((now - stamp).nanoseconds) / 1e9
         limit = self._context.settings().cmd_vel_max_age
@@ -85,6 +85,6 @@ class CmdVel(Part):
 
     def _publisher_names(self) -> list[str]:
         """Return the names of the publishers; the graph does not tell which of them are sending."""
-        found = self._context.node.get_publishers_info_by_topic(self._topic)
+        found = self._context.robot.node.get_publishers_info_by_topic(self._topic)
         names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
         return [f"{name} (on cmd_vel)" for name in names]

@@ -36,10 +36,13 @@ class GoalPose(Part):
         self._context = context
         self._log = LogOnce(_LOG)
         self._action = class_of(_MOVE_BASE.action, "action")
-        self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
+        self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
         self._newest = 0
+        """Number of the newest goal_pose."""
         self._handle: Any = None
+        """Handle of the newest goal while it is active."""
         self._sending = False
+        """True until the action server has accepted the newest goal."""
         self._cancels: list[Reply] = []
         """Cancel requests that wait until the action server has accepted the newest goal."""
         context.subscribe("goal_pose", self._received, in_executor=True)
@@ -49,7 +52,7 @@ class GoalPose(Part):
         self._client.destroy()  # a client that is left keeps the node in the graph
 
     def _received(self, message: Any) -> None:
-        if reason := self._context.chassis.refusal(CallAction()):
+        if reason := self._context.robot.chassis.refusal(CallAction()):
             self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
             return
         self._log.clear()

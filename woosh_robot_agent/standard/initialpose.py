@@ -25,7 +25,7 @@ class InitialPose(Part):
         context.subscribe("initialpose", self._received)
 
     def _received(self, message: Any) -> None:
-        if reason := self._context.chassis.refusal(SetRobotPose()):
+        if reason := self._context.robot.chassis.refusal(SetRobotPose()):
             self._log.warn("not permitted", f"initialpose is ignored: {reason}")
             return
         self._log.clear()
@@ -37,11 +37,13 @@ class InitialPose(Part):
             return
         request = SetRobotPose()
         request.pose.x, request.pose.y, request.pose.theta = pose.x, pose.y, pose.theta
-        self._context.thread.spawn(partial(self._set, request))
+        self._context.robot.thread.spawn(partial(self._set, request))
 
     async def _set(self, request: SetRobotPose) -> None:
         try:
-            answer = await self._context.chassis.request(self._context.requests.address(request))
+            answer = await self._context.robot.chassis.request(
+                self._context.robot.requests.address(request)
+            )
         except LinkError as error:
             _LOG.error("initialpose was not set: %s", error)
             return

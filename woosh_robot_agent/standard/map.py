@@ -40,22 +40,24 @@ class Map(Part):
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher("map")
         self._wanted: tuple[str, int, str, int] | None = None
+        """Scene, map id, map name and version that the robot uses; None if unknown."""
         self._published: tuple[str, int, str, int] | None = None
         """The scene's map that was published last; None if it has to be published again."""
         self._not_before = -math.inf
+        """Loop time before which the map is not requested again."""
         self._epoch = object()
         """Replaced when maps that are being received become outdated."""
-        self._growing = GrowingMap(context.chassis, self._subscribers, self._map_finished)
+        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
-        context.chassis.on_robot_changed(self._forget)
-        context.chassis.on_snapshot(self._snapshot)
-        context.chassis.subscribe(Scene, self._scene)
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.subscribe(Scene, self._scene)
 
     async def run(self) -> None:
         async for now in self._subscribers.times(lambda: _CHECK_RATE):
             self._growing.subscribe()
-            if self._context.chassis.state is not LinkState.READY:
+            if self._context.robot.chassis.state is not LinkState.READY:
                 continue
             if self._growing.active:
                 await self._publish_growing()
@@ -123,7 +125,7 @@ class Map(Part):
         self._shows_growing = False
 
     async def _request(self, scene_name: str) -> SceneData:
-        answer = await self._context.chassis.request(SceneData(name=scene_name))
+        answer = await self._context.robot.chassis.request(SceneData(name=scene_name))
         if not answer.ok:
             raise MapError(f"the chassis refused SceneData of {scene_name}: {answer.msg}")
         if not isinstance(answer.body, SceneData):

@@ -66,12 +66,12 @@ class Odom(Part):
         """Loop time of the last message."""
         self._known = False
         """True if the pose is known on the current link."""
-        context.chassis.on_robot_changed(self._forget)
-        context.chassis.on_snapshot(self._snapshot)
-        context.chassis.on_state(self._link_changed)
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
-            context.chassis.on_accepted(request, self._pose_set)
-        context.chassis.subscribe(PoseSpeed, self._pushed)
+            context.robot.chassis.on_accepted(request, self._pose_set)
+        context.robot.chassis.subscribe(PoseSpeed, self._pushed)
 
     async def run(self) -> None:
         async for now in self._subscribers.times(self._rate):
@@ -147,7 +147,7 @@ class Odom(Part):
         """Return True if `share` of the period has passed and the pose can be published."""
         if now - last < share / self._rate():
             return False
-        ready = self._known and self._context.chassis.state is LinkState.READY
+        ready = self._known and self._context.robot.chassis.state is LinkState.READY
         return ready and self._subscribers.present
 
     def _publish_predicted(self) -> None:

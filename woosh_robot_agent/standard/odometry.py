@@ -13,7 +13,7 @@ import math
 
 from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.standard.report_time import ReportTime
-from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
+from woosh_robot_agent.standard.velocity import LEVER, STANDSTILL, Velocity
 
 _MAX_SPEED = 3.0
 """Upper bound of the robot's speed, in m/s."""
@@ -41,8 +41,6 @@ _POSE_SET_TOLERANCE = 0.01
 """Tolerance of pose and heading within `_POSE_SET_INTERVAL` for a moving robot, in m and rad."""
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
 """The same for a standing robot."""
-_LEVER = 0.3
-"""Radius that converts angles to lengths, to compare turning with driving, in metres."""
 _MIN_SIDEWAYS = 0.004
 """Minimum sideways movement that is not taken for an inexact curve, in metres."""
 
@@ -67,11 +65,15 @@ class Odometry:
         """Last reported pose, in `map`."""
         self._report_time = ReportTime()
         self._received = -math.inf
+        """Time of receipt of the last report."""
         self._sideways = 0.0
         """Mean speed to the left between the last two reports, in m/s."""
         self._map_id = 0
+        """Map of the last reported pose."""
         self._known = False
+        """True if the next report can be compared with the last one."""
         self._pose_set_until = -math.inf
+        """Time until which a report may show the jump to a pose that was set."""
 
     def lost(self, pose: Pose2D) -> None:
         """Note that reports were missed: the next one must not count as a movement.
@@ -180,7 +182,7 @@ class Odometry:
         before = self.velocity
         forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
         # the duration follows from the movement, because the times of receipt are inexact
-        turns_mostly = abs(turn) > abs(forward) / _LEVER
+        turns_mostly = abs(turn) > abs(forward) / LEVER
         speed, way = (turn, arc[2]) if turns_mostly else (forward, arc[0])
         duration = max(0.0, min(way / speed if speed else 0.0, interval + _MAX_DELAY))
         error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
@@ -190,9 +192,17 @@ class Odometry:
                 limit = _POSE_SET_TOLERANCE_AT_REST
             return error.distance > limit or abs(error.theta) > limit
         # the robot may have changed its speed at any time since the last report
-        half = interval / 2
+        forward_change = abs(after.forward - before.forward) * interval / 2
+        turn_change = abs(after.turn - before.turn) * interval / 2
+        position_tolerance = _POSITION_TOLERANCE + forward_change
+        heading_tolerance = _HEADING_TOLERANCE + turn_change
+        # then the duration is inexact, and so is what it predicts of the other movement
+        if turns_mostly:
+            position_tolerance += abs(forward) * min(turn_change / abs(turn), interval)
+        elif forward:
+            heading_tolerance += abs(turn) * min(forward_change / abs(forward), interval)
         return (
-            abs(error.x) > _POSITION_TOLERANCE + abs(after.forward - before.forward) * half
-            or abs(error.theta) > _HEADING_TOLERANCE + abs(after.turn - before.turn) * half
+            abs(error.x) > position_tolerance
+            or abs(error.theta) > heading_tolerance
             or abs(error.y) > _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
         )

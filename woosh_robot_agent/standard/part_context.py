@@ -9,15 +9,12 @@ from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
 
-from woosh_robot_agent.bridge import DeferredService, LinkThread, Reply
-from woosh_robot_agent.last_known import LastKnown
+from woosh_robot_agent.bridge import DeferredService, Reply
 from woosh_robot_agent.latched import LatchedPublishers
-from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.logs import log_as
-from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.qos import latched, reliable
 from woosh_robot_agent.rclpy_private import WithMessageInfo
-from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.robot_context import RobotContext
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind
@@ -30,25 +27,15 @@ class PartContext:
     """The objects and helper methods that the parts share.
 
     Attributes:
-        node: owner of the topics and services.
-        thread: the link thread, in which the parts run.
-        chassis: the link; use it in the link thread only.
-        gate: forwards commands to the chassis.
+        robot: the objects shared with the services and actions. The parts run in its link thread.
         latched: creates the publishers of latched topics.
-        last_known: last values that the chassis reported.
-        requests: creates requests to the chassis.
         watch: observers of the robot.
         second_agent: search for a second agent.
         settings: returns the current parameter values.
     """
 
-    node: Any
-    thread: LinkThread
-    chassis: ChassisClient
-    gate: MotionGate
+    robot: RobotContext
     latched: LatchedPublishers
-    last_known: LastKnown
-    requests: RequestMaker
     watch: Watch
     second_agent: SecondAgent
     settings: Callable[[], StandardSettings]
@@ -60,7 +47,7 @@ class PartContext:
 
     def now(self) -> Any:
         """Return the node's current time as builtin_interfaces/Time."""
-        return self.node.get_clock().now().to_msg()
+        return self.robot.node.get_clock().now().to_msg()
 
     def publisher(
         self,
@@ -84,7 +71,7 @@ class PartContext:
         if endpoint.kind is Kind.LATCHED and about_robot:
             return self.latched.create(class_of(endpoint.type), name, endpoint.depth, callbacks)
         profile = latched if endpoint.kind is Kind.LATCHED else reliable
-        return self.node.create_publisher(
+        return self.robot.node.create_publisher(
             class_of(endpoint.type), name, profile(endpoint.depth), event_callbacks=callbacks
         )
 
@@ -107,8 +94,8 @@ class PartContext:
             with_info: call `callback` with each message and rclpy's information about it.
         """
         endpoint = BY_NAME[name]
-        call = self._logging(callback) if in_executor else partial(self.thread.call, callback)
-        self.node.create_subscription(
+        call = self._logging(callback) if in_executor else partial(self.robot.thread.call, callback)
+        self.robot.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
             WithMessageInfo(lambda message, info: call(message, info)) if with_info else call,
@@ -117,13 +104,13 @@ class PartContext:
 
     def service(self, name: str, handle: Callable[[Any, Reply], None]) -> DeferredService:
         """Create a service in `endpoints.STANDARD`; `handle` runs in the executor thread."""
-        return DeferredService(self.node, class_of(BY_NAME[name].type, "srv"), name, handle)
+        return DeferredService(self.robot.node, class_of(BY_NAME[name].type, "srv"), name, handle)
 
     def _logging(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback for the executor thread, so that it logs to the node's logger."""
 
         def call(*arguments: Any) -> None:
-            log_as(self.node.get_logger())
+            log_as(self.robot.node.get_logger())
             callback(*arguments)
 
         return call

@@ -39,8 +39,10 @@ class Prediction:
 
     def __init__(self) -> None:
         self._pose = Pose2D()
+        """Pose in the last report."""
         self._velocity = STANDSTILL
         self._time = -math.inf
+        """Time of the last report."""
         self._before = STANDSTILL
         """Velocity at the report before the last one."""
         self._interval = math.inf

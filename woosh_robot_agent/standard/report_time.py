@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 
-from woosh_robot_agent.standard.velocity import Velocity
+from woosh_robot_agent.standard.velocity import LEVER, Velocity
 
-_LEVER = 0.3
-"""Radius that converts angles to lengths, to add turning and driving, in metres."""
 _MIN_SPEED = 0.1
 """Minimum mean speed from which the duration of a movement is derived, in m/s."""
 _TOLERANCE = 1.1
@@ -28,6 +26,7 @@ class ReportTime:
 
     def __init__(self) -> None:
         self._last = -math.inf
+        """Estimated time of the previous report."""
 
     def first(self, received: float) -> float:
         """Return the time of a report that cannot be compared with the previous one.
@@ -51,10 +50,10 @@ class ReportTime:
         """
         time = received
         forward = (before.forward + after.forward) / 2
-        edge = (before.turn + after.turn) / 2 * _LEVER
+        edge = (before.turn + after.turn) / 2 * LEVER
         square = forward * forward + edge * edge
         if before.moving and square > _MIN_SPEED * _MIN_SPEED:
-            duration = (forward * arc[0] + edge * arc[2] * _LEVER) / square
+            duration = (forward * arc[0] + edge * arc[2] * LEVER) / square
             delay = received - self._last - _TOLERANCE * max(duration, 0.0)
             if 0.0 < delay < _MAX_DELAY:
                 time -= _CORRECTION * delay

@@ -42,12 +42,12 @@ class Scan(Part):
         self._laser_height = 0.0
         self._requesting = asyncio.Lock()
         """Held during a request: there is never more than one in flight."""
-        context.chassis.on_robot_changed(self._forget)
-        context.chassis.on_state(self._link_changed)
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
         async for _ in self._subscribers.times(lambda: self._context.settings().scan_rate):
-            if self._context.chassis.state is LinkState.READY:
+            if self._context.robot.chassis.state is LinkState.READY:
                 await self._request()
 
     def _forget(self) -> None:
@@ -56,16 +56,18 @@ class Scan(Part):
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:
-            self._context.thread.spawn(self._request)
+            self._context.robot.thread.spawn(self._request)
 
     async def _request(self) -> None:
         async with self._requesting:
             await self._request_locked()
 
     async def _request_locked(self) -> None:
-        sent = self._context.node.get_clock().now()
+        sent = self._context.robot.node.get_clock().now()
         try:
-            answer = await self._context.chassis.request(self._context.requests.empty(ScannerData))
+            answer = await self._context.robot.chassis.request(
+                self._context.robot.requests.empty(ScannerData)
+            )
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
             return
@@ -76,7 +78,7 @@ class Scan(Part):
         self._publish_laser_pose(answer.body)
         if self._scan is not None:
             # the time of measurement lies between request and answer
-            taken = self._context.node.get_clock().now() - sent
+            taken = self._context.robot.node.get_clock().now() - sent
             middle = sent + Duration(nanoseconds=taken.nanoseconds // 2)
             self._scan.publish(self._message(answer.body, middle.to_msg()))
 

@@ -59,7 +59,7 @@ class StandardLayer:
     def start(self) -> None:
         """Start all parts. Thread-safe."""
         for part in self._parts:
-            self._context.thread.spawn(partial(_keep_running, part))
+            self._context.robot.thread.spawn(partial(_keep_running, part))
 
     def close(self) -> None:
         """Remove from the graph what belongs to the parts, in the executor thread."""

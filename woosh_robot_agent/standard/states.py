@@ -114,19 +114,20 @@ class _State(Part):
         self._unknown = unknown
         self._rate = rate
         self._last: Message | None = None
+        """The last value; None if it is unknown."""
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
-        context.chassis.on_robot_changed(self._forget)
-        context.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot)
         if not is_part_of_info(cls):
-            context.chassis.on_state(self._link_changed)
-        context.chassis.subscribe(cls, self._publish)
+            context.robot.chassis.on_state(self._link_changed)
+        context.robot.chassis.subscribe(cls, self._publish)
 
     async def run(self) -> None:
         if not self._rate:
             return
         async for _ in self._subscribers.times(lambda: self._rate):
-            if self._context.chassis.state is LinkState.READY and self._last is not None:
+            if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
                 self._publish(self._last)
 
     def _forget(self) -> None:
@@ -141,13 +142,13 @@ class _State(Part):
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
-            self._context.thread.spawn(self._request)
+            self._context.robot.thread.spawn(self._request)
 
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
-        request = self._context.requests.empty(self._cls)
+        request = self._context.robot.requests.empty(self._cls)
         try:  # sent ahead of pending requests, regardless of max_in_flight
-            answer = await self._context.chassis.request(request, first=True)
+            answer = await self._context.robot.chassis.request(request, first=True)
         except LinkError as error:
             _LOG.debug("cannot request the first %s: %s", self._cls.DESCRIPTOR.name, error)
             return
@@ -187,7 +188,8 @@ class Connected(Part):
     def __init__(self, context: PartContext) -> None:
         self._publisher = context.publisher("connected", about_robot=False)
         self._last: bool | None = None
-        context.chassis.on_state(self._changed)
+        """The last published value; None before the first one."""
+        context.robot.chassis.on_state(self._changed)
 
     async def run(self) -> None:
         if self._last is None:  # no state change yet

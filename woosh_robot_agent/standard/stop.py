@@ -25,10 +25,10 @@ class Stop(Part):
         self._service = context.service("stop", self._stop_requested)
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
-        self._context.thread.spawn(partial(self._stop, reply), reply.fail)
+        self._context.robot.thread.spawn(partial(self._stop, reply), reply.fail)
 
     async def _stop(self, reply: Reply) -> None:
-        report = await self._context.gate.stop(_TIMEOUT)
+        report = await self._context.robot.gate.stop(_TIMEOUT)
         if not report.success:
             _LOG.error("stop: %s", report.message)
         reply.send(Trigger.Response(success=report.success, message=report.message))

@@ -27,7 +27,9 @@ class Subscribers:
         self._context = context
         self._publishers: list[Any] = []
         self._changed = asyncio.Event()
+        """Set when a subscriber comes or goes."""
         self._has_events = True
+        """False if the middleware does not report subscribers."""
 
     def publisher(self, name: str) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`, and add it to the set."""
@@ -73,4 +75,4 @@ class Subscribers:
             await (self._changed.wait() if self._has_events else asyncio.sleep(_POLL_PERIOD))
 
     def _matched(self, _change: Any) -> None:
-        self._context.thread.call(self._changed.set)
+        self._context.robot.thread.call(self._changed.set)

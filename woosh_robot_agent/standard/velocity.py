@@ -8,6 +8,8 @@ _RESIDUAL_SPEED = 0.005
 """Maximum speed of a robot that stands, in m/s."""
 _RESIDUAL_TURN = 0.005
 """Maximum angular speed of a robot that stands, in rad/s."""
+LEVER = 0.3
+"""Radius that converts angles to lengths, to compare turning with driving, in metres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import OrderedDict
 from typing import Any
 
 from google.protobuf.message import Message
@@ -12,6 +11,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.status_codes import explained
 
 _LOG = logging.getLogger(__name__)
@@ -21,6 +21,7 @@ QUIET = 60.0
 _MAX_CODES = 500
 """Maximum number of codes that are remembered."""
 _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
+"""Logging levels, by level of the status code. Other codes are logged at DEBUG at most."""
 
 
 class CodeLog:
@@ -34,9 +35,10 @@ class CodeLog:
     """
 
     def __init__(self, chassis: ChassisClient) -> None:
-        self._logged: OrderedDict[int, float] = OrderedDict()
+        self._logged: RecentDict[int, float] = RecentDict(_MAX_CODES)
         """Monotonic times at which the logged codes were last sent."""
         self._abnormal: frozenset[int] = frozenset()
+        """The codes in the last AbnormalCodes."""
         chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe_raw(StatusCode, self._pushed)
@@ -63,10 +65,8 @@ class CodeLog:
     def _log(self, code: StatusCode) -> None:
         level = _LEVELS.get(code.level, logging.DEBUG)
         now = time.monotonic()
-        last = self._logged.pop(code.code, None)
+        last = self._logged.get(code.code)
         self._logged[code.code] = now
-        if len(self._logged) > _MAX_CODES:
-            self._logged.popitem(last=False)
         if last is None or (now - last > QUIET and code.code not in self._abnormal):
             _LOG.log(level, "the robot reports %s", explained(code.code, code.msg))
 

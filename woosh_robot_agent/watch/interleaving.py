@@ -23,6 +23,7 @@ class Interleaving:
 
     def __init__(self) -> None:
         self._last = 0
+        """Sequence number of the last message."""
         self._returns: deque[float] = deque(maxlen=2)
         """The last times at which the number did not rise."""
 

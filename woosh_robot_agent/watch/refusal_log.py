@@ -58,7 +58,7 @@ class RefusalLog:
             self._logs.pop(name, None)
             return
         if name not in self._silent and (name, msg) not in self._pending:
-            # both of the robot that refused it, which may be left before the task runs
+            # made now, because the link may turn to another robot before the task runs
             log = self._logs.setdefault(name, LogOnce(_LOG))
             reasons = self._explainer.reasons(type_of(command.message))
             work = self._explain(name, msg, reasons, log)

@@ -32,6 +32,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
     kRosPause,
     kRosSuccess,
 )
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
@@ -66,7 +67,7 @@ _DRIVING_ACTIONS = (
 """Actions of a task during which the robot should move."""
 _ENDS = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
 _VELOCITY = full_name(Twist)
-_TASKS = (full_name(ExecTask), full_name(ExecPreTask), full_name(ExecTaskSet))
+_TASKS = tuple(full_name(cls) for cls in (ExecTask, ExecPreTask, ExecTaskSet, RepeatTask))
 
 
 @dataclass
@@ -139,11 +140,10 @@ class Standstill:
 
     def _text(self, demand: _Demand) -> str:
         """Return the warning about a command."""
-        info = self._last_known.get(full_name(RobotInfo))
-        causes = likely_causes(info if isinstance(info, RobotInfo) else RobotInfo())
+        causes = likely_causes(self._last_known.value(RobotInfo) or RobotInfo())
         return f"{demand.name} was accepted, but the robot does not move: {causes}"
 
-    # What should move the robot
+    # Commands
 
     def _answered(self, command: AnsweredCommand) -> None:
         message = command.message
@@ -154,7 +154,7 @@ class Standstill:
                 self._velocity_accepted(command_name(command))
             elif self._demand is not None and self._demand.is_velocity:
                 self._give_up()
-        elif takes_wheels(message) and not isinstance(message, Follow) and not _is_tiny(message):
+        elif takes_wheels(message) and not _may_stand(message):
             kind = _TASKS[0] if isinstance(message, ActionOrder) else type_of(message)
             self._expect(command_name(command), kind, getattr(message, "task_id", 0))
         elif not may_move(message):  # a pause or a cancel
@@ -171,8 +171,7 @@ class Standstill:
 
     def _expect(self, name: str, kind: str, task_id: int = 0) -> _Demand:
         """Expect the robot to move because of a command."""
-        pose = self._last_known.get(full_name(PoseSpeed))
-        start = pose if isinstance(pose, PoseSpeed) else PoseSpeed()
+        start = self._last_known.value(PoseSpeed) or PoseSpeed()
         now = asyncio.get_running_loop().time()
         self._demand = _Demand(name, kind, task_id, start, None, now)
         self._may_not_stand(self._demand)
@@ -203,7 +202,7 @@ class Standstill:
         text = self._text(demand)
         self._log.warn(text, text)
 
-    # What the robot does
+    # Reports of the robot
 
     def _pose_pushed(self, body: Body) -> None:
         demand = self._demand
@@ -276,10 +275,16 @@ def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
     return math.hypot(new.x - old.x, new.y - old.y) > MIN_DISTANCE or abs(turned) > MIN_ANGLE
 
 
-def _is_tiny(message: Any) -> bool:
-    """Return True for steps that are too small to show in the reports."""
-    if not isinstance(message, CallAction) or not message.HasField("step_control"):
-        return False
+def _may_stand(message: Any) -> bool:
+    """Return True if the robot may stand although a request gives it the wheels.
+
+    So it may with following, with charging, if it stands at the charger already, and with steps
+    that are too small to show in the reports.
+    """
+    if not isinstance(message, CallAction):
+        return isinstance(message, Follow)
+    if message.HasField("charge_control"):
+        return True
     steps = message.step_control.steps
     return bool(steps) and all(
         abs(step.value) <= (MIN_ANGLE if step.mode == step.kRotate else MIN_DISTANCE)

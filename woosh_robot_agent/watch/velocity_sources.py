@@ -44,7 +44,9 @@ class VelocitySources:
         self._driving: dict[str, float] = {}
         """Monotonic time of the last velocity of each driving source, by name."""
         self._simultaneous: tuple[str, ...] = ()
+        """The simultaneous sources that were last reported."""
         self._simultaneous_until = -math.inf
+        """Monotonic time until which `simultaneous` returns them."""
         self._log = LogOnce(_LOG)
         self._callers = Interleaving()
         """Detects several clients of the service of velocities."""

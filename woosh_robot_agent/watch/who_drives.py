@@ -10,12 +10,14 @@ from typing import NamedTuple
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.watch.velocity_sources import VelocitySources
 
 NOBODY = "nobody"
@@ -32,6 +34,7 @@ The id of such a task contains its start by the robot's clock: Unix time in seco
 OWN_TASK_DURATION = 86400.0
 """Maximum age of such a task when the agent has not seen its beginning, in seconds."""
 _OWN_TASK_ENDING = 53
+"""Last two digits of the id of a task that the robot started by itself."""
 ROLL_OUT = 2.0
 """Maximum time for which the robot rolls after its last velocity, in seconds."""
 REPORT_GAP = 1.0
@@ -40,13 +43,15 @@ REPORT_GAP = 1.0
 A moving robot sends five per second.
 """
 _OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
+"""Names of the tasks that a robot starts by itself, by type."""
 _TASKS_PER_SET = 100
+"""Factor between the id of a task set and the ids of its tasks."""
 _MAX_TASKS = 50
-"""Number of the agent's tasks that are remembered."""
+"""Maximum number of the agent's tasks, and of its task sets, that are remembered."""
 
 
 class Driver(NamedTuple):
-    """What drives the robot.
+    """The source that drives the robot.
 
     Attributes:
         name: `nobody`, `a goal`, `another client`, `the robot itself`, `unknown`, or the name of a
@@ -66,7 +71,8 @@ class WhoDrives:
         gate: sender of the agent's commands.
         last_known: last values that the chassis reported.
         velocities: the sources of velocities.
-        goals: returns the names of the goals that the chassis executes, e.g. `task 17`.
+        goals: returns the names of the goals that the chassis executes, e.g. `task 17` or
+            `task set 4`.
     """
 
     def __init__(
@@ -81,10 +87,10 @@ class WhoDrives:
         self._last_known = last_known
         self._velocities = velocities
         self._goals = goals
-        self._tasks: dict[int, str] = {}
-        """Sources of the tasks that the agent started, by id, the oldest first."""
-        self._sets: dict[int, str] = {}
-        """Sources of the task sets that the agent started, by id, the oldest first."""
+        self._tasks: RecentDict[int, str] = RecentDict(_MAX_TASKS)
+        """Sources of the tasks that the agent started, by id."""
+        self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
+        """Sources of the task sets that the agent started, by id."""
         self._follower = ""
         """Source of the last request to follow somebody."""
         self._task = TaskProc()
@@ -101,8 +107,8 @@ class WhoDrives:
 
     def now(self) -> Driver:
         """Return what drives the robot now."""
-        info = self._last_known.get(full_name(RobotInfo))
-        if not isinstance(info, RobotInfo):
+        info = self._last_known.value(RobotInfo)
+        if info is None:
             return Driver(UNKNOWN, "the robot has not reported its state yet")
         # the gate knows whether something else has taken over since
         if self._gate.driving and self._velocities.driving(time.monotonic()):
@@ -119,10 +125,11 @@ class WhoDrives:
 
     def _task_driver(self, task: TaskProc) -> Driver:
         number = task.robot_task_id
+        task_set = number // _TASKS_PER_SET
         detail = f"task {number}"
-        if detail in self._goals():
+        if not {detail, f"task set {task_set}"}.isdisjoint(self._goals()):
             return Driver(GOAL, detail)
-        source = self._tasks.get(number) or self._sets.get(number // _TASKS_PER_SET)
+        source = self._tasks.get(number) or self._sets.get(task_set)
         if source == GOAL:
             return Driver(GOAL, f"{detail}; the goal has ended, but the robot continues")
         if source:
@@ -155,10 +162,13 @@ class WhoDrives:
         message, source = command.message, command.source
         if not command.answer.ok:
             return
-        if isinstance(message, ExecTask):  # only goals have no source
-            _remember(self._tasks, message.task_id, source or GOAL)
+        if isinstance(message, ExecTask):  # a goal sends its command without a source
+            self._tasks[message.task_id] = source or GOAL
         elif isinstance(message, ExecPreTask):
-            _remember(self._sets, message.task_set_id, source)
+            self._sets[message.task_set_id] = source or GOAL
+        elif isinstance(message, RepeatTask):
+            if may_move(message):
+                self._sets[message.task_set.base.id] = source
         elif isinstance(message, Follow):
             self._follower = source if message.type else ""
 
@@ -181,10 +191,3 @@ class WhoDrives:
 
     def _pose_pushed(self, _body: Body) -> None:
         self._moved = time.monotonic()
-
-
-def _remember(sources: dict[int, str], number: int, source: str) -> None:
-    sources.pop(number, None)
-    sources[number] = source
-    if len(sources) > _MAX_TASKS:
-        del sources[next(iter(sources))]

@@ -38,6 +38,7 @@ class ConnectedClient:
         self._max_outbox = max_outbox
         self._outbox: deque[Encoded] = deque()
         self._outbox_bytes = 0
+        """Size of the queued frames, in bytes."""
         self._filled = asyncio.Event()
         self._open = True
 

@@ -17,7 +17,9 @@ from woosh_robot_agent.link.transport.websocket import WebSocketTransport
 from woosh_robot_agent.link.transport.websockets_compat import serve
 
 _CLOSE_TIMEOUT = 1.0
+"""Timeout of the closing handshake, in seconds."""
 _FINAL_FRAGMENT = 0x80
+"""Bit of a frame's first byte that marks the last fragment of a message."""
 _DRAIN_POLL = 0.002
 """Time between two checks of a full write buffer, in seconds."""
 

@@ -18,13 +18,23 @@ REPORT_PERIOD = 1.0
 
 @dataclass
 class _Run:
+    """A current action.
+
+    Attributes:
+        name: Name of the action.
+        job: Its job.
+        paused: The action is paused.
+        started: The start of the action has been reported.
+        impeded: An obstacle blocks the action at the moment.
+        reported: Simulated time of the last report, in seconds.
+    """
+
     name: str
     job: Job
     paused: bool = False
     started: bool = False
     impeded: bool = False
     reported: float = 0.0
-    """Simulated time of the last report, in seconds."""
 
 
 class Actions:
@@ -38,6 +48,7 @@ class Actions:
         self.last: dict[str, ros_pack_pb2.Feedback] = {}
         self._robot = robot
         self._runs: dict[str, _Run] = {}
+        """Current actions, by name."""
 
     @property
     def impeded(self) -> bool:

@@ -41,6 +41,7 @@ class AutoTasks:
         self._charge_after = charge_after
         self._park_after = park_after
         self._idle_time = 0.0
+        """Time since the robot became idle, in seconds."""
 
     def postpone(self) -> None:
         """Restart the idle time, because a client has sent a command."""

@@ -21,7 +21,9 @@ class Charge:
 
     def __init__(self) -> None:
         self._time = 0.0
+        """Time since the start of the job, in seconds."""
         self._charges_on = False
+        """True if the battery goes on charging after the end of the job."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if not robot.at_charger():

@@ -59,6 +59,7 @@ class Wait:
 
     def __init__(self, seconds: float) -> None:
         self._left = seconds
+        """Remaining time, in seconds."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         self._left -= dt

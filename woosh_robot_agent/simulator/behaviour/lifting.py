@@ -11,7 +11,13 @@ from woosh_robot_agent.simulator.body.lift import Lift
 
 
 class MoveLift:
-    """Moves a lift to one height after the other."""
+    """Moves a lift to one height after the other.
+
+    Args:
+        lift: The lift.
+        heights: Heights, in metres.
+        speed: Speed in m/s, of either sign; 0 for the default of the lift.
+    """
 
     kind = util_action_pb2.kCarry
 

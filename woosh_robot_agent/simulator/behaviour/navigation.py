@@ -87,18 +87,27 @@ class Navigate:
         one_by_one: bool = False,
     ) -> None:
         self.goal = goal
+        self.path: tuple[Pose, ...] = ()
         self._stops = deque([*via, goal])
+        """Poses that are still to be passed, the goal last."""
         self._strict = strict
         self._one_by_one = one_by_one
         self._mode = navigation_pb2.ModeSetting(
             type=navigation_pb2.kAccurate, mode=navigation_pb2.kAvoid
         )
         self._corners: deque[deque[Point]] | None = None
+        """Remaining corners of the path to each stop, None if a path must be planned first."""
         self._announced = False
+        """True if the start of the navigation has been reported."""
         self._turning = True
+        """True until the base points to the next corner."""
         self._waited = 0.0
+        """Time for which an obstacle has been in the way, in seconds."""
         self._tried_obstacles: tuple[Wall, ...] | None = None
-        self.path: tuple[Pose, ...] = ()
+        """Obstacles for which a way round was last searched, None if it was not searched yet.
+
+        The search is repeated only when the obstacles have changed.
+        """
 
     @property
     def stops(self) -> tuple[Pose, ...]:

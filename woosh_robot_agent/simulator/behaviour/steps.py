@@ -103,11 +103,16 @@ class Steps:
     ) -> None:
         self.kind = kind
         self._steps = deque(steps)
+        """Remaining steps, the current one first."""
         self._count = len(self._steps)
+        """Number of all steps."""
         self._start: Pose | None = None
+        """Pose in the odometry at the start of the current step, None before it has started."""
         self._blocked_for = 0.0
+        """Time for which an obstacle has been in the way, in seconds."""
         self._avoid = avoid
         self._timeout = _OBSTACLE_TIMEOUT if avoid else 0.0
+        """Time after which an obstacle in the way makes the job fail, in seconds."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         base = robot.base
@@ -119,10 +124,11 @@ class Steps:
             self._start = self._start or base.odometry
             remaining = step.remaining(self._start, base.odometry)
             how_far = step.describe(remaining)
+            obstacle = f"an obstacle stands in the way after {how_far}"
             if self._blocked_for > self._timeout:
-                return failed(f"an obstacle stands in the way after {how_far}: remove it")
+                return failed(f"{obstacle}: remove it")
             if not free:
-                return Progress(text=f"an obstacle stands in the way after {how_far}", impeded=True)
+                return Progress(text=obstacle, impeded=True)
             if abs(remaining) > _TOLERANCE:
                 base.drive(step.velocity(remaining, dt))
                 number = self._count - len(self._steps) + 1

@@ -1,4 +1,4 @@
-"""Tasks: one at a time, with a report for every change of its state."""
+"""Tasks: one at a time, with a report of every change of its state."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.task_reports import TaskReports
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.status_codes import failure
@@ -21,9 +23,15 @@ from woosh_robot_agent.simulator.status_codes import failure
 _MAX_HISTORY = 50
 """Number of ended tasks that are kept."""
 
-_ENDED = (util_task_pb2.kCompleted, util_task_pb2.kCanceled, util_task_pb2.kFailed)
-
 _STARTING_STATES = {"kInit": util_task_pb2.kInit, "kReady": util_task_pb2.kReady}
+"""States of a task before it is executed, by the name in the profile."""
+
+_END_ACTION_STATES = {
+    util_task_pb2.kCompleted: util_action_pb2.kRosSuccess,
+    util_task_pb2.kCanceled: util_action_pb2.kRosCancel,
+    util_task_pb2.kFailed: util_action_pb2.kRosFailure,
+}
+"""State of the last action of an ended task, by the state of the task."""
 
 _NO_STATE = util_robot_pb2.kStateUndefined
 """State of the robot without a task."""
@@ -61,7 +69,6 @@ class Tasks:
 
     Attributes:
         proc: The current or last task. Its state may be ahead of the reports.
-        reported: The last report.
         state: State that the task gives the robot, `kStateUndefined` without a task.
         history: The last 50 ended tasks, oldest first.
         impeded: An obstacle blocks the task at the moment.
@@ -74,23 +81,39 @@ class Tasks:
         self.impeded = False
         self._robot = robot
         self._profile = robot.profile.tasks
-        self.reported = self._no_task()
-        self._starting_states = [_STARTING_STATES[name] for name in self._profile.starting_states]
+        self._reports = TaskReports(robot)
+        self._planned = DelayedCalls(robot)
+        """What happens to the task later: reports, the next job, the effects of orders."""
         self._jobs: deque[Job] = deque()
-        self._rest_of_set: deque[TaskOrder] = deque()
-        self._automatic = False
-        self._unannounced = False
-        self._starting: deque[Callable[[], None]] = deque()
-        self._working = False
-        self._canceling = False
+        """Remaining jobs of the task, the current one first.
+
+        An ended task keeps them: it can be retried if it failed.
+        """
         self._waits_done = 0
-        self._phase = object()
+        """Number of the waits that the task has already done."""
+        self._automatic = False
+        """True if the robot has started the task by itself."""
+        self._starting: deque[Callable[[], None]] = deque()
+        """First reports of the task and the start of its first job. Each tick makes one call."""
+        self._working = False
+        """True from the start of the current job until it ends or is stopped."""
+        self._canceling = False
+        """True from the cancellation of the task until the report that shows it."""
+        self._rest_of_set: deque[TaskOrder] = deque()
+        """Tasks of the set that follow the current one."""
         self._last_id = 0
+        """Last id that the robot has chosen."""
 
     @property
     def active(self) -> bool:
         """True if a task runs, waits or is paused."""
-        return self.proc.state != util_task_pb2.kStateUndefined and self.proc.state not in _ENDED
+        state = self.proc.state
+        return state != util_task_pb2.kStateUndefined and state not in _END_ACTION_STATES
+
+    @property
+    def reported(self) -> robot_pb2.TaskProc:
+        """The last report."""
+        return self._reports.last
 
     @property
     def paused(self) -> bool:
@@ -114,7 +137,7 @@ class Tasks:
 
     @property
     def device(self) -> Device:
-        """Device that the current job needs, or the one that failed."""
+        """Device of the current job, or of the job that failed."""
         return self._jobs[0].device
 
     def owns(self, device: Device) -> bool:
@@ -159,14 +182,14 @@ class Tasks:
         self._stop_working()
         self.proc.state = util_task_pb2.kPaused
         report = partial(self._report, util_task_pb2.kPaused, state, reason)
-        self._later(self._order_delay() if ordered else 0.0, report)
+        self._planned.add(self._order_delay() if ordered else 0.0, report)
 
     def resume(self) -> None:
         """Resume a paused task, or end the wait of a waiting one."""
         if self.paused:
             self.retry()
         elif isinstance(self.job, Wait):
-            self._later(self._order_delay(), self.job.end)
+            self._planned.add(self._order_delay(), self.job.end)
 
     def retry(self) -> None:
         """Start the current or failed job again."""
@@ -174,7 +197,7 @@ class Tasks:
             return
         self._stop_working()
         self.proc.state = self._running_state()
-        self._later(self._order_delay(), self._begin_job)
+        self._planned.add(self._order_delay(), self._begin_job)
 
     def end_wait(self) -> None:
         """End the current wait of the task.
@@ -184,7 +207,7 @@ class Tasks:
         """
         if self.paused or not isinstance(self.job, Wait):
             raise RefusedError(refusals.NOT_WAITING)
-        self._later(self._order_delay(), self.job.end)
+        self._planned.add(self._order_delay(), self.job.end)
 
     def cancel(self, reason: str, *, ordered: bool = False) -> None:
         """Cancel the task and the rest of its set.
@@ -203,7 +226,7 @@ class Tasks:
         self._stop_working()
         self._canceling = True
         end = partial(self._end, util_task_pb2.kCanceled, reason)
-        self._later(self._order_delay() if ordered else 0.0, end)
+        self._planned.add(self._order_delay() if ordered else 0.0, end)
 
     def cancel_automatic(self, reason: str) -> None:
         """Cancel the task if it is an automatic one."""
@@ -250,7 +273,7 @@ class Tasks:
         if not self._rest_of_set:
             return
         order = self._rest_of_set.popleft()
-        self._phase = object()
+        self._planned.cancel_all()
         self._automatic = order.automatic
         self._jobs = deque(order.jobs)
         self._waits_done = 0
@@ -262,24 +285,24 @@ class Tasks:
             dest=order.dest,
         )
         if order.own_id and self._profile.empty_report:
-            self._report_empty()
+            self._reports.push_empty()
         delay = 0.0 if at_once else self._robot.answer_delay
         self._show_state(0.0 if at_once or self._robot.state_first else delay)
-        reports = [partial(self._report, state) for state in self._starting_states]
-        if not self._profile.first_report:
-            # Reported in the next ticks, so that it follows the answer to the request.
-            self._starting = deque([*reports, self._begin_job])
-            self._unannounced = True
-            self.reported = self._described(
-                self._starting_states[0] if self._starting_states else util_task_pb2.kInit
-            )
-            return
+        states = [_STARTING_STATES[name] for name in self._profile.starting_states]
+        calls: deque[Callable[[], None]] = deque(partial(self._report, state) for state in states)
+        calls.append(self._begin_job)
 
         def announce() -> None:
-            self._starting = deque([*reports, self._begin_job])
-            self._starting.popleft()()
+            self._starting = calls
+            calls.popleft()()
 
-        self._later(delay + self._robot.chance.choice(self._profile.first_report), announce)
+        if self._profile.first_report:
+            delay += self._robot.chance.choice(self._profile.first_report)
+            self._planned.add(delay, announce)
+        else:
+            # Begun in the next tick, so that the reports follow the answer to the request.
+            self._starting = calls
+            self._reports.withhold(self.proc, states[0] if states else util_task_pb2.kInit)
 
     def _show_state(self, delay: float) -> None:
         """Show the state that the task gives the robot after `delay` seconds."""
@@ -292,6 +315,7 @@ class Tasks:
         self._robot.after(delay + _PUSH_GAP if delay else 0.0, show)
 
     def _robot_state(self) -> util_robot_pb2.State:
+        """Return the state that the task gives the robot."""
         own_charge = self._automatic and self.proc.type == util_task_pb2.kCharge
         parking = self.proc.type == util_task_pb2.kParking or (
             own_charge and self._profile.charge_as_parking
@@ -299,6 +323,7 @@ class Tasks:
         return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
 
     def _begin_job(self) -> None:
+        """Start the current job, from its beginning or after a pause."""
         self.state = self._robot_state()
         self._working = True
         self.proc.state = self._running_state()
@@ -307,10 +332,12 @@ class Tasks:
             self._work(0.0)  # a wait of 0 s ends at once
 
     def _running_state(self) -> util_task_pb2.State:
+        """Return the state of the task while its current job runs."""
         waiting = isinstance(self._jobs[0], Wait)
         return util_task_pb2.kActionWait if waiting else util_task_pb2.kExecuting
 
     def _work(self, dt: float) -> None:
+        """Work on the current job for `dt` seconds."""
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
             kind = self._jobs[0].kind
@@ -321,12 +348,12 @@ class Tasks:
             self._finish_job(progress.text)
         elif progress.impeded != self.impeded:
             self.impeded = progress.impeded
-            if not self.impeded:
-                self._report(self.proc.state, util_action_pb2.kRosExecuting)
-            elif self._profile.pause_at_obstacle:
-                self._report(util_task_pb2.kPaused, util_action_pb2.kRosWarning, progress.text)
+            if self.impeded:
+                pauses = self._profile.pause_at_obstacle
+                shown = util_task_pb2.kPaused if pauses else self.proc.state
+                self._report(shown, util_action_pb2.kRosWarning, progress.text)
             else:
-                self._report(self.proc.state, util_action_pb2.kRosWarning, progress.text)
+                self._report(self.proc.state, util_action_pb2.kRosExecuting)
 
     def _finish_job(self, text: str) -> None:
         """Go on with the next job, or end the task."""
@@ -337,33 +364,30 @@ class Tasks:
             self._report(self.proc.state, util_action_pb2.kRosSuccess)
         if not last:
             self._waits_done += isinstance(self._jobs.popleft(), Wait)
-            self._later(self._profile.between_jobs, self._begin_job)
+            self._planned.add(self._profile.between_jobs, self._begin_job)
             return
         charging = self._jobs[0].kind == util_action_pb2.kCharge
         delay = self._robot.profile.charging.completed_after if charging else 0.0
-        self._later(delay, partial(self._end, util_task_pb2.kCompleted, text))
+        self._planned.add(delay, partial(self._end, util_task_pb2.kCompleted, text))
 
     def _stop_working(self) -> None:
         """Stop the current job, and drop everything that is planned for the task."""
-        self._phase = object()
+        self._planned.cancel_all()
         self._starting.clear()
         self._working = False
         self.impeded = False
         self._jobs[0].suspend(self._robot)
 
     def _end(self, state: util_task_pb2.State, reason: str) -> None:
-        action_state = {
-            util_task_pb2.kCompleted: util_action_pb2.kRosSuccess,
-            util_task_pb2.kCanceled: util_action_pb2.kRosCancel,
-            util_task_pb2.kFailed: util_action_pb2.kRosFailure,
-        }
+        """End the task with one of the states in `_END_ACTION_STATES`, and report it."""
+        action_state = _END_ACTION_STATES[state]
         self._stop_working()
         self._canceling = False
         if state == util_task_pb2.kCanceled and self._profile.report_last_action:
             same = self.reported.robot_task_id == self.proc.robot_task_id
             shown = self.reported.state if same else util_task_pb2.kExecuting
-            self._report(shown, action_state[state])
-        self._report(state, action_state[state], reason)
+            self._report(shown, action_state)
+        self._report(state, action_state, reason)
         self.proc.state = state
         self.history.append(self.reported)
         empty_report, chance = self._profile.empty_report, self._robot.chance
@@ -373,75 +397,40 @@ class Tasks:
                 self._start_next(at_once=True)
         elif state == util_task_pb2.kFailed or self._robot.battery.charges:
             # The report stays: the task can be recovered, or the robot still does its work.
-            self._later(_PUSH_GAP, self._leave)
+            self._planned.add(_PUSH_GAP, self._clear_state)
         else:
-            self._later(empty_report.at(chance.random()), self._empty)
+            self._planned.add(empty_report.at(chance.random()), self._go_on)
 
-    def _leave(self) -> None:
+    def _clear_state(self) -> None:
         """Show that the robot has no task."""
         self.state = _NO_STATE
 
-    def _empty(self) -> None:
-        """Show that the robot has no task, and go on with the next one of the set."""
-        self._report_empty()
-        self._leave()
-        self._later(_PUSH_GAP, partial(self._start_next, at_once=True))
+    def _go_on(self) -> None:
+        """Report that the robot has no task, and start the next one of the set."""
+        self._reports.push_empty()
+        self._clear_state()
+        self._planned.add(_PUSH_GAP, partial(self._start_next, at_once=True))
 
     def _order_delay(self) -> float:
         """Return the time from an order to the report that shows its effect, in seconds."""
         return self._profile.order_effect.at(self._robot.chance.random())
 
-    def _later(self, delay: float, call: Callable[[], object]) -> None:
-        """Schedule a call after `delay` seconds. A change of the task's course cancels it."""
-        phase = self._phase
-
-        def if_planned() -> None:
-            if self._phase is phase:
-                call()
-
-        self._robot.after(delay, if_planned)
-
     def _report(
         self,
         state: util_task_pb2.State,
-        action: util_action_pb2.State = util_action_pb2.kStateUndefined,
+        action_state: util_action_pb2.State | None = None,
         msg: str = "",
     ) -> None:
-        if self._unannounced:
-            self._unannounced = False
-            if state != self.reported.state:
-                self._robot.emit(self.reported)
-        self.reported = self._described(state, action, msg)
-        self._robot.emit(self.reported)
+        """Push a report about the task.
 
-    def _report_empty(self) -> None:
-        """Report that there is no task."""
-        self._unannounced = False
-        self.reported = self._no_task()
-        self._robot.emit(self.reported)
-
-    def _no_task(self) -> robot_pb2.TaskProc:
-        """Return a new report that there is no task."""
-        empty = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
-        empty.action.SetInParent()
-        return empty
-
-    def _described(
-        self,
-        state: util_task_pb2.State,
-        action: util_action_pb2.State = util_action_pb2.kStateUndefined,
-        msg: str = "",
-    ) -> robot_pb2.TaskProc:
-        """Return a new report about the task."""
-        report = robot_pb2.TaskProc()
-        report.CopyFrom(self.proc)
-        report.state = state
-        report.time = int(self._robot.time)
-        if self._profile.messages:
-            report.msg = msg
-        if action:
+        Args:
+            state: State of the task in the report.
+            action_state: State of the current job in the report; None to leave out the job.
+            msg: Text of the report.
+        """
+        action = None
+        if action_state is not None:
             job = self._jobs[0]
-            report.action.type = job.kind
-            report.action.state = action
-            report.action.wait_id = self._waits_done + 1 if isinstance(job, Wait) else 0
-        return report
+            wait_id = self._waits_done + 1 if isinstance(job, Wait) else 0
+            action = robot_pb2.TaskProc.Action(type=job.kind, state=action_state, wait_id=wait_id)
+        self._reports.push(self.proc, state, action, msg)

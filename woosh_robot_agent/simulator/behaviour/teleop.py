@@ -18,8 +18,11 @@ class Teleop:
     def __init__(self, start_delay: float) -> None:
         self._start_delay = start_delay
         self._waiting = 0.0
+        """Remaining time until the base starts to move, in seconds."""
         self._velocity: Velocity | None = None
+        """Velocity of the last command, None if there is none or it timed out."""
         self._left = 0.0
+        """Remaining time until the last command times out, in seconds."""
 
     def command(self, velocity: Velocity) -> None:
         """Drive with this velocity until the next command, or until the timeout."""

@@ -27,6 +27,8 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 _MAX_STEPS = 1000
+"""Maximum number of steps of an action."""
+
 _STEP_SPEED = 0.5
 """Default speed of steps, in m/s or rad/s."""
 
@@ -174,5 +176,6 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
     "charge_control": _charge_control,
     "move_base": _move_base,
 }
+"""Functions that make the job of an action, by the name of its field in CallAction."""
 
 HANDLERS: Handlers = {ros_pack_pb2.CallAction: _call_action}

@@ -25,6 +25,7 @@ from woosh_robot_agent.simulator.status_codes import Code
 _LOG = logging.getLogger(__name__)
 
 SUCCESS = "Request succeed"
+"""Text of the answer to an executed command, as the real robot words it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 
 _MAX_SCENES = 20
+"""Number of known scenes from which on uploads of new ones are refused."""
 
 
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:

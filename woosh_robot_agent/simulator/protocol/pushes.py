@@ -34,6 +34,7 @@ class StateWatch:
     def __init__(self, chassis: Chassis) -> None:
         self._chassis = chassis
         self._last: dict[str, bytes] = {}
+        """Last known state of each watched topic, encoded."""
         self._next_pose = 0.0
         """Simulated time from which PoseSpeed may be pushed again, in seconds."""
         self._repeat_battery = math.inf

@@ -9,6 +9,8 @@ from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, copy
 from woosh_robot_agent.simulator.refusals import RefusedError
 
 _MAX_NAME = 100
+"""Maximum length of the robot's name."""
+
 _MAX_HOST = 253
 """Maximum length of a host name."""
 

@@ -29,6 +29,8 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
 _MAX_REPEATS = 100
+"""Maximum number of repetitions of a task set. A set with more is repeated this often."""
+
 _MIN_SPEED = 0.01
 """Minimum speed limit of a navigation, in m/s."""
 

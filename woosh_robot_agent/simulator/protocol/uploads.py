@@ -20,8 +20,13 @@ from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
+"""Maximum number of files of a scene."""
+
 _MAX_BYTES = 32 * 1024 * 1024
+"""Maximum size of all files of a scene together, in bytes."""
+
 _MAX_NAME = 255
+"""Maximum length of a file name."""
 
 
 def updated_scene(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene | None:

@@ -12,6 +12,8 @@ from woosh_robot_agent.simulator.serving.hooks import Outgoing
 
 
 class _Delayed(NamedTuple):
+    """A frame whose delay has not passed, with its encoded form."""
+
     timer: asyncio.TimerHandle
     frame: Outgoing
     data: Encoded
@@ -34,7 +36,9 @@ class Client(ConnectedClient):
         self.has_sent = False
         self.waiting = 0
         self._delayed: dict[object, _Delayed] = {}
+        """Delayed frames, by a unique key each."""
         self._held = 0
+        """Number of frames that are held back."""
 
     def send_as(self, frame: Outgoing, data: Encoded) -> None:
         """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""

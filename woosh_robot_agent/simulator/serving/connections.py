@@ -35,11 +35,17 @@ class Connections:
         self._max_connections = max_connections
         self._max_outbox = max_outbox
         self._paused = False
+        """True if frames are neither read nor sent."""
         self._frozen = False
+        """True if frames are read, but not sent."""
         self._full = False
+        """True if the last new client was refused because there were already too many."""
         self._reading = asyncio.Event()
+        """Set while frames are read."""
         self._writing = asyncio.Event()
+        """Set while frames are sent."""
         self._left = asyncio.Event()
+        """Set when a client leaves."""
 
     @property
     def count(self) -> int:

@@ -34,8 +34,13 @@ from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
 _LOG = logging.getLogger(__name__)
 
 _MAX_RECEIVED = 10_000
+"""Maximum number of messages from clients that are kept."""
+
 _MAX_RECEIVED_BYTES = 64 * 1024 * 1024
+"""Maximum size of these messages together, in bytes."""
+
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
+"""Types that mark a subscription in a frame's envelope."""
 
 
 class Received(NamedTuple):
@@ -86,17 +91,22 @@ class Exchange:
         self.clients: set[Client] = set()
         self.hooks = Hooks()
         self.received: deque[Received] = deque()
-        self._received_sizes: deque[int] = deque()
-        self._received_bytes = 0
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
         self.before_request: Callable[[], object] = lambda: None
         self._chassis = chassis
         self._max_waiting = max_waiting
+        self._received_sizes: deque[int] = deque()
+        """Size of each message in `received`, in bytes."""
+        self._received_bytes = 0
+        """Sum of these sizes."""
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
+        """Set, and replaced by a new event, when a message of a client arrives."""
         self._frozen = False
+        """True if requests are queued instead of executed."""
         self._queue: deque[_Request] = deque()
+        """Queued requests, oldest first."""
         chassis.on_change = partial(self.report_changes, while_moving=True)
 
     def join(self, client: Client) -> None:
@@ -178,7 +188,7 @@ class Exchange:
         try:
             message = codec.body(envelope, message_type(name)) if name else None
         except KeyError:
-            pass
+            pass  # refused below: there is no handler for an unknown type
         except FrameError as error:
             self.bad_frames += 1
             refusal_reason = str(RefusedError(refusals.UNREADABLE_BODY, error=error))

@@ -39,9 +39,13 @@ class Ports:
         self._serve = serve
         self._before = before
         self._listeners: list[Listener] = []
+        """Listeners of both ports, empty while they are closed."""
         self._reserved: list[socket.socket] = []
+        """Sockets that keep the ports reserved while they are closed."""
         self._changing = asyncio.Lock()
+        """Held while the ports are opened or closed."""
         self._switching: asyncio.Task[None] | None = None
+        """The last task of `switch`."""
 
     async def listen(self) -> None:
         """Start listening.

@@ -6,7 +6,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.standard.diagnostics.agents_status import agents_status
 from woosh_robot_agent.standard.diagnostics.battery_status import battery_status
 from woosh_robot_agent.standard.diagnostics.chassis_status import chassis_status
@@ -22,7 +21,6 @@ from woosh_robot_agent.standard.subscribers import Subscribers
 
 _RATE = 1.0
 """Rate of /diagnostics, in Hz."""
-_INFO = full_name(RobotInfo)
 
 
 class Diagnostics(Part):
@@ -38,11 +36,11 @@ class Diagnostics(Part):
             self._publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:
-        chassis = self._context.chassis
-        info = self._context.last_known.get(_INFO)
-        statuses = [link_status(chassis, self._context.gate.superseded)]
+        chassis = self._context.robot.chassis
+        info = self._context.robot.last_known.value(RobotInfo)
+        statuses = [link_status(chassis, self._context.robot.gate.superseded)]
         serial = ""
-        if isinstance(info, RobotInfo):
+        if info is not None:
             serial = str(info.robot_id or info.genral.serial_number)
             of_robot = [
                 chassis_status(info),
@@ -58,7 +56,7 @@ class Diagnostics(Part):
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
         statuses.append(agents_status(self._context.second_agent))
-        prefix = self._context.node.get_fully_qualified_name().lstrip("/")
+        prefix = self._context.robot.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, serial) for each in statuses])
         message.header.stamp = self._context.now()
         return message

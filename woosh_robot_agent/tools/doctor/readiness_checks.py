@@ -1,4 +1,4 @@
-"""Checks of the robot's state: is there anything for which it would reject a task?"""
+"""Checks of the robot's state for reasons to reject a task."""
 
 from __future__ import annotations
 

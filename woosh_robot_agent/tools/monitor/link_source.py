@@ -35,7 +35,8 @@ class LinkSource:
         self._chassis = ChassisClient(config=replace(config, backoff_max=_MAX_BACKOFF))
         self._chassis.on_snapshot(self.view.update)
         for topic in TOPICS:
-            self._chassis.subscribe(message_type(topic.push), self.view.update)
+            if not topic.on_demand:
+                self._chassis.subscribe(message_type(topic.push), self.view.update)
         self._chassis.subscribe(Feedbacks, self.view.update)
 
     async def start(self) -> None:

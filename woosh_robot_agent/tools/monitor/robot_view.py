@@ -11,7 +11,6 @@ from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
-from woosh_robot_agent.protos import full_name
 
 _MAX_CODES = 50
 """Number of status codes kept."""
@@ -39,8 +38,8 @@ class RobotView:
     @property
     def info(self) -> RobotInfo:
         """The robot's state, with the latest value of each part; absent fields are unknown."""
-        info = self._values.get(full_name(RobotInfo))
-        assert isinstance(info, RobotInfo)
+        info = self._values.value(RobotInfo)
+        assert info is not None
         return info
 
     def update(self, message: Message) -> None:

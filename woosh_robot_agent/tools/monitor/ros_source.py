@@ -50,7 +50,7 @@ _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
 """Topic whose publisher is taken for the agent."""
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name that rmw reports for a node which it has not discovered yet, although its publisher is."""
+"""Name that rmw reports for the node of a publisher before it has discovered the node."""
 _PARAMETERS = ("transport", "ip", "port", "enable_connected")
 """Parameters requested from the agent, to show the address and to see that it is alive."""
 
@@ -159,9 +159,10 @@ class RosSource:
             client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
         )
         for topic in TOPICS:
-            self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
+            if not topic.on_demand:
+                self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
         for action in ACTIONS:
-            if action.member:  # progress of robot/ExecTask is also published on robot/TaskProc
+            if action.member:  # progress of tasks is also published on robot/TaskProc
                 self._subscribe_feedback(
                     action.name, class_of(action.action, "action"), action.feedback
                 )

@@ -26,7 +26,8 @@ class PassiveClient:
     def __init__(self, config: LinkConfig) -> None:
         self._chassis = ChassisClient(config=config)
         for topic in TOPICS:
-            self._chassis.subscribe(message_type(topic.push), _discard)
+            if not topic.on_demand:
+                self._chassis.subscribe(message_type(topic.push), _discard)
         self._chassis.subscribe(Feedbacks, _discard)
         self._chassis.on_state(self._on_state)
         self._queries: asyncio.Task[None] | None = None

@@ -19,7 +19,7 @@ from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_
 COMMAND_TYPES = frozenset({command.request for command in COMMANDS} | {full_name(CallAction)}) - {
     full_name(Twist)
 }
-"""Types of the requests that make the robot do something; velocities are too many to wait for."""
+"""Types of the requests that the playback waits for: all but velocities, which are too many."""
 
 
 class StepKind(Enum):

@@ -1,0 +1,42 @@
+"""robot/AgentInfo: whether the agent has a link to the chassis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tests.harness import Client, RunningAgent
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import AgentInfo
+
+NAME = "robot/AgentInfo"
+
+
+def test_it_is_false_before_the_first_link(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
+    start_agent(ip="127.0.0.1", port=1, enable_connected=False)
+    assert [m.online for m in client.echo(AgentInfo, NAME).wait_count(1)] == [False]
+
+
+def test_it_follows_the_link_and_late_subscribers_get_it(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    early = client.echo(AgentInfo, NAME)
+    early.wait(lambda m: m.online)
+    simulator.stop_listening()
+    simulator.drop()
+    early.wait(lambda m: not m.online)
+    assert not client.echo(AgentInfo, NAME).wait_count(1)[0].online
+    simulator.listen()
+    agent.wait_connected(2)
+    early.wait_count(3)
+    assert [m.online for m in early.messages][-3:] == [True, False, True]
+
+
+def test_it_is_false_when_the_agent_ends(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    echo = client.echo(AgentInfo, NAME)
+    echo.wait(lambda m: m.online)
+    agent.close()
+    echo.wait(lambda m: not m.online)
