@@ -10,10 +10,10 @@ from nav_msgs.msg import OccupancyGrid
 
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.map_image import MapError, cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.standard.growing_map import GrowingMap
-from woosh_robot_agent.standard.map_image import MapError, cells_of
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.pose2d import Pose2D

@@ -1,25 +1,33 @@
-"""Images of maps as the cells of an occupancy grid."""
+"""The image of a chassis's map as an occupancy grid.
+
+A pixel is occupied, free or unknown by its shade of grey, with the thresholds of nav2's map_server.
+"""
 
 from __future__ import annotations
 
 import array
 import io
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # loads slowly, and is needed only for maps
+    from PIL import Image
 
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG")
-"""Formats of images that are read. Robots send PNG, and map_server uses the others. Pillow knows
-more formats; for some of them it starts other programs."""
+"""Formats of images that are read: that of the robots, and those of map_server.
+
+Pillow starts other programs for some of its other formats.
+"""
+OCCUPIED_THRESHOLD = 0.65
+"""Darkness above which a cell is occupied, as in map_server."""
+FREE_THRESHOLD = 0.196
+"""Darkness below which a cell is free, as in map_server."""
 _MAX_CELLS = 100_000_000
 """Maximum size of a map, in cells."""
-_OCCUPIED_THRESHOLD = 0.65
-"""Darkness above which a cell is occupied, as in map_server."""
-_FREE_THRESHOLD = 0.196
-"""Darkness below which a cell is free, as in map_server."""
 _CELLS = bytes(
     100
-    if (255 - grey) / 255 > _OCCUPIED_THRESHOLD
+    if (255 - grey) / 255 > OCCUPIED_THRESHOLD
     else 0
-    if (255 - grey) / 255 < _FREE_THRESHOLD
+    if (255 - grey) / 255 < FREE_THRESHOLD
     else 255
     for grey in range(256)
 )
@@ -36,15 +44,27 @@ def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
     Raises:
         MapError: the image cannot be decoded, or is too large.
     """
-    from PIL import Image  # needed only for maps
+    from PIL import Image
+
+    grey = grey_image(image_file).transpose(Image.Transpose.FLIP_TOP_BOTTOM)
+    return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
+
+
+def grey_image(image_file: bytes) -> Image.Image:
+    """Return a map's image in 256 shades of grey.
+
+    Raises:
+        MapError: the image cannot be decoded, or is too large.
+    """
+    from PIL import Image
 
     try:
         with Image.open(io.BytesIO(image_file), formats=_FORMATS) as image:
             if image.width * image.height > _MAX_CELLS:
                 raise MapError(f"its image is too large: {image.width} x {image.height} pixels")
-            grey: Any = image.convert("L").transpose(Image.Transpose.FLIP_TOP_BOTTOM)
+            grey: Image.Image = image.convert("L")
+            return grey
     except MapError:
         raise
     except Exception as error:  # Pillow raises errors of many types for damaged files
         raise MapError(f"its image cannot be decoded: {error}") from None
-    return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
