@@ -203,6 +203,7 @@ setup(
             "doctor = woosh_robot_agent.tools.doctor:main",
             "record = woosh_robot_agent.tools.record:main",
             "replay = woosh_robot_agent.tools.replay:main",
+            "maps = woosh_robot_agent.tools.maps:main",
         ],
     },
 )

@@ -50,6 +50,23 @@ def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
     return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
 
 
+def grey_png(image_file: bytes) -> bytes:
+    """Return a map's image as a PNG with 256 shades of grey; unchanged if it is one.
+
+    Raises:
+        MapError: the image cannot be decoded, or is too large.
+    """
+    from PIL import Image
+
+    grey = grey_image(image_file)
+    with Image.open(io.BytesIO(image_file)) as image:
+        if image.format == "PNG" and image.mode == "L" and "transparency" not in image.info:
+            return image_file
+    buffer = io.BytesIO()
+    grey.save(buffer, "PNG")
+    return buffer.getvalue()
+
+
 def grey_image(image_file: bytes) -> Image.Image:
     """Return a map's image in 256 shades of grey.
 

@@ -469,3 +469,24 @@ async def test_a_closed_client_leaves_no_task_behind() -> None:
         await wire.gone.wait()
         left = [one for one in others() if one not in before and one.get_coro() is not None]
         assert not [one for one in left if "woosh" in repr(one) or "link" in one.get_name()]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        received, _ = client.traffic()
+        assert received > 0
+        text = "x" * 100_000
+        body = {"text": text} if kind == "json" else Speak(text=text).SerializeToString()
+        answer = ask(client, Speak())
+        await wire.answer(await wire.next(), body)
+        await soon(answer)
+        assert len(text) < client.traffic()[0] - received < 2 * len(text)
+        big = ask(client, Speak(text="x" * 20_000_000))
+        await eventually(lambda: client.traffic()[1] > 1_000_000)
+        await wire.answer(await wire.next())
+        await soon(big)
+        assert client.traffic()[1] == 0
+    assert client.traffic() == (0, 0)

@@ -125,6 +125,15 @@ class ChassisClient:
         sizes["tasks"] += self._delivery is not None and not self._delivery.done()
         return {**sizes, "pushes": self._subscriptions.queued}
 
+    def traffic(self) -> tuple[int, int]:
+        """Return how much the current connection has transferred, to show progress.
+
+        Returns:
+            The number of bytes received so far, those of an unfinished frame included, and the
+            number of bytes that wait to be sent; zeros without a connection.
+        """
+        return (0, 0) if self._connection is None else self._connection.traffic()
+
     # Starting and closing
 
     async def __aenter__(self) -> ChassisClient:

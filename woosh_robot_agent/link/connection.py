@@ -214,6 +214,10 @@ class Connection:
         finally:
             self._transport.abort()
 
+    def traffic(self) -> tuple[int, int]:
+        """Return the number of bytes received, and of those that wait to be sent."""
+        return self._transport.received, self._transport.backlog()
+
     def debug(self) -> dict[str, int]:
         """Return the sizes of everything that may grow; see `ChassisClient.debug`."""
         return {

@@ -320,6 +320,24 @@ class Chassis:
             self.readiness.located = False
         self.tasks.forget_failed()
 
+    def replace_scene(self, old: Scene | None, new: Scene, map_name: str = "") -> None:
+        """Store a scene, in place of another one or in addition.
+
+        Args:
+            old: The scene to replace, None for none.
+            new: The scene. It may have another name than the old one.
+            map_name: If `old` is the current scene: name of the current map in `new`; empty if it
+                has not changed.
+        """
+        if old is self.scene:
+            area = new.map(map_name or self.map.name)
+            assert area is not None
+            self.enter(new, area)
+        else:
+            self.scenes[new.name] = new
+        if old and old.name != new.name:
+            del self.scenes[old.name]
+
     def at_charger(self) -> bool:
         """Return True if the robot stands at a charger."""
         pose = self.base.pose

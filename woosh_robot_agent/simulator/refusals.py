@@ -206,6 +206,25 @@ MAP_CHANGE_WHILE_DRIVING = Refusal(
 MAP_CHANGE_WHILE_NAVIGATION_PAUSED = Refusal(
     "a navigation is paused: cancel it first", code=codes.MAP_CHANGE_FORBIDDEN
 )
+SCENE_EXISTS = Refusal("scene {scene} exists already: choose another name")
+MAP_EXISTS = Refusal("map {map} of scene {scene} exists already: choose another name")
+CURRENT_SCENE = Refusal("the robot is in scene {scene}: switch to another one first")
+CURRENT_MAP = Refusal("the robot is on map {map}: switch to another one first")
+CURRENT_MAP_MISSING = Refusal(
+    "the upload has no map {map}, which the robot is on: add it, or switch to another scene first"
+)
+LAST_MAP = Refusal("map {map} is the only one of scene {scene}: delete the scene instead")
+NO_NAME = Refusal("{field} is empty: give a name")
+NAME_INVALID = Refusal(
+    "{field} {name!r} must be a name of at most {limit} characters that is not a path"
+)
+NO_FILES = Refusal("the upload has no files: give at least one")
+NO_MAP_IN_UPLOAD = Refusal(
+    "no file describes a map of scene {scene}: add scene.yaml, or the YAML file and the picture of "
+    "a map of map_server"
+)
+UNKNOWN_FILE = Refusal("unknown file {file} of scene {scene}: SceneMd5 lists its files")
+TOO_MANY_MAPS = Refusal("scene {scene} would have more than {limit} maps: delete one first")
 UNKNOWN_SCENE = Refusal(
     "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas"
 )
@@ -215,11 +234,24 @@ SCENE_INVALID = Refusal("scene {scene} is not changed: {error}")
 FILE_NAME_INVALID = Refusal(
     "file {file!r}: the name must be a plain file name of at most {limit} characters"
 )
+FILE_INVALID = Refusal("{error}")
 FILE_TWICE = Refusal("file {file} is uploaded twice")
 SCENE_TOO_LARGE = Refusal(
     "{count} files of {size} bytes are more than the limit of a scene: {max_count} files, "
     "{max_size} bytes"
 )
+
+# Marks
+
+NO_MARK_NUMBER = Refusal("the mark has no number: set identity.no")
+MARK_EXISTS = Refusal(
+    "mark {mark} of map {map} exists already: choose another number, or update it"
+)
+MARK_ID_EXISTS = Refusal("mark {mark} of map {map} has the id {id} already: use 0 for a free one")
+MARK_WITHOUT_POSE = Refusal("mark {mark} has no pose: set pose.dock")
+MARK_OUTSIDE_MAP = Refusal("mark {mark} is outside map {map}: choose a pose inside")
+MARK_TOO_LARGE = Refusal("the data of mark {mark} have {size} bytes, more than {limit}: send fewer")
+TOO_MANY_MARKS = Refusal("map {map} has {limit} marks already: delete one first")
 
 # Settings
 

@@ -15,7 +15,7 @@ except ImportError:
     from yaml import SafeLoader as _SafeLoader  # type: ignore[assignment]
 
 _MAX_BYTES = 256 * 1024
-"""Maximum size of a file, in bytes. Reading one of this size takes some tenths of a second."""
+"""Default of the maximum size of a file, in bytes. Reading one takes some tenths of a second."""
 
 _MAX_DEPTH = 20
 """Maximum nesting depth."""
@@ -169,18 +169,19 @@ class Node:
         return self.value
 
 
-def parse(name: str, data: bytes) -> Node:
+def parse(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Node:
     """Parse a YAML file.
 
     Args:
         name: Name of the file, for errors.
         data: Content of the file.
+        max_bytes: Maximum size of the file, in bytes.
 
     Raises:
         DataFileError: The file is not YAML, too large or too deeply nested.
     """
-    if len(data) > _MAX_BYTES:
-        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {_MAX_BYTES}")
+    if len(data) > max_bytes:
+        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {max_bytes}")
     try:
         depth = 0
         for event in yaml.parse(data, _Loader):

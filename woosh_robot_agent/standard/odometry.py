@@ -192,15 +192,15 @@ class Odometry:
                 limit = _POSE_SET_TOLERANCE_AT_REST
             return error.distance > limit or abs(error.theta) > limit
         # the robot may have changed its speed at any time since the last report
-        forward_change = abs(after.forward - before.forward) * interval / 2
-        turn_change = abs(after.turn - before.turn) * interval / 2
-        position_tolerance = _POSITION_TOLERANCE + forward_change
-        heading_tolerance = _HEADING_TOLERANCE + turn_change
+        forward_margin = abs(after.forward - before.forward) * interval / 2
+        turn_margin = abs(after.turn - before.turn) * interval / 2
+        position_tolerance = _POSITION_TOLERANCE + forward_margin
+        heading_tolerance = _HEADING_TOLERANCE + turn_margin
         # then the duration is inexact, and so is what it predicts of the other movement
         if turns_mostly:
-            position_tolerance += abs(forward) * min(turn_change / abs(turn), interval)
+            position_tolerance += abs(forward) * min(turn_margin / abs(turn), interval)
         elif forward:
-            heading_tolerance += abs(turn) * min(forward_change / abs(forward), interval)
+            heading_tolerance += abs(turn) * min(forward_margin / abs(forward), interval)
         return (
             abs(error.x) > position_tolerance
             or abs(error.theta) > heading_tolerance

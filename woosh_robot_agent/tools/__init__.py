@@ -1,4 +1,4 @@
-"""Programs to observe one robot: `monitor`, `doctor`, `record` and `replay`.
+"""Programs for one robot: `monitor`, `doctor`, `record`, `replay` and `maps`.
 
-None of them commands the robot. Only `monitor.ros_source` needs ROS.
+Only `maps` changes something on the robot. Only `monitor.ros_source` needs ROS.
 """

@@ -6,6 +6,7 @@ import argparse
 import ipaddress
 import sys
 from dataclasses import fields
+from typing import Any
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
@@ -13,11 +14,26 @@ from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
 _LOCALHOST = "127.0.0.1"
 
 
-def add_link_options(parser: argparse.ArgumentParser, *, ip_required: bool = True) -> None:
-    """Add `--ip` and the other options of the link to a parser."""
+def add_link_options(
+    parser: argparse.ArgumentParser, *, ip_required: bool = True, again: bool = False
+) -> None:
+    """Add `--ip` and the other options of the link to a parser.
+
+    Args:
+        parser: The parser.
+        ip_required: `--ip` must be given.
+        again: This is a subparser of a parser that has the options too. They may come before or
+            after the command, so the subparser has no defaults and no help for them.
+    """
     default = LinkConfig()
-    parser.add_argument("--ip", required=ip_required, help="address or host name of the robot")
-    parser.add_argument(
+
+    def add(name: str, **keywords: Any) -> None:
+        if again:
+            keywords |= {"default": argparse.SUPPRESS, "help": argparse.SUPPRESS, "required": False}
+        parser.add_argument(name, **keywords)
+
+    add("--ip", required=ip_required, help="address or host name of the robot")
+    add(
         "--port",
         type=int,
         default=default.port,
@@ -25,25 +41,25 @@ def add_link_options(parser: argparse.ArgumentParser, *, ip_required: bool = Tru
         + ", ".join(f"{port} for {name}" for name, port in DEFAULT_PORTS.items())
         + ")",
     )
-    parser.add_argument(
+    add(
         "--transport",
         choices=DEFAULT_PORTS,
         default=default.transport,
         help="transport of the link (default: %(default)s)",
     )
-    parser.add_argument(
+    add(
         "--encoding",
         choices=ENCODINGS,
         default=default.encoding,
         help="encoding of WebSocket frames (default: %(default)s)",
     )
-    parser.add_argument(
+    add(
         "--robot-id",
         type=int,
         default=default.robot_id,
         help="id of the robot behind a gateway (default: %(default)s, no gateway)",
     )
-    parser.add_argument(
+    add(
         "--timeout",
         type=float,
         default=default.connect_timeout,

@@ -22,6 +22,10 @@ class Transport(Protocol):
     def progress_at(self) -> float:
         """Loop time at which a part of an unfinished frame last arrived; 0 before the first."""
 
+    @property
+    def received(self) -> int:
+        """Number of bytes received so far, those of an unfinished frame included."""
+
     def backlog(self) -> int:
         """Return the number of accepted bytes that still wait in the write buffer."""
 

@@ -32,6 +32,7 @@ class TcpTransport:
         self._now = asyncio.get_running_loop().time
         self.peer = peer_address(writer.transport)
         self.progress_at = 0.0
+        self.received = 0
 
     def backlog(self) -> int:
         return self._writer.transport.get_write_buffer_size()
@@ -51,6 +52,7 @@ class TcpTransport:
                     "oversize", f"{size} bytes are more than max_frame_size, {self._max_size}"
                 )
             if size <= CHUNK:
+                self.received += size
                 return await self._reader.readexactly(size)
             return await self._read_large(size)
         except asyncio.IncompleteReadError as error:
@@ -93,7 +95,9 @@ class TcpTransport:
     async def _read_large(self, size: int) -> bytes:
         data = bytearray()
         while len(data) < size:
-            data += await self._reader.readexactly(min(size - len(data), CHUNK))
+            chunk = await self._reader.readexactly(min(size - len(data), CHUNK))
+            data += chunk
+            self.received += len(chunk)
             self.progress_at = self._now()
         return bytes(data)
 

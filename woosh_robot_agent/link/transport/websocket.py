@@ -36,6 +36,10 @@ class WebSocketTransport:
     def progress_at(self) -> float:
         return getattr(self._socket, "progress_at", 0.0)
 
+    @property
+    def received(self) -> int:
+        return getattr(self._socket, "received", 0)
+
     def backlog(self) -> int:
         return int(self._socket.transport.get_write_buffer_size())
 
@@ -107,12 +111,14 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
 
 class _ClientSocket(ClientSocket):
-    """The library's client connection; it also notes when parts of a frame arrive."""
+    """The library's client connection; it also notes how much arrives, and when."""
 
     progress_at = 0.0
+    received = 0
     _bytes_since_progress = 0
 
     def data_received(self, data: bytes) -> None:
+        self.received += len(data)
         self._bytes_since_progress += len(data)
         if self._bytes_since_progress >= _PROGRESS:
             self.progress_at, self._bytes_since_progress = self.loop.time(), 0

@@ -13,6 +13,8 @@ from woosh_robot_agent.simulator.protocol import (
     action_commands,
     drive_commands,
     map_commands,
+    map_queries,
+    mark_commands,
     queries,
     settings,
     state_commands,
@@ -51,10 +53,11 @@ def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
     return {cls.DESCRIPTOR.full_name: do for table in tables for cls, do in table.items()}
 
 
-_QUERIES = _by_name(queries.HANDLERS)
+_QUERIES = _by_name(queries.HANDLERS, map_queries.HANDLERS)
 _COMMANDS = _by_name(
     state_commands.HANDLERS,
     map_commands.HANDLERS,
+    mark_commands.HANDLERS,
     drive_commands.HANDLERS,
     task_commands.HANDLERS,
     action_commands.HANDLERS,

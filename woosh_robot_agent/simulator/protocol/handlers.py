@@ -14,6 +14,7 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 Result = Message | str | None
 """Content of the answer: its body, a text for an answer with an empty body, or None."""
@@ -55,6 +56,32 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     if scene is None:
         raise RefusedError(refusals.UNKNOWN_SCENE, scene=name, scenes=", ".join(chassis.scenes))
     return scene
+
+
+def named_map(scene: Scene, name: str) -> Map:
+    """Return the map of a scene called `name`, or the first one if `name` is empty.
+
+    Raises:
+        RefusedError: There is no such map.
+    """
+    area = scene.map(name)
+    if area is None:
+        maps = ", ".join(each.name for each in scene.maps)
+        raise RefusedError(refusals.UNKNOWN_MAP, map=name, scene=scene.name, maps=maps)
+    return area
+
+
+def named_mark(chassis: Chassis, number: str) -> Mark:
+    """Return the mark of the current map with this number.
+
+    Raises:
+        RefusedError: There is no such mark.
+    """
+    mark = chassis.map.marks.get(number)
+    if mark is None:
+        known = ", ".join(chassis.map.marks) or "none"
+        raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
+    return mark
 
 
 def usable_speed(speed: float, minimum: float) -> float:

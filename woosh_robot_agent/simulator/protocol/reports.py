@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2
+from woosh_robot_agent.pb.map import map_pack_pb2
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.scenes.marks import mark_info_of, storages_of
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map
 
 _Hardware = robot_pb2.HardwareState
 _Bit = robot_pb2.DeviceState
@@ -253,7 +254,7 @@ def scene_data_easy(scene: Scene) -> map_pack_pb2.SceneDataEasy:
                 name=each.name,
                 floor=each.floor,
                 version=each.version,
-                storages=_storages(each),
+                storages=storages_of(each.marks.values()),
             )
             for each in scene.maps
         ],
@@ -294,36 +295,7 @@ def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
         resolution=drawn.resolution,
         origin=common_pb2.Pose2D(x=drawn.low[0], y=drawn.low[1]),
         map_png=drawn.png,
-        mark_info=mark_pb2.MarkInfo(
-            version=area.version,
-            floor_name=area.floor,
-            storages=[_mark_data(mark) for mark in area.marks.values()],
-        ),
-    )
-
-
-def _mark_data(mark: Mark) -> mark_pb2.Storage:
-    base = _storage(mark)
-    storage = mark_pb2.Storage(identity=base.identity, pose=base.pose)
-    if mark.kind is not MarkKind.BASE:
-        # The values of MarkKind are plurals, the fields of Storage are singulars.
-        getattr(storage, mark.kind.value.removesuffix("s")).SetInParent()
-    return storage
-
-
-def _storages(area: Map) -> mark_pb2.Storages:
-    groups: dict[str, Iterable[mark_pb2.Storages.Base]] = {
-        kind.value: [_storage(mark) for mark in area.marks.values() if mark.kind is kind]
-        for kind in MarkKind
-    }
-    return mark_pb2.Storages(**groups)  # its fields are the values of MarkKind
-
-
-def _storage(mark: Mark) -> mark_pb2.Storages.Base:
-    pose = pose2d(mark.pose)
-    return mark_pb2.Storages.Base(
-        identity=mark_pb2.Identity(id=mark.id, no=mark.number, desc=mark.description),
-        pose=mark_pb2.Pose(dock=pose, real=pose),
+        mark_info=mark_info_of(area),
     )
 
 

@@ -20,6 +20,7 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     MAX_POSES,
     Handlers,
     Result,
+    named_mark,
     pose,
     poses,
     usable_speed,
@@ -82,10 +83,7 @@ def _of_set(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrd
 
 
 def _mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
-    mark = chassis.map.marks.get(number)
-    if mark is None:
-        known = ", ".join(chassis.map.marks) or "none"
-        raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
+    mark = named_mark(chassis, number)
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(refusals.NOT_A_CHARGER, mark=number)
     return mark

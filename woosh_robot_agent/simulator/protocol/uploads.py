@@ -1,22 +1,23 @@
-"""Files of a scene that a client uploads with SwitchMap.
+"""Files of a scene that a client uploads with Upload or SwitchMap.
 
-They are kept in memory, never on disk. If all files of a scene together describe a scene or maps in
-a format of `scenes.files`, the scene is replaced. Other files are only kept. An invalid upload
-changes nothing.
+They are kept in memory, never on disk. If they describe a scene, maps or marks in a format of
+`scenes.files`, these are replaced. Other files are only kept. An invalid upload changes nothing.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import PurePosixPath, PureWindowsPath
+from pathlib import PurePosixPath
 
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes.files import SCENE_FILE, read_scene
+from woosh_robot_agent.simulator.scenes.editing import with_map
+from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
+from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, SCENE_FILE, read_maps, read_scene
 from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.scenes.writing import files_of
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
@@ -25,53 +26,85 @@ _MAX_FILES = 100
 _MAX_BYTES = 32 * 1024 * 1024
 """Maximum size of all files of a scene together, in bytes."""
 
-_MAX_NAME = 255
-"""Maximum length of a file name."""
+_PICTURES = (".png", ".pgm")
+"""Ends of the names of pictures."""
 
 
-def updated_scene(name: str, before: Scene | None, files: dict[str, bytes]) -> Scene | None:
+def updated_scene(
+    name: str,
+    old: Scene | None,
+    upload: Iterable[common_pb2.FileData],
+    *,
+    replace: bool = False,
+) -> Scene | None:
     """Return a scene after an upload, with the version of each map increased.
 
     Args:
         name: Name of the scene.
-        before: The scene before the upload, None if it is new.
-        files: All files of the scene, as from `merge_files`.
+        old: The scene before the upload, None if it is new.
+        upload: The uploaded files.
+        replace: The uploaded files are the only ones of the scene.
 
     Returns:
-        The scene, or None if the scene is new and no file describes it.
+        The scene, or None if no file describes it.
 
     Raises:
         RefusedError: A file is invalid.
     """
+    kept = old if not replace else None
+    new = merge_files({}, upload)
+    files = merge_files(files_of(kept).all if kept else {}, upload)
+    used: set[str] = set()
+    read = _reader(files, used)
     try:
-        scene = read_scene(name, files, _reader(files))
+        scene = read_scene(name, files, read)
+        if scene and SCENE_FILE in files and SCENE_FILE not in new:
+            for area in read_maps(new.keys() - used, read):
+                scene = with_map(scene, area)
     except DataFileError as error:
         raise RefusedError(refusals.SCENE_INVALID, scene=name, error=error) from error
-    if before is None:
-        return scene and dataclasses.replace(scene, files=files)
-    newer = [dataclasses.replace(each, version=each.version + 1) for each in before.maps]
     if scene is None:
-        return dataclasses.replace(before, maps=newer, files=files)
-    if SCENE_FILE not in files:
-        return dataclasses.replace(before, maps=_merged(newer, scene.maps), files=files)
-    versions = {each.name: each.version for each in newer}
-    maps = [
+        return None
+    if len(scene.maps) > MAX_MAPS:
+        raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
+    others = {**(kept.files if kept else {}), **new}
+    scene.files.update((file, data) for file, data in others.items() if file not in used)
+    versions = {each.name: each.version + 1 for each in old.maps} if old else {}
+    scene.maps = [
         dataclasses.replace(each, version=max(each.version, versions.get(each.name, 1)))
         for each in scene.maps
     ]
-    return dataclasses.replace(scene, maps=maps, files=files)
+    return scene
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
     """Return the name of the first uploaded map of map_server, empty if there is none."""
-    stems = {PurePosixPath(file.name).stem for file in upload}
-    if SCENE_FILE in scene.files:
+    names = {file.name for file in upload}
+    if SCENE_FILE in names:
         return ""
+    stems = {PurePosixPath(name).stem for name in names}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
 
 
+def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
+    """Check that each picture of an upload can be read, also those that no map uses.
+
+    Raises:
+        RefusedError: A picture cannot be read.
+    """
+    for file in upload:
+        if PurePosixPath(file.name).suffix.lower() in _PICTURES:
+            # numpy and Pillow load slowly, and only pictures need them.
+            from woosh_robot_agent.simulator.scenes.map_server import check_picture
+
+            try:
+                check_picture(file.name, file.data)
+            except DataFileError as error:
+                raise RefusedError(refusals.FILE_INVALID, error=error) from error
+
+
 def merge_files(
-    before: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
+    old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
 ) -> dict[str, bytes]:
     """Return the files of a scene with those of an upload.
 
@@ -80,15 +113,14 @@ def merge_files(
     """
     new: dict[str, bytes] = {}
     for file in upload:
-        name = file.name
         # Nothing is written to disk, but a name must not be a path on any system.
-        plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
-        if not plain or name in ("", "..") or not name.isprintable() or len(name) > _MAX_NAME:
-            raise RefusedError(refusals.FILE_NAME_INVALID, file=name[:_MAX_NAME], limit=_MAX_NAME)
-        if name in new:
-            raise RefusedError(refusals.FILE_TWICE, file=name)
-        new[name] = file.data
-    files = {**before, **new}
+        if not is_plain(file.name):
+            name = file.name[:MAX_NAME]
+            raise RefusedError(refusals.FILE_NAME_INVALID, file=name, limit=MAX_NAME)
+        if file.name in new:
+            raise RefusedError(refusals.FILE_TWICE, file=file.name)
+        new[file.name] = file.data
+    files = {**old, **new}
     size = sum(map(len, files.values()))
     if len(files) > _MAX_FILES or size > _MAX_BYTES:
         raise RefusedError(
@@ -101,27 +133,15 @@ def merge_files(
     return files
 
 
-def _reader(files: Mapping[str, bytes]) -> Callable[[str], bytes]:
+def _reader(files: Mapping[str, bytes], used: set[str]) -> Callable[[str], bytes]:
+    """Return a function that reads one of `files`, and adds its name to `used`."""
+
     def read(name: str) -> bytes:
         try:
-            return files[name]
+            data = files[name]
         except KeyError:
             raise DataFileError(f"{name}: the file is missing: upload it too") from None
+        used.add(name)
+        return data
 
     return read
-
-
-def _merged(before: list[Map], pictures: list[Map]) -> list[Map]:
-    """Return the maps of a scene with those of an upload. A replaced map keeps its marks."""
-    maps = {each.name: each for each in before}
-    free_id = max(each.id for each in before) + 1
-    for each in pictures:
-        old = maps.get(each.name)
-        if old:
-            maps[each.name] = dataclasses.replace(
-                each, id=old.id, floor=old.floor, version=old.version, marks=old.marks
-            )
-        else:
-            maps[each.name] = dataclasses.replace(each, id=free_id)
-            free_id += 1
-    return list(maps.values())

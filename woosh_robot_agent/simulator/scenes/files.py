@@ -15,11 +15,15 @@
           - [0, 0, 0, 5, 5, 5]
         marks:
           - {number: A1, type: rack, pose: [4.0, 1.0, 1.57], description: by the door}
+      - name: yard
+        image: yard.yaml
+        mark_info: yard.mark_info.data  # instead of marks: a serialised woosh.map.mark.MarkInfo
     tasks:
       predefined:                   # task sets for ExecPreTask
         - {id: 12, name: round, times: 2, steps: [{mark: A1, type: pick}]}
       calls:                        # task sets for call buttons
         - {id: 13, name: fetch, button: {mac: "00:12:4b:00:00:01", key: 1}, steps: [{mark: A1}]}
+    task_info: task_info.data         # instead of tasks: a serialised woosh.task.TaskInfo
 
 Lengths are in metres, angles in radians, poses are [x, y, theta]. A map needs an image or walls and
 can have both. The type of a mark is one of `MarkKind` in lower case (default: base). Its `id` is by
@@ -28,21 +32,33 @@ carry; its direction is feeding or cutting. With `wait` the robot then waits for
 seconds, or with -1 until a client tells it to continue.
 
 Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
-its YAML file.
+its YAML file. Its marks come from a file NAME.mark_info.data, if there is one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.scenes.data_files import (
+    MARK_INFO,
+    MAX_MARKS,
+    MAX_TASKS,
+    Read,
+    read_mark_info,
+    read_task_info,
+)
+from woosh_robot_agent.simulator.scenes.file_names import is_plain
+from woosh_robot_agent.simulator.scenes.marks import marks_of, other_marks
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.maps import ImageFiles, Map, Mark, MarkKind
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 
 if TYPE_CHECKING:
@@ -50,15 +66,12 @@ if TYPE_CHECKING:
 
 SCENE_FILE = "scene.yaml"
 
-Read = Callable[[str], bytes]
-"""Returns the content of the file with the given name, or raises `DataFileError`."""
+MAX_MAPS = 50
+"""Maximum number of maps of a scene."""
 
-_MAX_MAPS = 50
-_MAX_MARKS = 5000
 _MAX_WALLS = 1000
 """Laser and planner check each wall. A map with more walls needs a picture instead."""
 
-_MAX_TASKS = 200
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_PIXELS = 32 * 1024 * 1024
 """Limit for all pictures of a scene together. Reading them blocks the simulator."""
@@ -121,36 +134,43 @@ def read_scene(
         DataFileError: A file cannot be used.
     """
     if SCENE_FILE in names:
-        root = parse(SCENE_FILE, read(SCENE_FILE)).check_keys(("name", "start", "maps", "tasks"))
+        keys = ("name", "start", "maps", "tasks", "task_info")
+        root = parse(SCENE_FILE, read(SCENE_FILE)).check_keys(keys)
         named = root.get("name")
         return _scene(root, named.text() if named and use_own_name else name, read)
+    maps = read_maps(names, read)
+    return Scene(name, maps) if maps else None
+
+
+def read_maps(names: Collection[str], read: Read) -> list[Map]:
+    """Read the maps of map_server among some files.
+
+    Raises:
+        DataFileError: A file cannot be used.
+    """
     maps: list[Map] = []
     for each in sorted(names):
         if Path(each).suffix in (".yaml", ".yml"):
             description = parse(each, read(each))
             if isinstance(description.value, dict) and description.get("image"):
-                grid = _grid(each, description, read)
+                stem = Path(each).stem
+                grid, image = _grid(each, description, read)
                 low, high = _bounds(description, [grid.low, grid.high])
-                maps.append(
-                    Map(
-                        len(maps),
-                        Path(each).stem,
-                        _DEFAULT_FLOOR,
-                        1,
-                        low,
-                        high,
-                        walls=(),
-                        grid=grid,
-                    )
+                area = Map(
+                    len(maps), stem, _DEFAULT_FLOOR, 1, low, high, walls=(), grid=grid, image=image
                 )
+                if stem + MARK_INFO in names:
+                    info = read_mark_info(stem + MARK_INFO, read)
+                    area = replace(area, marks=marks_of(info), other_marks=other_marks(info))
+                maps.append(area)
                 _check_pictures(description, maps)
-                if maps[-1].name in [other.name for other in maps[:-1]]:
-                    raise description.error(f"another file has the map name {maps[-1].name} too")
-    return Scene(name, maps) if maps else None
+                if stem in [other.name for other in maps[:-1]]:
+                    raise description.error(f"another file has the map name {stem} too")
+    return maps
 
 
 def _scene(root: Node, name: str, read: Read) -> Scene:
-    nodes = list(root.required("maps").items(_MAX_MAPS))
+    nodes = list(root.required("maps").items(MAX_MAPS))
     if not nodes:
         raise root.required("maps").error("a scene needs at least one map")
     maps: list[Map] = []
@@ -166,7 +186,13 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
         on = start.get("map")
         scene.start_map = on.choice([each.name for each in maps]) if on else ""
         scene.start = _pose(start.required("pose"))
-    tasks = root.get("tasks")
+    tasks, task_info = root.get("tasks"), root.get("task_info")
+    if task_info:
+        if tasks:
+            raise task_info.error("give tasks or task_info, not both")
+        info = read_task_info(task_info.text(), read)
+        scene.predefined.repeat_tasks.extend(info.repeat_tasks)
+        scene.calls.call_tasks.extend(info.call_tasks)
     if tasks:
         tasks.check_keys(("predefined", "calls"))
         marks = {number for each in maps for number in each.marks}
@@ -176,16 +202,22 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
 
 
 def _map(node: Node, number: int, read: Read) -> Map:
-    node.check_keys(("name", "id", "floor", "version", "image", "area", "walls", "marks"))
+    node.check_keys(
+        ("name", "id", "floor", "version", "image", "area", "walls", "marks", "mark_info")
+    )
     id_, floor, version = node.get("id"), node.get("floor"), node.get("version")
     walls = tuple(wall for each in _items(node, "walls", _MAX_WALLS) for wall in _walls(each))
     if len(walls) > _MAX_WALLS:
         raise node.required("walls").error(f"{len(walls)} walls are more than {_MAX_WALLS}")
-    marks = _marks(node)
+    mark_info = node.get("mark_info")
+    if mark_info and node.get("marks"):
+        raise mark_info.error("give marks or mark_info, not both")
+    info = read_mark_info(mark_info.text(), read) if mark_info else mark_pb2.MarkInfo()
+    marks = marks_of(info) if mark_info else _marks(node)
     image, area = node.get("image"), node.get("area")
-    grid = None
+    grid, files = None, None
     if image:
-        grid = _grid(image.text(), parse(image.text(), read(image.text())), read)
+        grid, files = _grid(image.text(), parse(image.text(), read(image.text())), read)
     elif not walls:
         raise node.error("a map needs an image or walls")
     if area:
@@ -193,28 +225,41 @@ def _map(node: Node, number: int, read: Read) -> Map:
         corners = [(x1, y1), (x2, y2)]
     else:
         corners = [point for wall in walls for point in ((wall.x1, wall.y1), (wall.x2, wall.y2))]
-        corners += [mark.pose.point for mark in marks]
+        corners += [mark.pose.point for mark in marks.values()]
         corners += [grid.low, grid.high] if grid else []
     low, high = _bounds(area or node, corners)
     return Map(
         id=id_.integer(0, _UINT32) if id_ else number,
         name=node.required("name").text(),
-        floor=floor.text() if floor else _DEFAULT_FLOOR,
-        version=version.integer(1, _INT32) if version else 1,
+        floor=floor.text() if floor else info.floor_name or _DEFAULT_FLOOR,
+        version=version.integer(1, _INT32) if version else min(max(1, info.version), _INT32),
         low=low,
         high=high,
         walls=walls,
-        marks={mark.number: mark for mark in marks},
+        marks=marks,
         grid=grid,
+        image=files,
+        other_marks=other_marks(info),
     )
 
 
-def _grid(name: str, description: Node, read: Read) -> Grid:
+def _grid(name: str, description: Node, read: Read) -> tuple[Grid, ImageFiles | None]:
+    """Return a grid and its files, or None for these if their names are paths."""
     # numpy, scipy and Pillow load in a third of a second, which only pictures need.
     from woosh_robot_agent.simulator.scenes.map_server import read_grid
 
     folder = Path(name).parent
-    return read_grid(description, lambda image: read(str(folder / image)))
+    pictures: list[bytes] = []
+
+    def read_picture(picture_name: str) -> bytes:
+        pictures.append(read(str(folder / picture_name)))
+        return pictures[-1]
+
+    grid = read_grid(description, read_picture)
+    picture_name = description.required("image").text()
+    if not (is_plain(name) and is_plain(picture_name)):
+        return grid, None
+    return grid, ImageFiles(name, read(name), picture_name, pictures[-1])
 
 
 def _check_pictures(node: Node, maps: Iterable[Map]) -> None:
@@ -246,8 +291,8 @@ def _walls(node: Node) -> Iterator[Wall]:
         yield Wall(*start, *end)
 
 
-def _marks(node: Node) -> list[Mark]:
-    nodes = list(_items(node, "marks", _MAX_MARKS))
+def _marks(node: Node) -> dict[str, Mark]:
+    nodes = list(_items(node, "marks", MAX_MARKS))
     marks = []
     for place, each in enumerate(nodes, start=1):
         each.check_keys(("number", "id", "type", "pose", "description"))
@@ -263,11 +308,11 @@ def _marks(node: Node) -> list[Mark]:
         )
     _all_different(nodes, "number", [mark.number for mark in marks])
     _all_different(nodes, "id", [mark.id for mark in marks])
-    return marks
+    return {mark.number: mark for mark in marks}
 
 
 def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.RepeatTask]:
-    for node in _items(tasks, "predefined", _MAX_TASKS):
+    for node in _items(tasks, "predefined", MAX_TASKS):
         node.check_keys(("id", "name", "steps", "times"))
         times = node.get("times")
         yield woosh_task_pb2.RepeatTask(
@@ -277,7 +322,7 @@ def _predefined(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.
 
 def _calls(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.CallTask]:
     info = woosh_task_pb2.CallInfo
-    for node in _items(tasks, "calls", _MAX_TASKS):
+    for node in _items(tasks, "calls", MAX_TASKS):
         node.check_keys(("id", "name", "steps", "button"))
         button = node.required("button").check_keys(("mac", "key"))
         caller = info.Caller(
@@ -291,7 +336,7 @@ def _calls(tasks: Node, marks: Collection[str]) -> Iterator[woosh_task_pb2.CallT
 def _task_set(node: Node, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
     number, name = node.required("id").integer(1, _INT32), node.required("name").text()
     tasks = []
-    for index, step in enumerate(node.required("steps").items(_MAX_TASKS), start=1):
+    for index, step in enumerate(node.required("steps").items(MAX_TASKS), start=1):
         step.check_keys(("mark", "type", "direction", "wait"))
         mark, kind = step.required("mark"), step.get("type")
         direction, wait = step.get("direction"), step.get("wait")

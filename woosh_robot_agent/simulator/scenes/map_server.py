@@ -65,6 +65,15 @@ def read_grid(description: Node, read: Callable[[str], bytes]) -> Grid:
     return Grid(np.ascontiguousarray(cells[::-1]), resolution.number(), (x, y))
 
 
+def check_picture(name: str, data: bytes) -> None:
+    """Check that a picture can be read.
+
+    Raises:
+        DataFileError: It cannot.
+    """
+    _pixels(name, data)
+
+
 def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
     """Return brightness and, if the picture has transparency, opacity of each pixel: 0 to 1."""
     try:

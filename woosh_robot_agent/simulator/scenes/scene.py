@@ -16,7 +16,7 @@ class Scene:
     Attributes:
         name: Name, unique among the scenes.
         maps: At least one map. The first one is the default.
-        files: Files that clients uploaded for the scene, by name.
+        files: Files that clients uploaded and that describe neither map, mark nor task, by name.
         start: Initial pose of the robot on `start_map`; None if the scene does not define one.
         start_map: Name of the map on which the robot starts; empty for the first one.
         predefined: Task sets that ExecPreTask can start.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
 from woosh_robot_agent.simulator.world.hull import Hull
 
@@ -38,6 +39,7 @@ class Mark:
         pose: Pose of a robot that stands at the mark, in the map's frame.
         kind: Kind of the mark.
         description: Description for people.
+        storage: All data of the mark, if a client has given more than the above.
     """
 
     id: int
@@ -45,6 +47,24 @@ class Mark:
     pose: Pose
     kind: MarkKind = MarkKind.BASE
     description: str = ""
+    storage: mark_pb2.Storage | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class ImageFiles:
+    """The files of map_server from which a grid was read. Their names are plain file names.
+
+    Attributes:
+        name: Name of the YAML file.
+        description: Content of the YAML file.
+        picture_name: Name of the picture.
+        picture: Content of the picture.
+    """
+
+    name: str
+    description: bytes
+    picture_name: str
+    picture: bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +81,8 @@ class Map:
         walls: Walls, which the laser sees and the robot cannot pass.
         marks: Marks, by number.
         grid: Occupancy grid, if the map has one; used in addition to the walls.
+        image: The files of the grid; None for a grid that does not come from files.
+        other_marks: Marks of other kinds, such as beacons, which the robot only stores.
     """
 
     id: int
@@ -72,6 +94,8 @@ class Map:
     walls: tuple[Wall, ...]
     marks: dict[str, Mark] = field(default_factory=dict)
     grid: Grid | None = None
+    image: ImageFiles | None = None
+    other_marks: mark_pb2.MarkInfo = field(default_factory=mark_pb2.MarkInfo)
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or occupied cell, in metres."""

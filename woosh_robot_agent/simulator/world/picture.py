@@ -54,12 +54,17 @@ def draw(area: Map) -> Picture:
     else:
         cells, resolution, low = _free_area(area)
     _draw_walls(cells, area, resolution, low)
+    return Picture(png(cells), resolution, low)
+
+
+def png(cells: Cells) -> bytes:
+    """Return the picture of cells, which are in rows by increasing y."""
     greys = np.full(cells.shape, _GREY_FREE, np.uint8)
     greys[cells == OCCUPIED] = _GREY_OCCUPIED
     greys[cells == UNKNOWN] = _GREY_UNKNOWN
     buffer = io.BytesIO()
     Image.fromarray(greys[::-1]).save(buffer, "PNG")
-    return Picture(buffer.getvalue(), resolution, low)
+    return buffer.getvalue()
 
 
 def _free_area(area: Map) -> tuple[Cells, float, Point]:

@@ -1,0 +1,116 @@
+"""The commands of docs/maps.md, in the page's order, with two robots."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from nav_msgs.msg import OccupancyGrid
+
+from tests.harness import Client, RunningAgent, wait_until
+from tests.quick_chassis import quick_config
+from tests.ros2_commands import parse
+from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools import maps
+
+PAGE = Path(__file__).parents[2] / "docs" / "maps.md"
+SUCCEEDED = 4
+
+
+@pytest.fixture
+def first() -> Iterator[SimulatorThread]:
+    """The robot whose maps are saved. The agent serves the second robot."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, seed=2)) as running:
+        yield running
+
+
+def blocks() -> list[tuple[str, str]]:
+    """Return language and content of all examples of the page, in order."""
+    return re.findall(r"```(\w+)\n(.*?)```", PAGE.read_text(), re.DOTALL)
+
+
+def set_mark(file: Path, entry: dict[str, Any]) -> None:
+    """Replace the mark with the number of `entry`, or add it."""
+    content = yaml.safe_load(file.read_text())
+    marks = [mark for mark in content["marks"] if mark["number"] != entry["number"]]
+    content["marks"] = [*marks, entry]
+    file.write_text(yaml.safe_dump(content))
+
+
+def call(client: Client, line: str) -> None:
+    command = parse(line)
+    if command.verb == "service call":
+        answer = client.call(command.cls, command.name, arg=command.filled().arg)
+        assert answer.ok, f"{line}: {answer.msg}"
+    else:
+        status, result = client.send_goal(command.cls, command.name, command.filled()).result(60.0)
+        assert status == SUCCEEDED, f"{line}: {result}"
+
+
+def test_the_commands_of_the_page_work_in_its_order(
+    first: SimulatorThread,
+    simulator: SimulatorThread,
+    agent: RunningAgent,
+    client: Client,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    robots = {"172.20.8.74": first, "172.20.8.75": simulator}
+    printed = ""
+
+    def run(line: str) -> None:
+        nonlocal printed
+        words = shlex.split(line)
+        if words[:4] != ["ros2", "run", "woosh_robot_agent", "maps"]:
+            call(client, line)
+            return
+        robot = robots[words[5]]
+        where = ["--ip", "127.0.0.1", "--port", str(robot.port)]
+        assert maps.main([*where, *words[6:]]) == 0, f"{line}: {capsys.readouterr().err}"
+        printed += capsys.readouterr().out
+
+    consoles = 0
+    for language, content in blocks():
+        if language == "bash":
+            for line in content.splitlines():
+                run(line)
+        elif language == "yaml":
+            (entry,) = yaml.safe_load(content)
+            set_mark(tmp_path / "backup" / "wooshmap" / "marks" / "wooshmap.yaml", entry)
+        elif not content.startswith("$"):
+            consoles += 1
+            assert printed == content
+    assert consoles == 1
+    marks = first.call(lambda s: dict(s.chassis.scenes["wooshmap"].maps[0].marks))
+    assert (marks["A1"].pose.x, marks["A1"].pose.y) == (-3.0, 5.0)
+    assert set(simulator.call(lambda s: list(s.chassis.scenes))) == {"wooshmap", "hall"}
+    wait_until(lambda: abs(simulator.state.pose.x - 1.0) < 0.1)
+    assert simulator.state.pose.y == pytest.approx(2.0, abs=0.1)
+
+
+def test_saved_map_equals_the_topic_map(
+    simulator: SimulatorThread, agent: RunningAgent, client: Client, tmp_path: Path
+) -> None:
+    """The files for map_server say what the agent publishes."""
+    topic = client.echo(OccupancyGrid, "map").wait_count(1)[0]
+    where = ["--ip", "127.0.0.1", "--port", str(simulator.port)]
+    assert maps.main([*where, "download", "wooshmap", "--output", str(tmp_path)]) == 0
+    file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
+    saved = yaml.safe_load(file.read_text())
+    width, height, cells = cells_of((file.parent / saved["image"]).read_bytes())
+    assert (width, height) == (topic.info.width, topic.info.height)
+    assert cells == topic.data
+    assert saved["resolution"] == pytest.approx(topic.info.resolution, rel=1e-6)
+    origin = topic.info.origin
+    assert saved["origin"][:2] == pytest.approx((origin.position.x, origin.position.y), rel=1e-6)
+    assert (saved["negate"], saved["mode"]) == (0, "trinary")
+    thresholds = (saved["occupied_thresh"], saved["free_thresh"])
+    assert thresholds == (OCCUPIED_THRESHOLD, FREE_THRESHOLD)

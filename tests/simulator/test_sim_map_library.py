@@ -1,0 +1,362 @@
+"""The map library: lists, files, renaming and deletion of scenes and maps."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.test_sim_uploads import NAV2, SCENE, distance_ahead, file_datas, floor_png
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.refusals import REFUSALS
+
+FULL = 1
+Files = dict[str, bytes]
+
+
+@pytest.fixture
+def second() -> Iterator[JsonClient]:
+    """A client of another robot."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=50, seed=2)) as simulator:
+        client = JsonClient(simulator.port)
+        yield client
+        client.close()
+
+
+def upload(scene: str, method: int = 0, **files: bytes) -> Json:
+    """Return the body of an Upload request. In file names, `_` stands for the dot."""
+    return {"sceneName": scene, "fileDatas": file_datas(files), "method": method}
+
+
+def upload_lab(client: JsonClient) -> None:
+    """Upload a scene with two maps, of which `yard` has a picture."""
+    files = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png()}
+    assert client.ask("woosh.map.Upload", upload("lab", **files)) == {}
+
+
+def download(client: JsonClient, scene: str = "") -> Files:
+    answer = client.request("woosh.map.Download", {"sceneName": scene})
+    assert (answer["ok"], answer["type"]) == (True, "woosh.map.DownloadResponse"), answer
+    return {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
+
+
+def send_files(client: JsonClient, scene: str, files: Files, method: int = FULL) -> Json:
+    datas = [
+        {"name": name, "data": base64.b64encode(data).decode()} for name, data in files.items()
+    ]
+    return client.request(
+        "woosh.map.Upload", {"sceneName": scene, "fileDatas": datas, "method": method}
+    )
+
+
+def scenes(client: JsonClient) -> dict[str, list[str]]:
+    return {
+        each["name"]: each["maps"] for each in client.ask("woosh.map.SceneList").get("scenes", [])
+    }
+
+
+def scene_data(client: JsonClient, scene: str) -> Any:
+    """Return SceneData without name and versions, which differ between robots."""
+    data = client.ask("woosh.map.SceneData", {"name": scene})
+    for each in data["maps"]:
+        del each["markInfo"]["version"]
+    return {**data, "name": ""}
+
+
+def version(client: JsonClient, scene: str, area: str) -> int:
+    data = client.ask("woosh.map.SceneDataEasy", {"name": scene})
+    return int(next(each["version"] for each in data["maps"] if each["name"] == area))
+
+
+def state(simulator: SimulatorThread) -> Any:
+    return simulator.call(
+        lambda s: (
+            {name: (dict(each.files), list(each.maps)) for name, each in s.chassis.scenes.items()},
+            s.chassis.scene,
+            s.chassis.map,
+        )
+    )
+
+
+@pytest.mark.parametrize("scene", ["wooshmap", "scenex", "lab"])
+def test_a_downloaded_scene_is_the_same_on_another_robot(
+    client: JsonClient, second: JsonClient, scene: str
+) -> None:
+    upload_lab(client)
+    files = download(client, scene)
+    assert "scene.yaml" in files
+    assert all("/" not in name for name in files)
+    assert send_files(second, "copy", files)["ok"]
+    assert scene_data(second, "copy") == scene_data(client, scene)
+    again = download(second, "copy")
+    assert set(again) == set(files)
+
+
+def test_an_uploaded_map_can_be_switched_to_and_navigated_in(client: JsonClient) -> None:
+    upload_lab(client)
+    assert client.ask("woosh.robot.Scene")["sceneName"] == "wooshmap"
+    assert scenes(client)["lab"] == ["hall", "yard"]
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "lab", "mapName": "yard"})
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+    client.subscribe("woosh.ros.Feedbacks")
+    goal = {"action": 1, "poses": [{"x": 0.0, "y": 3.0}], "targetPose": {"x": 0.0, "y": 3.0}}
+    client.ask("woosh.ros.CallAction", {"moveBase": goal})
+    end = client.next_push(
+        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5)
+    )
+    assert end["fbs"][0]["state"] == 1
+
+
+def test_files_come_back_as_they_were_uploaded(client: JsonClient) -> None:
+    upload_lab(client)
+    client.ask("woosh.map.Upload", upload("lab", notes_txt=b"hello"))
+    files = download(client, "lab")
+    assert (files["floor.yaml"], files["floor.png"]) == (NAV2, floor_png())
+    assert files["notes.txt"] == b"hello"
+
+
+def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(
+    client: JsonClient,
+) -> None:
+    upload_lab(client)
+    client.ask("woosh.map.Upload", upload("lab", notes_txt=b"hello", floor_png=floor_png(7.0)))
+    assert scenes(client)["lab"] == ["hall", "yard"]
+    assert (version(client, "lab", "hall"), version(client, "lab", "yard")) == (2, 8)
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "lab", "mapName": "yard"})
+    assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
+    client.ask("woosh.map.Upload", upload("lab", FULL, floor_yaml=NAV2, floor_png=floor_png()))
+    assert scenes(client)["lab"] == ["floor"]
+    assert "notes.txt" not in download(client, "lab")
+
+
+def test_an_upload_to_the_current_scene_takes_effect_and_is_pushed(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Scene")
+    before = client.ask("woosh.robot.Scene")
+    picture = NAV2.replace(b"floor.png", b"wooshmap.png")
+    client.ask(
+        "woosh.map.Upload",
+        upload("wooshmap", wooshmap_yaml=picture, wooshmap_png=floor_png()),
+    )
+    pushed = client.next_push("woosh.robot.Scene")
+    assert pushed == {**before, "version": str(int(before["version"]) + 1)}
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+
+
+def test_md5_sums_are_those_of_the_files(client: JsonClient) -> None:
+    upload_lab(client)
+    answer = client.request("woosh.map.SceneMd5", {})
+    assert answer["type"] == "woosh.map.SceneMd5Response"
+    found = {each["sceneName"]: each for each in answer["body"]["scenes"]}
+    assert set(found) == {"wooshmap", "scenex", "lab"}
+    files = download(client, "lab")
+    assert [(each["mapName"], each["version"]) for each in found["lab"]["maps"]] == [
+        ("hall", 1),
+        ("yard", 7),
+    ]
+    sums = {
+        each["name"]: each["md5"]
+        for part in (found["lab"]["scenesMd5s"], *(m["mapMd5s"] for m in found["lab"]["maps"]))
+        for each in part
+    }
+    assert sums == {name: hashlib.md5(data).hexdigest() for name, data in files.items()}
+    one = client.ask("woosh.map.SceneMd5", {"sceneName": "lab"})
+    assert one == {"scenes": [found["lab"]]}
+
+
+def test_sync_returns_the_files_that_are_asked_for(client: JsonClient) -> None:
+    upload_lab(client)
+    files = download(client, "lab")
+    wanted = {
+        "sceneName": "lab",
+        "scenesMd5s": [{"name": "task_info.data", "md5": "0"}],
+        "maps": [{"mapName": "yard", "mapMd5s": [{"name": "floor.png", "md5": "0"}]}],
+    }
+    answer = client.request("woosh.map.SceneSync", {"scenes": [wanted]})
+    assert answer["type"] == "woosh.map.SceneSyncResponse"
+    found = {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
+    assert found == {name: files[name] for name in ("task_info.data", "floor.png")}
+    wanted["scenesMd5s"] = [{"name": "other.data", "md5": "0"}]
+    assert "unknown file other.data of scene lab" in client.refusal(
+        "woosh.map.SceneSync", {"scenes": [wanted]}
+    )
+
+
+def test_scene_and_map_can_be_renamed(client: JsonClient) -> None:
+    upload_lab(client)
+    before = scene_data(client, "lab")
+    client.ask("woosh.map.Rename", {"oldSceneName": "lab", "newSceneName": "works"})
+    assert set(scenes(client)) == {"wooshmap", "scenex", "works"}
+    assert scene_data(client, "works") == before
+    rename = {"oldSceneName": "works", "oldMapName": "yard", "newMapName": "court"}
+    client.ask("woosh.map.Rename", rename)
+    assert scenes(client)["works"] == ["hall", "court"]
+    assert version(client, "works", "court") == 8
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "works", "mapName": "court"})
+    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
+
+
+def test_files_of_a_renamed_map_have_its_new_name(client: JsonClient) -> None:
+    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    rename = {"oldSceneName": "lab", "oldMapName": "floor", "newMapName": "ground"}
+    client.ask("woosh.map.Rename", rename)
+    files = download(client, "lab")
+    assert {"ground.yaml", "ground.png", "ground.mark_info.data"} <= set(files)
+    assert files["ground.png"] == floor_png()
+    # A new map of the old name does not replace it.
+    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png(6.0)))
+    assert scenes(client)["lab"] == ["ground", "floor"]
+
+
+def test_renaming_the_current_scene_and_map_is_pushed(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Scene")
+    before = client.ask("woosh.robot.Scene")
+    client.ask(
+        "woosh.map.Rename",
+        {"newSceneName": "home", "oldMapName": "wooshmap", "newMapName": "hall"},
+    )
+    pushed = client.next_push("woosh.robot.Scene")
+    expected = {"sceneName": "home", "mapName": "hall", "version": str(int(before["version"]) + 1)}
+    assert pushed == {**before, **expected}
+    assert scenes(client) == {"scenex": ["scenex", "scenex2"], "home": ["hall"]}
+    client.ask("woosh.robot.ExecTask", {"taskId": "5", "type": 1, "markNo": "A2"})
+
+
+def test_scene_and_map_can_be_deleted(client: JsonClient) -> None:
+    client.ask("woosh.map.Delete", {"sceneName": "scenex", "mapName": "scenex2"})
+    assert scenes(client)["scenex"] == ["scenex"]
+    client.ask("woosh.map.Delete", {"sceneName": "scenex"})
+    assert scenes(client) == {"wooshmap": ["wooshmap"]}
+
+
+REFUSED: list[tuple[str, Json, str]] = [
+    ("Download", {"sceneName": "moon"}, "unknown scene moon"),
+    ("SceneMd5", {"sceneName": "moon"}, "unknown scene moon"),
+    ("SceneSync", {"scenes": [{"sceneName": "moon"}]}, "unknown scene moon"),
+    ("Delete", {}, "scene_name is empty"),
+    ("Delete", {"sceneName": "moon"}, "unknown scene moon"),
+    ("Delete", {"sceneName": "wooshmap"}, "the robot is in scene wooshmap: switch"),
+    ("Delete", {"sceneName": "scenex", "mapName": "attic"}, "unknown map attic of scene scenex"),
+    ("Delete", {"mapName": "wooshmap"}, "the robot is on map wooshmap: switch"),
+    ("Delete", {"sceneName": "lab", "mapName": "floor"}, "the only one of scene lab"),
+    ("Rename", {}, "new_scene_name is empty"),
+    ("Rename", {"oldSceneName": "moon", "newSceneName": "sun"}, "unknown scene moon"),
+    ("Rename", {"newSceneName": "scenex"}, "scene scenex exists already"),
+    ("Rename", {"newSceneName": "../x"}, "new_scene_name '../x' must be a name"),
+    ("Rename", {"oldMapName": "attic", "newMapName": "x"}, "unknown map attic"),
+    ("Rename", {"oldMapName": "wooshmap"}, "new_map_name is empty"),
+    ("Rename", {"newMapName": "x"}, "old_map_name is empty"),
+    (
+        "Rename",
+        {"oldSceneName": "scenex", "oldMapName": "scenex", "newMapName": "scenex2"},
+        "map scenex2 of scene scenex exists already",
+    ),
+    (
+        "Rename",
+        {"oldSceneName": "scenex", "oldMapName": "scenex", "newMapName": "a/b"},
+        "new_map_name 'a/b' must be a name",
+    ),
+    (
+        "Rename",
+        {
+            "oldSceneName": "scenex",
+            "oldMapName": "scenex2",
+            "newMapName": "x",
+            "newSceneName": "wooshmap",
+        },
+        "scene wooshmap exists already",
+    ),
+    ("Upload", {"sceneName": "new"}, "the upload has no files"),
+    ("Upload", upload("../new", a_png=floor_png()), "scene_name '../new' must be a name"),
+    ("Upload", upload("new", notes_txt=b"hi"), "no file describes a map of scene new"),
+    ("Upload", upload("new", floor_yaml=NAV2), "floor.png: the file is missing"),
+    ("Upload", upload("wooshmap", wooshmap_png=b"none"), "wooshmap.png: not readable as a PNG"),
+    ("Upload", upload("lab", floor_png=floor_png()[:-400]), "floor.png: not readable as a PNG"),
+    ("Upload", upload("lab", **{"../floor_png": floor_png()}), "must be a plain file name"),
+    (
+        "Upload",
+        {"sceneName": "lab", "fileDatas": [{"name": "floor.mark_info.data", "data": "/w=="}]},
+        "floor.mark_info.data: not a serialised woosh.map.mark.MarkInfo",
+    ),
+    ("Upload", upload("wooshmap", FULL, notes_txt=b"hi"), "no file describes a map"),
+    (
+        "Upload",
+        upload("wooshmap", FULL, floor_yaml=NAV2, floor_png=floor_png()),
+        "the upload has no map wooshmap, which the robot is on",
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "body", "reason"), REFUSED)
+def test_bad_requests_are_refused_and_change_nothing(
+    simulator: SimulatorThread, client: JsonClient, name: str, body: Json, reason: str
+) -> None:
+    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    before = state(simulator)
+    assert reason in client.refusal(f"woosh.map.{name}", body)
+    assert state(simulator) == before
+
+
+def test_the_current_scene_is_not_replaced_during_a_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    before = state(simulator)
+    client.ask("woosh.robot.ExecTask", {"taskId": "5", "type": 1, "markNo": "A2"})
+    text = client.refusal("woosh.map.Upload", upload("wooshmap", notes_txt=b"hi"))
+    assert text == str(REFUSALS["MAP_CHANGE_DURING_TASK"].explanation)
+    assert state(simulator) == before
+    client.ask("woosh.map.Upload", upload("scenex", notes_txt=b"hi"))
+
+
+def test_an_upload_that_ends_half_way_changes_nothing(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    before = state(simulator)
+    body = upload("wooshmap", floor_yaml=NAV2, floor_png=floor_png())
+    frame = json.dumps({"type": "woosh.map.Upload", "body": body, "sn": 1}).encode()
+    with socket.create_connection(("127.0.0.1", simulator.port)) as plain:
+        plain.sendall(
+            b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        assert plain.recv(4096).startswith(b"HTTP/1.1 101")
+        # A masked text frame with a mask of zeros, cut in the middle.
+        header = b"\x81\xff" + len(frame).to_bytes(8, "big") + bytes(4)
+        plain.sendall(header + frame[: len(frame) // 2])
+    client.ask("woosh.robot.Mode")
+    simulator.call(lambda s: None)
+    assert state(simulator) == before
+    assert simulator.counts["woosh.map.Upload"] == 0
+
+
+def test_a_real_robot_gives_its_own_words() -> None:
+    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1)
+    with SimulatorThread(config) as simulator:
+        client = JsonClient(simulator.port)
+        assert client.refusal("woosh.map.Delete", {"sceneName": "wooshmap"}) == "Request failed"
+        client.close()
+
+
+def test_the_library_writes_no_files(
+    client: JsonClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    upload_lab(client)
+    download(client, "lab")
+    client.ask("woosh.map.Delete", {"sceneName": "lab"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_big_map_passes_in_one_frame(client: JsonClient) -> None:
+    big = bytes(range(256)) * 4096 * 20
+    files = {"floor.yaml": NAV2, "floor.png": floor_png(), "big.bin": big}
+    assert send_files(client, "lab", files)["ok"]
+    assert download(client, "lab")["big.bin"] == big

@@ -1,0 +1,159 @@
+"""Marks of the current map: created, found, changed, deleted, and used by tasks."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import pytest
+
+from tests.simulator.sim_wire import Json, JsonClient
+from woosh_robot_agent.simulator import SimulatorThread
+
+PREFIX = "woosh.map.mark.storage"
+EVERYTHING: Json = {
+    "identity": {"id": 77, "no": "N1", "desc": "new one"},
+    "pose": {
+        "dock": {"x": 4.0, "y": -6.5, "theta": 0.5},
+        "real": {"x": 4.5, "y": -6.5, "theta": 0.5},
+        "adjust": {"pose": {"x": 3.5, "y": -6.5, "theta": 0.5}},
+    },
+    "nav": {"arr": 1},
+    "dock": {"boardType": 1, "tag": "north", "verify": {"topPhotoelec": True}},
+    "custom": base64.b64encode(b"\x00\xff").decode(),
+    "rack": {"numbers": ["R1", "R2"]},
+}
+
+
+def storage(number: str = "N1", x: float = 4.0, y: float = -6.5, **more: Any) -> Json:
+    identity = {"no": number, **more.pop("identity", {})}
+    return {"storage": {"identity": identity, "pose": {"dock": {"x": x, "y": y}}, **more}}
+
+
+def find(client: JsonClient, number: str) -> Json:
+    answer = client.request(f"{PREFIX}.Find", {"no": number})
+    assert (answer["ok"], answer["type"]) == (True, "woosh.map.mark.Storage"), answer
+    found: Json = answer["body"]
+    return found
+
+
+def without_defaults(value: Any) -> Any:
+    if isinstance(value, dict):
+        found = {key: without_defaults(each) for key, each in value.items()}
+        return {key: each for key, each in found.items() if each not in (0, "", False, [], {})}
+    return value
+
+
+def run_task(client: JsonClient, mark: str) -> None:
+    client.subscribe("woosh.robot.TaskProc")
+    client.ask("woosh.robot.ExecTask", {"taskId": "9", "type": 1, "markNo": mark})
+    client.next_push("woosh.robot.TaskProc", lambda body: body.get("state") in (7, 8, 9))
+
+
+def test_created_mark_is_found_with_all_its_data(client: JsonClient) -> None:
+    answer = client.request(f"{PREFIX}.Create", {"storage": EVERYTHING})
+    assert (answer["ok"], answer["type"]) == (True, "woosh.map.mark.Storage"), answer
+    assert without_defaults(answer["body"]) == EVERYTHING
+    assert without_defaults(find(client, "N1")) == EVERYTHING
+    answer = client.request(f"{PREFIX}.Storages")
+    assert answer["type"] == "woosh.map.mark.Storages"
+    assert "N1" in [each["identity"]["no"] for each in answer["body"]["racks"]]
+    (area,) = client.ask("woosh.map.SceneData")["maps"]
+    found = [each for each in area["markInfo"]["storages"] if each["identity"]["no"] == "N1"]
+    assert [without_defaults(each) for each in found] == [EVERYTHING]
+
+
+def test_marks_get_free_ids(client: JsonClient) -> None:
+    ids = [client.ask(f"{PREFIX}.Create", storage(number))["identity"]["id"] for number in "xyz"]
+    assert len(set(ids)) == 3
+    taken = {find(client, number)["identity"]["id"] for number in ("A1", "P1")}
+    assert not taken & set(ids)
+
+
+def test_tasks_use_created_moved_and_deleted_marks_at_once(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask(f"{PREFIX}.Create", storage(x=5.0, y=-6.5))
+    run_task(client, "N1")
+    assert (simulator.state.pose.x, simulator.state.pose.y) == pytest.approx((5.0, -6.5), abs=0.05)
+    assert client.ask(f"{PREFIX}.Update", storage(x=4.0, y=-7.5)) == {}
+    run_task(client, "N1")
+    assert (simulator.state.pose.x, simulator.state.pose.y) == pytest.approx((4.0, -7.5), abs=0.05)
+    assert client.ask(f"{PREFIX}.Delete", {"no": "N1"}) == {}
+    text = client.refusal("woosh.robot.ExecTask", {"taskId": "9", "type": 1, "markNo": "N1"})
+    assert "unknown mark N1" in text
+    assert "unknown mark N1" in client.refusal(f"{PREFIX}.Find", {"no": "N1"})
+
+
+def test_update_changes_only_what_it_gives(client: JsonClient) -> None:
+    client.ask(f"{PREFIX}.Create", {"storage": EVERYTHING})
+    client.ask(f"{PREFIX}.Update", storage(x=5.0))
+    moved = without_defaults(find(client, "N1"))
+    assert moved == {**EVERYTHING, "identity": {"id": 77, "no": "N1"}, "pose": moved["pose"]}
+    assert moved["pose"] == {"dock": {"x": 5.0, "y": -6.5}}
+    client.ask(f"{PREFIX}.Update", {"storage": {"identity": {"no": "N1"}, "charger": {}}})
+    changed = find(client, "N1")
+    assert "rack" not in changed
+    assert "charger" in changed
+
+
+def test_update_by_id_gives_a_new_number(client: JsonClient) -> None:
+    id_ = find(client, "A2")["identity"]["id"]
+    client.ask(f"{PREFIX}.Update", storage("B2", identity={"id": id_}))
+    assert find(client, "B2")["identity"]["id"] == id_
+    assert "unknown mark A2" in client.refusal(f"{PREFIX}.Find", {"no": "A2"})
+
+
+def test_each_change_is_pushed_as_a_new_version_of_the_map(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Scene")
+    version = int(client.ask("woosh.robot.Scene")["version"])
+    for request in ("Create", "Update", "Delete"):
+        client.ask(f"{PREFIX}.{request}", {"no": "N1"} if request == "Delete" else storage())
+        version += 1
+        assert client.next_push("woosh.robot.Scene")["version"] == str(version)
+
+
+def test_changed_marks_survive_another_map_and_an_upload(client: JsonClient) -> None:
+    client.ask(f"{PREFIX}.Create", {"storage": EVERYTHING})
+    client.ask(f"{PREFIX}.Delete", {"no": "A1"})
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    assert "unknown mark N1" in client.refusal(f"{PREFIX}.Find", {"no": "N1"})
+    files = [{"name": "notes.txt", "data": "AA=="}]
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap", "fileDatas": files})
+    assert without_defaults(find(client, "N1")) == EVERYTHING
+    assert "unknown mark A1" in client.refusal(f"{PREFIX}.Find", {"no": "A1"})
+
+
+REFUSED: list[tuple[str, Json, str]] = [
+    ("Find", {"no": "Z9"}, "unknown mark Z9 in map wooshmap"),
+    ("Find", {}, "unknown mark"),
+    ("Delete", {"no": "Z9"}, "unknown mark Z9 in map wooshmap"),
+    ("Update", storage("Z9"), "unknown mark Z9 in map wooshmap"),
+    ("Update", storage("Z9", identity={"id": 4000}), "unknown mark Z9"),
+    ("Update", storage("A1", identity={"id": 2}), "has the id 2 already"),
+    ("Update", storage("A1", x=99.0), "mark A1 is outside map wooshmap"),
+    ("Create", {}, "the mark has no number"),
+    ("Create", storage("A1"), "mark A1 of map wooshmap exists already"),
+    ("Create", storage(identity={"id": 1}), "has the id 1 already"),
+    ("Create", {"storage": {"identity": {"no": "N1"}}}, "mark N1 has no pose"),
+    ("Create", storage(x=99.0), "mark N1 is outside map wooshmap"),
+    ("Create", storage(x=float("nan")), "storage.pose.dock.x is not a finite number"),
+    ("Create", storage("n" * 101), "identity.no is longer than 100 characters"),
+    ("Create", storage(identity={"desc": "d" * 5000}), "bytes, more than 4096"),
+]
+
+
+@pytest.mark.parametrize(("name", "body", "reason"), REFUSED)
+def test_bad_requests_are_refused_and_change_nothing(
+    client: JsonClient, name: str, body: Json, reason: str
+) -> None:
+    before = client.ask("woosh.map.SceneData")
+    assert reason in client.refusal(f"{PREFIX}.{name}", body)
+    assert client.ask("woosh.map.SceneData") == before
+
+
+def test_number_of_marks_is_limited(client: JsonClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    count = len(client.ask("woosh.map.SceneData")["maps"][0]["markInfo"]["storages"])
+    monkeypatch.setattr("woosh_robot_agent.simulator.protocol.mark_commands.MAX_MARKS", count + 1)
+    client.ask(f"{PREFIX}.Create", storage("one"))
+    assert "marks already" in client.refusal(f"{PREFIX}.Create", storage("two"))

@@ -1,0 +1,581 @@
+"""The program `maps`: maps and marks of a robot, saved in folders and brought to a robot."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from tests.quick_chassis import quick_config
+from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
+from tests.simulator.test_sim_uploads import NAV2, floor_png
+from tests.tools.test_tool_programs import TIMEOUT, address, start
+from woosh_robot_agent.map_image import cells_of
+from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
+from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.simulator.scenes.files import load_scene
+from woosh_robot_agent.tools import maps
+from woosh_robot_agent.tools.maps.errors import MapsError
+from woosh_robot_agent.tools.maps.file_names import to_file_name
+from woosh_robot_agent.tools.maps.marks_file import read_marks, write_marks
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def second() -> Iterator[SimulatorThread]:
+    """Another robot."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as running:
+        yield running
+
+
+@pytest.fixture
+def run(chassis: SimulatorThread, capsys: Any, tmp_path: Path, monkeypatch: Any) -> Run:
+    """Function that runs the program, by default with `chassis`, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run_program(*arguments: str, robot: SimulatorThread = chassis) -> tuple[int, str, str]:
+        status = maps.main([*address(robot), *arguments])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return run_program
+
+
+@pytest.fixture
+def wire(chassis: SimulatorThread) -> Iterator[JsonClient]:
+    client = JsonClient(chassis.port)
+    yield client
+    client.close()
+
+
+def upload_lab(wire: JsonClient) -> None:
+    assert send_files(wire, "lab", {"floor.yaml": NAV2, "floor.png": floor_png()})["ok"]
+
+
+def marks_in(file: Path) -> dict[str, Any]:
+    return {mark["number"]: mark for mark in yaml.safe_load(file.read_text())["marks"]}
+
+
+def edit(file: Path, change: Callable[[list[dict[str, Any]]], object]) -> None:
+    content = yaml.safe_load(file.read_text())
+    change(content["marks"])
+    file.write_text(yaml.safe_dump(content))
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def replace_body(chassis: SimulatorThread, cls: Any, change: Callable[[Any], object]) -> None:
+    """Change the bodies of all answers of a type."""
+
+    def intercept(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, cls):
+            change(frame.body)
+        return [frame]
+
+    chassis.intercept(intercept)
+
+
+class Cable:
+    """A connection to the robot that transports a limited number of bytes to it, then stalls.
+
+    Attributes:
+        port: Port for the client.
+        used_up: Set when the bytes are used up.
+    """
+
+    def __init__(self, port: int, limit: int) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        self._robot = socket.create_connection(("127.0.0.1", port))
+        self._limit = limit
+        self._sockets = [self._listener, self._robot]
+        self.used_up = threading.Event()
+
+    def __enter__(self) -> Cable:
+        threading.Thread(target=self._run, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.cut()
+
+    def cut(self) -> None:
+        """End all connections."""
+        for each in self._sockets:
+            with contextlib.suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
+    def cut_when_used_up(self) -> None:
+        assert self.used_up.wait(TIMEOUT)
+        self.cut()
+
+    def _run(self) -> None:
+        client, _ = self._listener.accept()
+        self._sockets.append(client)
+        threading.Thread(target=self._back, args=(client,), daemon=True).start()
+        with contextlib.suppress(OSError):
+            while self._limit > 0 and (data := client.recv(65536)):
+                self._limit -= len(data)
+                self._robot.sendall(data)
+            self.used_up.set()
+
+    def _back(self, client: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while data := self._robot.recv(65536):
+                client.sendall(data)
+
+
+def test_list_shows_all_scenes_and_the_current_map(run: Run) -> None:
+    status, out, err = run("list")
+    assert (status, err) == (0, "")
+    lines = [line.split() for line in out.splitlines()]
+    assert lines[0] == ["SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS"]
+    assert lines[1] == ["wooshmap", "wooshmap", "3", "1F", "147", "11", "(current)"]
+    assert [line[:2] for line in lines[2:]] == [["scenex", "scenex"], ["scenex", "scenex2"]]
+    status, out, _ = run("list", "--json")
+    rows = json.loads(out)
+    assert [row["map"] for row in rows if row["current"]] == ["wooshmap"]
+    assert rows[1]["marks"] == 11
+
+
+def test_options_of_the_link_may_come_after_the_command(
+    chassis: SimulatorThread, capsys: Any
+) -> None:
+    assert maps.main(["list", *address(chassis)]) == 0
+    assert "scenex2" in capsys.readouterr().out
+
+
+def test_download_saves_all_scenes(run: Run, wire: JsonClient, tmp_path: Path) -> None:
+    status, out, err = run("download", "--output", "backup/today")
+    assert (status, err) == (0, "")
+    assert out.startswith("downloaded scene wooshmap to backup/today/wooshmap: maps 1, marks 11")
+    folder = tmp_path / "backup" / "today"
+    assert {path.name for path in folder.iterdir()} == {"wooshmap", "scenex"}
+    assert {"maps/scenex.yaml", "maps/scenex2.png", "marks/scenex.yaml"} <= set(
+        tree(folder / "scenex")
+    )
+    marks = marks_in(folder / "wooshmap" / "marks" / "wooshmap.yaml")
+    assert marks["A1"] == {
+        "number": "A1",
+        "id": 1,
+        "type": "rack",
+        "pose": [-2.0, 6.0, 1.5707964],
+        "description": "rack by the north wall",
+    }
+
+
+@pytest.mark.parametrize("scene", ["wooshmap", "lab"])
+def test_saved_map_is_that_of_the_topic_map(
+    run: Run, wire: JsonClient, tmp_path: Path, scene: str
+) -> None:
+    upload_lab(wire)
+    run("download", scene)
+    (area,) = wire.ask("woosh.map.SceneData", {"name": scene})["maps"]
+    file = tmp_path / scene / "maps" / f"{area['name']}.yaml"
+    description = yaml.safe_load(file.read_text())
+    assert description["resolution"] == pytest.approx(area["resolution"], rel=1e-7)
+    origin = [area["origin"][key] for key in ("x", "y", "theta")]
+    assert description["origin"] == pytest.approx(origin, rel=1e-7)
+    width, height, cells = cells_of((file.parent / description["image"]).read_bytes())
+    read = load_scene(file).maps[0].grid  # by the rules of map_server
+    assert read is not None
+    assert np.array_equal(np.array(cells, np.int8).reshape(height, width), read.cells)
+
+
+def test_coloured_picture_is_saved_in_the_shades_of_the_topic_map(
+    run: Run, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    colours = np.zeros((3, 4, 3), np.uint8)
+    colours[0], colours[1], colours[2] = (60, 255, 60), (255, 60, 60), (250, 250, 250)
+    buffer = io.BytesIO()
+    Image.fromarray(colours).save(buffer, "PNG")
+
+    def change(data: Any) -> None:
+        data.maps[0].map_png = buffer.getvalue()
+
+    replace_body(chassis, SceneData, change)
+    assert run("download", "wooshmap")[0] == 0
+    file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
+    grid = load_scene(file).maps[0].grid
+    assert grid is not None
+    _, _, cells = cells_of(buffer.getvalue())
+    assert grid.cells.ravel().tolist() == list(cells)
+
+
+def test_scene_comes_to_a_second_robot(run: Run, wire: JsonClient, second: SimulatorThread) -> None:
+    upload_lab(wire)
+    assert run("download", "lab")[0] == 0
+    status, out, err = run("upload", "lab", robot=second)
+    assert (status, err) == (0, "")
+    assert out.startswith("uploaded scene lab: maps 1, files ")
+    there = JsonClient(second.port)
+    assert scene_data(there, "lab") == scene_data(wire, "lab")
+    assert run("upload", "lab", "--scene", "lab 2", robot=second)[0] == 0
+    assert scene_data(there, "lab 2") == scene_data(wire, "lab")
+    there.close()
+
+
+def test_edited_marks_come_to_the_robot(run: Run, wire: JsonClient, tmp_path: Path) -> None:
+    before = wire.ask("woosh.map.mark.storage.Find", {"no": "P1"})
+    run("download", "wooshmap")
+
+    def change(marks: list[dict[str, Any]]) -> None:
+        found = {mark["number"]: mark for mark in marks}
+        found["A1"]["pose"] = [1.0, 2.0, 0.5]
+        marks.remove(found["A2"])
+        marks.append({"number": "N1", "type": "charger", "pose": [3, 4, 0]})
+
+    edit(tmp_path / "wooshmap" / "marks" / "wooshmap.yaml", change)
+    status, _, err = run("upload", "wooshmap", "--force")
+    assert (status, err) == (0, "")
+    find = "woosh.map.mark.storage.Find"
+    moved = wire.ask(find, {"no": "A1"})
+    assert moved["pose"]["dock"] == {"x": 1.0, "y": 2.0, "theta": 0.5}
+    assert moved["pose"]["real"] == moved["pose"]["dock"]
+    assert "unknown mark A2" in wire.refusal(find, {"no": "A2"})
+    new = wire.ask(find, {"no": "N1"})
+    assert "charger" in new
+    assert new["identity"]["id"] not in (0, moved["identity"]["id"])
+    assert wire.ask(find, {"no": "P1"}) == before
+    wire.ask("woosh.robot.ExecTask", {"taskId": "1", "type": 1, "markNo": "A1"})
+
+
+def test_marks_outside_of_the_files_come_by_requests(
+    run: Run, wire: JsonClient, tmp_path: Path
+) -> None:
+    def save() -> None:
+        run("download", "--force", "wooshmap", "scenex")
+        for scene in ("wooshmap", "scenex"):
+            index = tmp_path / scene / "scene.yaml"
+            content = yaml.safe_load(index.read_text())
+            for area in content["maps"]:
+                area["mark_file"] = None
+            index.write_text(yaml.safe_dump(content))
+
+    def change(marks: list[dict[str, Any]]) -> None:
+        marks[0]["pose"] = [1.0, 2.0, 0.5]
+        del marks[1]
+        marks.append({"number": "N1", "pose": [3, 4, 0]})
+
+    save()
+    edit(tmp_path / "wooshmap" / "marks" / "wooshmap.yaml", change)
+    assert run("upload", "wooshmap", "--force") == (
+        0,
+        "uploaded scene wooshmap: maps 1, files 3\n",
+        "",
+    )
+    (area,) = wire.ask("woosh.map.SceneData")["maps"]
+    numbers = [each["identity"]["no"] for each in area["markInfo"]["storages"]]
+    assert (numbers[0], numbers[-1], "A2" in numbers) == ("A1", "N1", False)
+    assert area["markInfo"]["storages"][0]["pose"]["dock"]["x"] == 1.0
+    edit(tmp_path / "scenex" / "marks" / "scenex.yaml", change)
+    status, _, err = run("upload", "scenex", "--force")
+    assert status == 1
+    assert "not the edited marks of map scenex" in err
+    assert "switch to that map" in err
+
+
+def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_path: Path) -> None:
+    assert run("download", "scenex")[0] == 0
+    before = tree(tmp_path)
+    status, out, err = run("download")
+    assert (status, out) == (1, "")
+    assert err.startswith("error: scenex exists already: use --force to replace it, or --output")
+    assert tree(tmp_path) == before
+    status, _, err = run("upload", "scenex")
+    assert status == 1
+    assert "the robot has a scene scenex already: use --force" in err
+    assert run("download", "--force")[0] == 0
+    assert run("upload", "scenex", "--force")[0] == 0
+
+
+def test_a_folder_of_other_things_is_not_replaced_even_with_force(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "scenex").mkdir()
+    (tmp_path / "scenex" / "thesis.txt").write_text("mine")
+    status, _, err = run("download", "scenex", "--force")
+    assert status == 1
+    assert "scenex is not a saved scene and is not replaced" in err
+    assert tree(tmp_path) == {"scenex/thesis.txt": b"mine"}
+
+
+@pytest.mark.parametrize(
+    "name", ["../../evil", "/etc/evil", "a/b.png", "..", ".", ".bashrc", "a\\b", "a\nb", "50%"]
+)
+def test_names_from_the_robot_are_never_paths(
+    run: Run, chassis: SimulatorThread, tmp_path: Path, name: str
+) -> None:
+    def change(body: Any) -> None:
+        body.file_datas.add(name=name, data=b"evil")
+
+    replace_body(chassis, DownloadResponse, change)
+    output = tmp_path / "a" / "b"
+    status, _, err = run("download", "wooshmap", "--output", str(output))
+    assert (status, err) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert [path.name for path in output.iterdir()] == ["wooshmap"]
+    saved = [path for path in output.rglob("*") if path.is_file() and path.read_bytes() == b"evil"]
+    assert [path.parent for path in saved] == [output / "wooshmap" / "files"]
+    # It goes back under its own name, which this robot refuses if it is a path.
+    chassis.clear_faults()
+    run("upload", str(output / "wooshmap"), "--force")
+    sent = [file.name for file in chassis.last("woosh.map.Upload").file_datas]
+    assert name in sent
+
+
+def test_scene_and_map_names_from_the_robot_are_never_paths(
+    run: Run, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    def change(body: Any) -> None:
+        body.maps[0].name = "../../evil"
+
+    replace_body(chassis, SceneData, change)
+    assert run("download", "wooshmap", "--output", "a/b")[0] == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a/b/wooshmap/maps/%2E.%2F..%2Fevil.png").is_file()
+
+
+def test_different_names_have_different_file_names() -> None:
+    names = ["a", "A", "a/b", "a%2Fb", "%", ".a", "%2Ea", "..", "ä", "a b", "文件"]
+    assert len({to_file_name(name) for name in names}) == len(names)
+    for bad in ("", "x" * 300):
+        with pytest.raises(MapsError, match="cannot be a file name"):
+            to_file_name(bad)
+
+
+def test_rename_and_delete(run: Run, wire: JsonClient) -> None:
+    assert run("rename", "scenex", "works") == (0, "renamed scene scenex to works\n", "")
+    status, out, _ = run("rename", "works", "--map", "scenex2", "upstairs")
+    assert (status, out) == (0, "renamed map scenex2 of scene works to upstairs\n")
+    assert scenes(wire)["works"] == ["scenex", "upstairs"]
+    assert run("delete", "works", "--map", "upstairs")[0] == 0
+    assert scenes(wire)["works"] == ["scenex"]
+    assert run("delete", "works") == (0, "deleted scene works\n", "")
+    assert set(scenes(wire)) == {"wooshmap"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["download", "moon"], "the robot has no scene and no map moon: its scenes are wooshmap,"),
+        (["delete", "wooshmap"], "the robot refused woosh.map.Delete: the robot is in scene"),
+        (["delete", "moon"], "the robot refused woosh.map.Delete: unknown scene moon"),
+        (["rename", "scenex", "wooshmap"], "scene wooshmap exists already"),
+        (["upload", "nothing"], "nothing/scene.yaml cannot be read: No such file"),
+    ],
+)
+def test_failures_are_told_with_exit_status_1(run: Run, arguments: list[str], reason: str) -> None:
+    status, out, err = run(*arguments)
+    assert (status, out) == (1, "")
+    assert err.startswith("error: ")
+    assert reason in err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["list"],
+        ["--ip", "127.0.0.1"],
+        ["--ip", "127.0.0.1", "upload"],
+        ["--ip", "127.0.0.1", "upload", "a", "b", "--scene", "c"],
+        ["--ip", "127.0.0.1", "--timeout", "0", "list"],
+    ],
+)
+def test_wrong_usage_ends_with_status_2(arguments: list[str], capsys: Any) -> None:
+    with pytest.raises(SystemExit) as ending:
+        maps.main(arguments)
+    assert ending.value.code == 2
+    assert "error:" in capsys.readouterr().err
+
+
+def test_a_robot_that_is_not_there_is_told(capsys: Any) -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = str(unused.getsockname()[1])
+        assert maps.main(["--ip", "127.0.0.1", "--port", port, "--timeout", "1", "list"]) == 1
+    assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_missing_file_of_a_saved_scene_is_told(run: Run, tmp_path: Path) -> None:
+    run("download", "scenex")
+    (tmp_path / "scenex" / "files" / "task_info.data").unlink()
+    status, _, err = run("upload", "scenex", "--force")
+    assert status == 1
+    assert "scenex/files/task_info.data cannot be read" in err
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda marks: marks.append(marks[0]), "number A1 or id 1 is used twice"),
+        (lambda marks: marks[0].pop("pose"), "marks[0]: pose is missing"),
+        (lambda marks: marks[0].update(pose=[1, 2]), "must be [x, y, theta]"),
+        (lambda marks: marks[0].update(type="shelf"), "'shelf' is not one of base, rack"),
+        (lambda marks: marks[0].update(colour="red"), "unknown key 'colour'"),
+        (lambda marks: marks[0].update(number=7), "put numbers into quotes"),
+        (lambda marks: marks[0].update(details={"nav": {"arr": "x"}}), "does not fit"),
+        (lambda marks: marks[0].update(details={"charger": {}}), "those of a charger"),
+    ],
+)
+def test_mistakes_in_edited_marks_are_told_and_change_nothing(
+    run: Run, wire: JsonClient, tmp_path: Path, change: Any, reason: str
+) -> None:
+    run("download", "wooshmap")
+    before = wire.ask("woosh.map.SceneData")
+    edit(tmp_path / "wooshmap" / "marks" / "wooshmap.yaml", change)
+    status, _, err = run("upload", "wooshmap", "--force")
+    assert status == 1
+    assert "wooshmap/marks/wooshmap.yaml: marks" in err
+    assert reason in err
+    assert wire.ask("woosh.map.SceneData") == before
+
+
+def test_a_download_that_fails_leaves_nothing(
+    run: Run, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    run("download", "scenex")
+    before = tree(tmp_path)
+    chassis.refuse("woosh.map.Download", "no room")
+    status, _, err = run("download", "--force")
+    assert (status, err) == (1, "error: the robot refused woosh.map.Download: no room\n")
+    assert tree(tmp_path) == before
+    chassis.accept("woosh.map.Download")
+    replace_body(chassis, SceneData, lambda data: data.maps[0].ClearField("map_png"))
+    status, _, err = run("download", "--force")
+    assert status == 1
+    assert "cannot be saved" in err
+    assert tree(tmp_path) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["scenex"]
+
+
+def test_a_download_that_is_cut_off_leaves_nothing(
+    run: Run, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    chassis.inject("truncated", where="wire", type="woosh.map.Download")
+    status, out, err = run("download")
+    assert (status, out) == (1, "")
+    assert err.startswith("error: woosh.map.Download: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def save_big_scene(run: Run, wire: JsonClient, folder: Path) -> Json:
+    """Save the scene `lab` in a folder, and add a file of 20 MiB there; return its SceneData."""
+    upload_lab(wire)
+    run("download", "lab")
+    index = folder / "scene.yaml"
+    content = yaml.safe_load(index.read_text())
+    content["files"].append("big.bin")
+    index.write_text(yaml.safe_dump(content))
+    (folder / "files" / "big.bin").write_bytes(bytes(20 << 20))
+    return wire.ask("woosh.map.SceneData", {"name": "lab"})
+
+
+def test_an_upload_that_is_cut_off_leaves_the_robots_map(
+    run: Run, wire: JsonClient, tmp_path: Path, chassis: SimulatorThread, capsys: Any
+) -> None:
+    before = save_big_scene(run, wire, tmp_path / "lab")
+    with Cable(chassis.port, 5 << 20) as cable:
+        arguments = ["--ip", "127.0.0.1", "--port", str(cable.port), "upload", "lab", "--force"]
+        threading.Thread(target=cable.cut_when_used_up, daemon=True).start()
+        assert maps.main(arguments) == 1
+    assert capsys.readouterr().err.startswith("error: woosh.map.Upload: ")
+    assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
+    assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
+
+
+def test_ctrl_c_during_an_upload_leaves_the_robots_map(
+    run: Run, wire: JsonClient, tmp_path: Path, chassis: SimulatorThread
+) -> None:
+    before = save_big_scene(run, wire, tmp_path / "lab")
+    with (
+        Cable(chassis.port, 5 << 20) as cable,
+        start(
+            "maps", "--ip", "127.0.0.1", "--port", str(cable.port), "upload", "lab", "--force"
+        ) as process,
+    ):
+        try:
+            assert cable.used_up.wait(TIMEOUT)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert (process.returncode, out, err) == (130, "", "interrupted\n")
+    assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
+    assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
+
+
+@pytest.mark.parametrize("arguments", [["download", "lab"], ["upload", "lab", "--force"]])
+def test_a_bar_shows_the_progress_on_a_terminal(
+    run: Run, wire: JsonClient, chassis: SimulatorThread, arguments: list[str]
+) -> None:
+    upload_lab(wire)
+    if arguments[0] == "upload":
+        run("download", "lab")
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-m", "woosh_robot_agent.tools.maps", *address(chassis), *arguments]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=end, timeout=TIMEOUT, check=True)
+    os.close(end)
+    shown = b""
+    with contextlib.suppress(OSError):  # at the end of the terminal
+        while data := os.read(terminal, 65536):
+            shown += data
+    os.close(terminal)
+    assert f"{arguments[0]}ing lab".encode() in shown
+    assert b"bytes" in shown or b"kB" in shown
+    assert done.stdout.startswith(f"{arguments[0]}ed scene lab".encode())
+
+
+@pytest.mark.parametrize("transport", ["websocket", "tcp"])
+def test_a_map_of_20_mib_goes_both_ways(
+    run: Run, chassis: SimulatorThread, wire: JsonClient, tmp_path: Path, transport: str
+) -> None:
+    big = np.random.default_rng(1).bytes(20 << 20)
+    files = {"floor.yaml": NAV2, "floor.png": floor_png(), "big.bin": big}
+    assert send_files(wire, "lab", files)["ok"]
+    port = chassis.port if transport == "websocket" else chassis.tcp_port
+    where = ["--ip", "127.0.0.1", "--port", str(port), "--transport", transport]
+    assert maps.main([*where, "download", "lab"]) == 0
+    assert (tmp_path / "lab" / "files" / "big.bin").read_bytes() == big
+    assert maps.main([*where, "upload", "lab", "--scene", "copy"]) == 0
+    assert scenes(wire)["copy"] == ["floor"]
+
+
+def test_marks_that_nobody_edited_are_the_same_message() -> None:
+    storage = Storage(custom=b"\x00")
+    storage.identity.no, storage.identity.id = "A", 3
+    storage.pose.real.x = 1.25
+    storage.pose.adjust.pose.x = 0.1
+    storage.rack.numbers.append("R")
+    info = MarkInfo(version=7, floor_name="2F", storages=[storage, storage])
+    info.storages[1].identity.no, info.storages[1].identity.id = "B", 4
+    info.beacons.add(id=5).point.x = 0.1
+    info.storages[1].MergeFromString(b"\xba\x3e\x01x")  # a field of a newer firmware
+    data = write_marks(info, "m")
+    assert read_marks("m.yaml", data, info) is info
+    edited = read_marks("m.yaml", data.replace(b"number: A", b"number: A9"), info)
+    assert edited.storages[0].identity.no == "A9"
+    edited.storages[0].identity.no = "A"
+    assert edited == info

@@ -1,0 +1,181 @@
+"""What the program does: list, download, upload, rename and delete."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from woosh_robot_agent.pb.map.map_pack_pb2 import Rename
+from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storages
+from woosh_robot_agent.tools.maps.errors import MapsError
+from woosh_robot_agent.tools.maps.progress import receiving, sending
+from woosh_robot_agent.tools.maps.robot import Robot
+from woosh_robot_agent.tools.maps.scene_folder import (
+    SavedScene,
+    check_writable,
+    edited_marks,
+    read_scene,
+    scene_path,
+    write_scene,
+)
+
+_HEADINGS = ("SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS")
+"""Headings of the list."""
+
+
+async def list_maps(robot: Robot, *, as_json: bool) -> None:
+    """Print the scenes and maps of the robot."""
+    current = await robot.current()
+    rows: list[dict[str, object]] = []
+    for scene in await robot.scenes():
+        for area in (await robot.overview(scene)).maps:
+            is_current = (scene, area.name) == (current.scene_name, current.map_name)
+            rows.append(
+                {
+                    "scene": scene,
+                    "map": area.name,
+                    "id": area.id,
+                    "floor": area.floor,
+                    "version": area.version,
+                    "marks": _count(area.storages),
+                    "current": is_current,
+                }
+            )
+    if as_json:
+        print(json.dumps(rows, indent=2, ensure_ascii=False))
+        return
+    table = [_HEADINGS, *(tuple(map(str, list(row.values())[:-1])) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for index, cells in enumerate(table):
+        line = "  ".join(f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True))
+        here = "  (current)" if index and rows[index - 1]["current"] else ""
+        print(f"{line.rstrip()}{here}")
+
+
+async def download(robot: Robot, names: Sequence[str], output: Path, *, force: bool) -> None:
+    """Save scenes in folders: the named ones, or all of them.
+
+    Args:
+        robot: The robot.
+        names: Names of scenes, or of maps, whose scenes are saved.
+        output: Folder for the folders of the scenes.
+        force: Replace older folders.
+    """
+    known = await robot.scenes()
+    scenes = list(dict.fromkeys(_scene_of(name, known) for name in names)) if names else list(known)
+    if not scenes:
+        raise MapsError("the robot has no scenes")
+    targets = {scene: scene_path(output, scene) for scene in scenes}
+    for target in targets.values():
+        check_writable(target, force=force)
+    for scene, target in targets.items():
+        async with receiving(robot.chassis, f"downloading {scene}"):
+            data = await robot.scene_data(scene)
+            files = await robot.download(scene)
+        data.name = scene
+        write_scene(target, data, files, force=force)
+        marks = sum(len(area.mark_info.storages) for area in data.maps)
+        print(
+            f"downloaded scene {scene} to {target}: maps {len(data.maps)}, marks {marks}, "
+            f"files {len(files)}",
+            flush=True,
+        )
+
+
+async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force: bool) -> None:
+    """Bring saved scenes to the robot.
+
+    Args:
+        robot: The robot.
+        folders: Folders of the scenes.
+        new_name: Name of the scene on the robot; empty for its own one.
+        force: Replace scenes that the robot has.
+    """
+    saved = [read_scene(folder) for folder in folders]
+    names = [new_name or each.name for each in saved]
+    if len(set(names)) < len(names):
+        raise MapsError(f"two folders have the same scene: {', '.join(names)}")
+    known = await robot.scenes()
+    for name in names:
+        if name in known and not force:
+            raise MapsError(
+                f"the robot has a scene {name} already: use --force to replace it, or --scene for "
+                "another name"
+            )
+    for name, scene in zip(names, saved, strict=True):
+        await _upload(robot, name, scene)
+
+
+async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
+    """Rename a scene, or one of its maps."""
+    if area:
+        await robot.rename(
+            Rename(
+                old_scene_name=scene,
+                new_scene_name=scene,
+                old_map_name=area,
+                new_map_name=new_name,
+            )
+        )
+        print(f"renamed map {area} of scene {scene} to {new_name}")
+    else:
+        await robot.rename(Rename(old_scene_name=scene, new_scene_name=new_name))
+        print(f"renamed scene {scene} to {new_name}")
+
+
+async def delete(robot: Robot, scene: str, area: str) -> None:
+    """Delete a scene, or one of its maps."""
+    await robot.delete(scene, area)
+    print(f"deleted map {area} of scene {scene}" if area else f"deleted scene {scene}")
+
+
+async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
+    size = sum(map(len, scene.files.values()))
+    async with sending(robot.chassis, f"uploading {name}", size):
+        await robot.upload(name, scene.files)
+    if name not in await robot.scenes():
+        raise MapsError(f"the robot accepted scene {name} but does not list it")
+    for area in scene.loose_marks:
+        await _bring_marks(robot, name, area, scene)
+    print(f"uploaded scene {name}: maps {len(scene.maps)}, files {len(scene.files)}", flush=True)
+
+
+async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:
+    """Bring edited marks to the robot by one request for each, where no file contains them."""
+    data = await robot.scene_data(scene)
+    old = next((each.mark_info for each in data.maps if each.name == area), MarkInfo())
+    new = edited_marks(saved.loose_marks[area], old)
+    if new is old:
+        return
+    current = await robot.current()
+    if (current.scene_name, current.map_name) != (scene, area):
+        raise MapsError(
+            f"scene {scene} was uploaded, but not the edited marks of map {area}, because the "
+            "robot only changes the marks of its current map: switch to that map, then repeat "
+            "the upload with --force"
+        )
+    before = {storage.identity.no: storage for storage in old.storages}
+    after = {storage.identity.no: storage for storage in new.storages}
+    for number in before.keys() - after.keys():
+        await robot.delete_mark(number)
+    for number, storage in after.items():
+        if number not in before:
+            await robot.create_mark(storage)
+        elif storage != before[number]:
+            await robot.update_mark(storage)
+
+
+def _scene_of(name: str, known: dict[str, list[str]]) -> str:
+    """Return the scene with a name, or else the one with a map of this name."""
+    if name in known:
+        return name
+    found = [scene for scene, maps in known.items() if name in maps]
+    if len(found) != 1:
+        what = "several scenes have" if found else "the robot has no scene and no"
+        raise MapsError(f"{what} map {name}: its scenes are {', '.join(known) or 'none'}")
+    return found[0]
+
+
+def _count(storages: Storages) -> int:
+    return sum(len(group) for _, group in storages.ListFields())

@@ -1,0 +1,58 @@
+"""A map of the chassis as a map of nav2's map_server: a YAML file and a PNG."""
+
+from __future__ import annotations
+
+import struct
+
+import yaml
+
+from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, MapError, grey_png
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.tools.maps.errors import MapsError
+
+
+def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
+    """Return the YAML file and the PNG of a map, by name.
+
+    They have the values of the agent's topic `map`.
+
+    Args:
+        area: The map.
+        stem: Names of the files without their suffixes.
+
+    Raises:
+        MapsError: The robot has not sent a usable map.
+    """
+    try:
+        png = grey_png(area.map_png)
+    except MapError as error:
+        raise MapsError(f"map {area.name} cannot be saved: {error}") from None
+    if not area.resolution > 0:  # NaN is not, either
+        raise MapsError(
+            f"map {area.name} cannot be saved: its resolution is invalid: {area.resolution:g}"
+        )
+    origin = area.origin
+    description = {
+        "image": f"{stem}.png",
+        "mode": "trinary",
+        "resolution": shortest(area.resolution),
+        "origin": [shortest(value) for value in (origin.x, origin.y, origin.theta)],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESHOLD,
+        "free_thresh": FREE_THRESHOLD,
+    }
+    text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return {f"{stem}.yaml": text.encode(), f"{stem}.png": png}
+
+
+def shortest(value: float) -> float:
+    """Return the number with the fewest digits that is the same in 32 bits: 0.05, not 0.0500000007.
+
+    The chassis sends numbers of 32 bits.
+    """
+    bits = struct.pack("f", value)
+    for digits in range(1, 9):
+        short = float(f"{value:.{digits}g}")
+        if struct.pack("f", short) == bits:
+            return short
+    return value

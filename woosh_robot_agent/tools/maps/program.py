@@ -1,0 +1,127 @@
+"""Command line of `maps`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import sys
+from collections.abc import Coroutine, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
+from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
+from woosh_robot_agent.tools.maps import commands
+from woosh_robot_agent.tools.maps.errors import MapsError
+from woosh_robot_agent.tools.maps.robot import SLOW_ANSWERS, Robot
+from woosh_robot_agent.tools.options import add_link_options, link_config
+
+_INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+_MAX_FRAME = 256 * MIB
+"""Maximum size of a frame with all files of a scene, in bytes."""
+_EPILOG = """\
+A scene is a site with one map or several. The robot sends and takes scenes as
+a whole.
+
+Exit status: 0 if all was done, 1 if the robot refused something, could not be
+reached, or a file cannot be used, 2 if the command line is invalid, 130 after
+Ctrl-C. An upload that was cut off changes nothing on the robot."""
+
+
+@exit_on_stdout_error
+def main(arguments: Sequence[str] | None = None) -> int:
+    """List, download, upload, rename or delete the maps of one robot.
+
+    Args:
+        arguments: Arguments of the program; by default those of the command line.
+
+    Returns:
+        The exit status.
+    """
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.ip is None:
+        parser.error("the following arguments are required: --ip")
+    if options.command == "upload" and options.scene and len(options.folders) > 1:
+        parser.error("--scene needs exactly one folder")
+    config = replace(link_config(parser, options), max_frame_size=_MAX_FRAME)
+    # The program prints what the link would log.
+    logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
+    try:
+        asyncio.run(_run(config, options))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return _INTERRUPTED
+    except (MapsError, LinkError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="maps",
+        description="Back up the maps and marks of a robot, and bring them to a robot.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_link_options(parser, ip_required=False)
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    listing = subparsers.add_parser("list", help="print the scenes and maps of the robot")
+    listing.add_argument("--json", action="store_true", help="print one JSON list instead of lines")
+
+    download = subparsers.add_parser(
+        "download", help="save scenes: maps for nav2, marks as YAML, and the scenes' own files"
+    )
+    download.add_argument(
+        "names", nargs="*", metavar="SCENE", help="scene to save (default: all scenes)"
+    )
+    download.add_argument(
+        "--output",
+        type=Path,
+        default=Path(),
+        metavar="FOLDER",
+        help="folder in which a folder is made for each scene (default: the current one)",
+    )
+    download.add_argument("--force", action="store_true", help="replace scenes saved earlier")
+
+    upload = subparsers.add_parser("upload", help="bring saved scenes to the robot")
+    upload.add_argument(
+        "folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a saved scene"
+    )
+    upload.add_argument("--scene", default="", help="name of the scene on the robot")
+    upload.add_argument("--force", action="store_true", help="replace scenes that the robot has")
+
+    rename = subparsers.add_parser("rename", help="rename a scene, or with --map one of its maps")
+    rename.add_argument("scene", metavar="SCENE")
+    rename.add_argument("new_name", metavar="NEW_NAME")
+    rename.add_argument("--map", default="", help="map of the scene to rename")
+
+    delete = subparsers.add_parser("delete", help="delete a scene, or with --map one of its maps")
+    delete.add_argument("scene", metavar="SCENE")
+    delete.add_argument("--map", default="", help="map of the scene to delete")
+    for command in (listing, download, upload, rename, delete):
+        add_link_options(command, again=True)
+    return parser
+
+
+async def _run(config: LinkConfig, options: argparse.Namespace) -> None:
+    async with ChassisClient(config=config, minimum_timeouts=SLOW_ANSWERS) as chassis:
+        await _command(Robot(chassis), options)
+
+
+def _command(robot: Robot, options: argparse.Namespace) -> Coroutine[Any, Any, None]:
+    if options.command == "list":
+        return commands.list_maps(robot, as_json=options.json)
+    if options.command == "download":
+        return commands.download(robot, options.names, options.output, force=options.force)
+    if options.command == "upload":
+        return commands.upload(robot, options.folders, options.scene, force=options.force)
+    if options.command == "rename":
+        return commands.rename(robot, options.scene, options.map, options.new_name)
+    return commands.delete(robot, options.scene, options.map)
