@@ -30,10 +30,11 @@ from tests.simulator.real_tasks import (
     matches,
     real_robot,
     real_tasks,
+    shows,
     task_id,
     triple,
 )
-from tests.simulator.recorded_chassis import Frame, SteppedChassis, ask, wait_frame
+from tests.simulator.recorded_chassis import Frame, SteppedChassis, answer_times, ask, wait_frame
 
 SEEDS = range(8)
 """Seeds of the simulated runs."""
@@ -54,7 +55,9 @@ _FACTS = {_NEXT_TASK: "answer to first report"}
 _EFFECTS = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "continue"}
 """Orders by the action state in the report that shows their effect."""
 
-_IDLE = 2
+BUILD_MAP = "woosh.robot.BuildMap"
+
+_UNINIT, _IDLE, _MAPPING = 1, 2, 9
 
 Times = dict[str, list[float]]
 """Times in seconds, by name."""
@@ -248,21 +251,6 @@ def answer_figures(facts: Any) -> list[Figure]:
     return found
 
 
-def answer_times(name: str, count: int) -> list[float]:
-    """Return the times of the answers to `count` requests, shortest first."""
-    bodies: dict[str, dict[str, Any]] = {
-        "woosh.robot.SwitchWorkMode": {"mode": 2},
-        "woosh.robot.InitRobot": {"isRecord": True},
-    }
-    chassis = SteppedChassis()
-    found = []
-    for _ in range(count):
-        sent = chassis.chassis.elapsed
-        sn = chassis.request(name, **bodies.get(name, {}))
-        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
-    return sorted(found)
-
-
 def drive_figures(facts: Any) -> list[Figure]:
     """Return the figures of a drive by velocities at 0.1 m/s, and of the reports meanwhile."""
     poses, starts, rolls, last_changes, scans = [], [], [], [], []
@@ -301,14 +289,54 @@ def drive_figures(facts: Any) -> list[Figure]:
             last_changes,
         ),
     ]
-    found = []
-    for name, told, values in rows:
-        least, most = told if isinstance(told, list) else (told, told)
-        middle = statistics.median(values)
-        ok = (1 - TOLERANCE) * least <= middle <= (1 + TOLERANCE) * most
-        text = f"{least:g}" if least == most else f"{least:g} to {most:g}"
-        found.append(Figure("rate", name, _spread(values), text, ok))
-    return found
+    return [_told("rate", *row) for row in rows]
+
+
+def mapping_figures(facts: Any) -> list[Figure]:
+    """Return the figures of making a map."""
+    times = facts["times"]
+    found: dict[str, list[float]] = {}
+    for seed in SEEDS:
+        chassis = SteppedChassis(seed=seed)
+        ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+        begun = chassis.chassis.elapsed
+        answer = ask(chassis, BUILD_MAP, type=1, sceneName="new", mapName="hall")
+        chassis.run(5.0)
+        begin_saving = chassis.chassis.elapsed
+        saved = ask(chassis, BUILD_MAP, type=4)
+        chassis.run(1.0)
+        pushed = {
+            name: [frame.time for frame in chassis.frames if wanted(frame)]
+            for name, wanted in {
+                "kMapping": shows(_MAPPING),
+                "kUninit": shows(_UNINIT),
+                "Scene": lambda frame: frame.type == "woosh.robot.Scene",
+                "BuildMapData": lambda frame: frame.type == "woosh.robot.BuildMapData",
+            }.items()
+        }
+        pictures = pushed["BuildMapData"]
+        for name, values in {
+            "BuildMap that starts to its answer": [answer.time - begun],
+            "BuildMap that starts to kMapping": [pushed["kMapping"][0] - begun],
+            "BuildMapData": [after - before for before, after in pairwise(pictures)],
+            "BuildMap that saves to Scene": [pushed["Scene"][0] - begin_saving],
+            "BuildMap that saves to its answer": [saved.time - begin_saving],
+            "BuildMap that saves to kUninit": [pushed["kUninit"][0] - begin_saving],
+        }.items():
+            found.setdefault(name, []).extend(values)
+    return [
+        _told("mapping", name, times.get(name) or facts["rates"][name], values)
+        for name, values in found.items()
+    ]
+
+
+def _told(part: str, name: str, told: Any, values: Sequence[float]) -> Figure:
+    """Return a figure that passes if the median is within what is told, with a tolerance."""
+    least, most = told if isinstance(told, list) else (told, told)
+    middle = statistics.median(values)
+    ok = (1 - TOLERANCE) * least <= middle <= (1 + TOLERANCE) * most
+    text = f"{least:g}" if least == most else f"{least:g} to {most:g}"
+    return Figure(part, name, _spread(values), text, ok)
 
 
 def battery_periods() -> list[float]:
@@ -357,6 +385,7 @@ def main(arguments: Sequence[str]) -> int:
         ("Times of a task, s", time_figures(facts, times)),
         ("Answers, ms: median / 90 % / longest", answer_figures(facts)),
         ("Rates and driving", drive_figures(facts)),
+        ("Making a map, s", mapping_figures(facts)),
     ]
     text = tables(groups)
     print(text)

@@ -14,6 +14,11 @@ from woosh_robot_agent.simulator.protocol.pushes import TOPICS
 from woosh_robot_agent.simulator.serving.client import Client
 from woosh_robot_agent.simulator.serving.exchange import Exchange
 
+SCANNER_DATA = "woosh.robot.ScannerData"
+
+_TOPICS = sorted(TOPICS - {SCANNER_DATA})
+"""Topics to which the clients are subscribed."""
+
 
 class Frame(NamedTuple):
     """A frame of the chassis.
@@ -34,7 +39,7 @@ class Frame(NamedTuple):
 
 
 class RecordedChassis(Protocol):
-    """A simulated chassis with one client, which is subscribed to everything.
+    """A simulated chassis with one client, which is subscribed to everything but scans.
 
     Attributes:
         frames: All frames for the client, oldest first.
@@ -97,7 +102,11 @@ class SteppedChassis(Client):
         self._exchange = Exchange(self.chassis)
         self._exchange.join(self)
         self._sn = 0
-        self._receive(SUBSCRIPTION)
+        self.subscribe(*_TOPICS)
+
+    def subscribe(self, *topics: str) -> None:
+        """Subscribe to topics."""
+        self._receive({"type": "woosh.Subscription", "body": {"topics": list(topics), "sub": True}})
 
     def send(self, frame: str | bytes) -> None:
         self.frames.append(_frame(json.loads(frame), self.chassis.elapsed))
@@ -133,7 +142,7 @@ class ConnectedChassis:
         self.frames: list[Frame] = []
         self._simulator = simulator
         self._client = JsonClient(simulator.port)
-        self._client.subscribe(*sorted(TOPICS))
+        self._client.subscribe(*_TOPICS)
         self._sn = 1000
         """Above the serial numbers that the client uses itself."""
 
@@ -155,7 +164,25 @@ class ConnectedChassis:
         self._simulator.call(lambda simulator: change(simulator.chassis))
 
 
-SUBSCRIPTION = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
+def answer_times(type_name: str, count: int) -> list[float]:
+    """Return the times of the answers to `count` requests of a type, shortest first.
+
+    Each request is sent after the answer to the one before, whether that was accepted or refused.
+    """
+    chassis = SteppedChassis()
+    found = []
+    for _ in range(count):
+        sent = chassis.chassis.elapsed
+        sn = chassis.request(type_name, **_BODIES.get(type_name, {}))
+        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
+    return sorted(found)
+
+
+_BODIES: dict[str, Json] = {
+    "woosh.robot.InitRobot": {"isRecord": True},
+    "woosh.robot.SwitchWorkMode": {"mode": 2},
+}
+"""Bodies of requests whose answers are timed; all others are empty."""
 
 
 def _frame(frame: Json, time: float) -> Frame:

@@ -72,7 +72,8 @@ SCRIPT: list[tuple[float, Command]] = [
     (311.0, ask("woosh.robot.SetOccupancy", occupy=True)),
 ]
 """Requests, by the simulated second at which they are sent."""
-END_S = 312.0
+END_S = 311.5
+"""End of the runs in simulated seconds, before the next scan is pushed."""
 
 
 def config(speed: float = 1.0) -> SimulatorConfig:
@@ -152,6 +153,7 @@ def test_script_covers_most_topics_and_task_states(reference: list[Json]) -> Non
         "woosh.robot.Network",
         "woosh.robot.Scene",
         "woosh.robot.Model",
+        "woosh.robot.BuildMapData",
     }
     procs = [frame["body"] for frame in reference if frame["type"] == PROC]
     ended = [(each["type"], each["state"]) for each in procs if each["state"] in (7, 8, 9)]

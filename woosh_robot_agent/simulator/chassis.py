@@ -15,7 +15,9 @@ from woosh_robot_agent.simulator.agenda import Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
+from woosh_robot_agent.simulator.behaviour.deployment import Deployment
 from woosh_robot_agent.simulator.behaviour.following import Follower
+from woosh_robot_agent.simulator.behaviour.mapping import Mapping
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.behaviour.teleop import Teleop
@@ -30,6 +32,7 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.profile_files import load_profile
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import library
+from woosh_robot_agent.simulator.scenes.editing import with_map_changed
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.collision import CollisionDetector
 from woosh_robot_agent.simulator.world.footprints import Outline, footprints
@@ -89,7 +92,9 @@ class Chassis:
         occupied: A client has reserved the robot.
         call_muted: Flag that SetMuteCall sets. It only shows in DeviceState.
         program_muted: Flag that SetProgramMute sets. It only shows in DeviceState.
-        scan_pose: Pose of the robot at the last scan of the laser.
+        scan_time: Simulated time of the last scan of the laser, in seconds.
+        scan_pose: Pose of the robot at this scan.
+        pushed_scan_time: Simulated time of the last scan that is pushed, in seconds.
         footprint: The `woosh.robot.FootPrint` in use.
         footprints: Outlines of the robot by `woosh.robot.FootPrint`.
         setting: Settings, as reported to clients.
@@ -101,6 +106,8 @@ class Chassis:
         actions: The current actions.
         ownership: Starts and resumes jobs.
         auto_tasks: Starts the tasks that the robot does by itself.
+        mapping: Makes maps.
+        deployment: Collects marks.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -134,8 +141,8 @@ class Chassis:
         )
         self.laser = Laser()
         self.scan_pose = start
-        self._scan_time = 0.0
-        """Simulated time of the last scan of the laser, in seconds."""
+        self.scan_time: float = 0.0
+        self.pushed_scan_time: float = 0.0
         self._ranges: list[float] = []
         """Ranges of the last scan in metres, empty until they are needed."""
         self.battery = Battery(93.0, self.profile.battery)
@@ -171,6 +178,9 @@ class Chassis:
             self, self.tasks, self.ownership, config.charge_after, config.park_after
         )
 
+        self.mapping: Mapping = Mapping(self)
+        self.deployment = Deployment(self, self.mapping)
+
         if not self._can_stand(start):
             raise DataFileError(
                 f"scene {self.scene.name}: the robot cannot start at {start} on map "
@@ -193,16 +203,28 @@ class Chassis:
         return self.tasks.impeded or self.actions.impeded
 
     @property
+    def ground_truth(self) -> Map:
+        """The hall in which the robot is, with its real walls."""
+        return self.map.ground_truth or self.map
+
+    @property
     def walls(self) -> tuple[Wall, ...]:
-        """The walls of the map and the sides of the obstacles."""
-        return self.map.walls + self.obstacles.walls
+        """The walls of the hall and the sides of the obstacles."""
+        return self.ground_truth.walls + self.obstacles.walls
+
+    @property
+    def lost(self) -> bool:
+        """True if the robot has to know its pose but does not."""
+        return not self.readiness.located and (self.readiness.initialised or self.mapping.active)
 
     @property
     def state(self) -> util_robot_pb2.State:
         """State of the robot, as reported to clients."""
         readiness = self.readiness
-        if readiness.emergency_stop or (readiness.initialised and not readiness.located):
+        if readiness.emergency_stop or self.lost:
             return util_robot_pb2.kFault
+        if self.mapping.active:
+            return util_robot_pb2.kMapping
         if not readiness.initialised:
             return util_robot_pb2.kUninit
         until_full = self.profile.charging.confirmed_after is None
@@ -263,17 +285,18 @@ class Chassis:
             self.actions.clear(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
         self._look()
+        self.mapping.tick()
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or obstacle, in metres."""
-        return min(self.map.clearance(x, y), self.obstacles.clearance(x, y))
+        return min(self.ground_truth.clearance(x, y), self.obstacles.clearance(x, y))
 
     def gap(self, pose: Pose) -> float:
         """Return the gap in metres between the robot at `pose` and walls and obstacles.
 
         It is negative if they overlap.
         """
-        return self._collisions.gap(self.outline, pose, self.map, self.obstacles)
+        return self._collisions.gap(self.outline, pose, self.ground_truth, self.obstacles)
 
     def emit(self, event: Message) -> None:
         """Send a message to all its subscribers. It must not be modified afterwards."""
@@ -338,6 +361,10 @@ class Chassis:
         if old and old.name != new.name:
             del self.scenes[old.name]
 
+    def change_map(self, area: Map) -> None:
+        """Replace the current map by a changed one."""
+        self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
+
     def at_charger(self) -> bool:
         """Return True if the robot stands at a charger."""
         pose = self.base.pose
@@ -375,14 +402,17 @@ class Chassis:
         if not self._ranges:
             # The noise depends on the time, not on the number of scans: equal seeds give equal
             # scans.
-            rng = random.Random(f"{self._seed}:{self._scan_time:.3f}")
-            self._ranges = self.laser.scan(self.scan_pose, self.walls, rng, self.map.grid)
+            rng = random.Random(f"{self._seed}:{self.scan_time:.3f}")
+            self._ranges = self.laser.scan(self.scan_pose, self.walls, rng, self.ground_truth.grid)
         return self._ranges
 
     def _look(self) -> None:
         """Begin a new scan of the laser if it is due."""
-        if self.stepped - self._scan_time >= self.profile.rates.scan - 1e-9:
-            self._scan_time, self.scan_pose, self._ranges = self.stepped, self.base.pose, []
+        rates = self.profile.rates
+        if self.stepped - self.scan_time >= rates.scan - 1e-9:
+            self.scan_time, self.scan_pose, self._ranges = self.stepped, self.base.pose, []
+            if self.scan_time - self.pushed_scan_time >= rates.scan_push - 1e-9:
+                self.pushed_scan_time = self.scan_time
 
     def _can_stand(self, pose: Pose) -> bool:
         """Return True if the robot can stand at `pose`."""
@@ -394,8 +424,7 @@ class Chassis:
         readiness.battery_empty = self.battery.level <= 0.0
         self._report_control_mode()
         self.codes.watch(status_codes.EMERGENCY_STOP, present=readiness.emergency_stop)
-        lost = readiness.initialised and not readiness.located
-        self.codes.watch(status_codes.LOCALISATION_LOST, present=lost)
+        self.codes.watch(status_codes.LOCALISATION_LOST, present=self.lost)
         low = self.battery.percent <= self.setting.power.alarm
         self.codes.watch(status_codes.BATTERY_LOW, present=low)
         self.codes.watch(status_codes.OBSTACLE_IN_THE_WAY, present=self.impeded)

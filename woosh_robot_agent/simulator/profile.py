@@ -163,6 +163,33 @@ class AnswerProfile:
 
 
 @dataclass(frozen=True)
+class MappingProfile:
+    """Making maps.
+
+    Attributes:
+        start: Time from BuildMap that starts to its answer.
+        state_after: Time from this request until the state is kMapping, in seconds.
+        picture_period: Time between two pictures of the map that is being made, in seconds.
+        save: Time from BuildMap that saves to its answer, from which on the robot is not
+            initialised.
+        scene_after: Time from this request until the new map is the current one, in seconds.
+        cancel: Time from BuildMap that cancels to its answer, from which on the robot is not
+            initialised.
+    """
+
+    start: Range
+    state_after: float
+    picture_period: float
+    save: Spread
+    scene_after: float
+    cancel: Range
+
+    def __post_init__(self) -> None:
+        if not self.picture_period:
+            raise ValueError("picture_period must be more than 0")
+
+
+@dataclass(frozen=True)
 class RateProfile:
     """Rates of reports.
 
@@ -170,11 +197,13 @@ class RateProfile:
         pose_speed: Time between two reports of a moving robot, in seconds; 0 for each step of the
             simulation.
         scan: Time between two scans of the laser, in seconds.
+        scan_push: Time between two scans that are pushed, in seconds.
         battery: Time after which an unchanged battery is reported again; None for never.
     """
 
     pose_speed: float
     scan: float
+    scan_push: float
     battery: Range | None
 
 
@@ -277,6 +306,7 @@ class Profile:
         model: Model and sizes.
         tasks: Tasks.
         answers: Answers.
+        mapping: Making maps.
         rates: Rates of reports.
         driving: Remote control.
         battery: Battery.
@@ -289,6 +319,7 @@ class Profile:
     model: ModelProfile
     tasks: TaskProfile
     answers: AnswerProfile
+    mapping: MappingProfile
     rates: RateProfile
     driving: DrivingProfile
     battery: BatteryProfile

@@ -184,6 +184,12 @@ NO_GOAL = Refusal("MoveBase has no target: give target_pose or poses")
 INIT_DURING_TASK = Refusal(
     "task {task} is running: wait for it or cancel it first", code=codes.INITIALISATION_FORBIDDEN
 )
+INIT_WHILE_MAPPING = Refusal(
+    "map {map} is being made: save or cancel it by BuildMap first",
+    code=codes.INITIALISATION_FORBIDDEN,
+)
+POSE_WHILE_MAPPING = Refusal(INIT_WHILE_MAPPING.explanation)
+WORK_MODE_WHILE_MAPPING = Refusal(INIT_WHILE_MAPPING.explanation, code=codes.WORK_MODE_FORBIDDEN)
 POSE_OUTSIDE_MAP = Refusal("pose {pose} is outside map {map}: choose one inside")
 POSE_IN_WALL = Refusal("pose {pose} is inside a wall of map {map}: choose one on free floor")
 UNKNOWN_CONTROL_MODE = Refusal(
@@ -225,6 +231,9 @@ NO_MAP_IN_UPLOAD = Refusal(
 )
 UNKNOWN_FILE = Refusal("unknown file {file} of scene {scene}: SceneMd5 lists its files")
 TOO_MANY_MAPS = Refusal("scene {scene} would have more than {limit} maps: delete one first")
+MAP_CHANGE_WHILE_MAPPING = Refusal(
+    "map {map} is being made: save or cancel it by BuildMap first", code=codes.MAP_CHANGE_FORBIDDEN
+)
 UNKNOWN_SCENE = Refusal(
     "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas"
 )
@@ -252,6 +261,47 @@ MARK_WITHOUT_POSE = Refusal("mark {mark} has no pose: set pose.dock")
 MARK_OUTSIDE_MAP = Refusal("mark {mark} is outside map {map}: choose a pose inside")
 MARK_TOO_LARGE = Refusal("the data of mark {mark} have {size} bytes, more than {limit}: send fewer")
 TOO_MANY_MARKS = Refusal("map {map} has {limit} marks already: delete one first")
+
+# Mapping and deployment
+
+MAPPING_OUTSIDE_DEPLOYMENT = Refusal(
+    "robot is not in deployment mode and automatic control: send SwitchWorkMode with mode 1 and "
+    "SwitchControlMode with mode 1 first",
+    code=codes.MAPPING_FORBIDDEN,
+)
+SAVE_OUTSIDE_DEPLOYMENT = Refusal(
+    MAPPING_OUTSIDE_DEPLOYMENT.explanation, code=codes.SAVING_FORBIDDEN
+)
+MAPPING_RUNS = Refusal("mapping of {map} {phase}: save or cancel it first")
+MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer first")
+NOT_MAPPING = Refusal("no map is being made: send BuildMap with type 1 (add) or 2 (update) first")
+UPDATE_UNKNOWN_SCENE = Refusal(
+    "unknown scene {scene}: use one of {scenes}", code=codes.UPDATE_PARAMETERS
+)
+UPDATE_UNKNOWN_MAP = Refusal(
+    "unknown map {map} of scene {scene}, which has {maps}", code=codes.UPDATE_PARAMETERS
+)
+UPDATE_OTHER_MAP = Refusal(
+    "map {map} of scene {scene} is not the current one: switch to it by SwitchMap first",
+    code=codes.UPDATE_PARAMETERS,
+)
+SAVE_WHILE_LOST = Refusal(LOCALISATION_LOST.explanation, code=codes.SAVING_LOST)
+UNKNOWN_BUILD_TYPE = Refusal(
+    "unknown type {type} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save"
+)
+COLLECTING_OUTSIDE_DEPLOYMENT = Refusal(
+    "robot is not in deployment mode: send SwitchWorkMode with mode 1 first",
+    code=codes.DEPLOYMENT_FORBIDDEN,
+)
+OTHER_ROBOT = Refusal("the request is for robot {robot_id}: this is robot {own_id}")
+UNKNOWN_DEPLOYMENT_TYPE = Refusal(
+    "unknown type {type} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
+)
+UNKNOWN_DEPLOYMENT_MODE = Refusal(
+    "unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
+)
+ONLY_REFLECTORS = Refusal("only reflectors can be calibrated: use type 3")
+NO_REFLECTORS = Refusal("map {map} has no reflectors: collect them first")
 
 # Settings
 

@@ -15,7 +15,10 @@ from woosh_robot_agent.simulator.body.codes import Codes
 from woosh_robot_agent.simulator.body.lift import Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
 from woosh_robot_agent.simulator.profile import Profile
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.footprints import Outline
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
@@ -84,6 +87,30 @@ class Robot(Protocol):
         """Current map."""
 
     @property
+    def scene(self) -> Scene:
+        """Current scene."""
+
+    @property
+    def scenes(self) -> dict[str, Scene]:
+        """Known scenes, by name."""
+
+    @property
+    def ground_truth(self) -> Map:
+        """The hall in which the robot is, with its real walls."""
+
+    @property
+    def laser(self) -> Laser:
+        """The laser."""
+
+    @property
+    def scan_time(self) -> float:
+        """Simulated time of the last scan of the laser, in seconds."""
+
+    @property
+    def scan_pose(self) -> Pose:
+        """Pose of the robot at this scan."""
+
+    @property
     def obstacles(self) -> Obstacles:
         """Obstacles that are not in the map."""
 
@@ -93,6 +120,15 @@ class Robot(Protocol):
 
     def at_charger(self) -> bool:
         """Return True if the robot stands at a charger."""
+
+    def scan(self) -> list[float]:
+        """Return the ranges of one scan of the laser, in metres."""
+
+    def enter(self, scene: Scene, area: Map) -> None:
+        """Switch to another scene or map while there is no task. The coordinates stay the same."""
+
+    def change_map(self, area: Map) -> None:
+        """Replace the current map by a changed one of the same name."""
 
     def after(self, delay: float, call: Callable[[], object]) -> None:
         """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""

@@ -16,7 +16,7 @@ from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET
 from woosh_robot_agent.simulator.faults.arguments import Argument, FaultError
 from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
 from woosh_robot_agent.simulator.protocol.pushes import TOPICS
-from woosh_robot_agent.simulator.protocol.reports import STATES
+from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES
 
 _SLICE = 100
 """Number of pushes of a burst after which clients get time to read."""
@@ -146,7 +146,8 @@ async def _pushing(target: Target, injection: Injection, push: Callable[[], None
 def _current(chassis: Chassis, type_name: str) -> Message:
     """Return a current state, or an empty event."""
     cls: Any = message_type(type_name)
-    return STATES[cls](chassis) if cls in STATES else cls()
+    report = STATES.get(cls) or PERIODIC.get(cls)
+    return report(chassis) if report else cls()
 
 
 async def _wait_for_clients(target: Target) -> None:

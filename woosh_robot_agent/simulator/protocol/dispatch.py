@@ -14,6 +14,7 @@ from woosh_robot_agent.simulator.protocol import (
     drive_commands,
     map_commands,
     map_queries,
+    mapping_commands,
     mark_commands,
     queries,
     settings,
@@ -57,6 +58,7 @@ _QUERIES = _by_name(queries.HANDLERS, map_queries.HANDLERS)
 _COMMANDS = _by_name(
     state_commands.HANDLERS,
     map_commands.HANDLERS,
+    mapping_commands.HANDLERS,
     mark_commands.HANDLERS,
     drive_commands.HANDLERS,
     task_commands.HANDLERS,

@@ -84,6 +84,23 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
     return mark
 
 
+def require_map_change(chassis: Chassis) -> None:
+    """Check that nothing runs or is paused that would go on on another map.
+
+    Raises:
+        RefusedError: Something does.
+    """
+    # A paused task or navigation would continue to a target on the old map.
+    if chassis.tasks.paused:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
+    if chassis.tasks.active:
+        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
+    if chassis.ownership.driver:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
+    if chassis.ownership.navigation:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
+
+
 def usable_speed(speed: float, minimum: float) -> float:
     """Return the absolute value of a requested speed, where 0 stands for the default.
 

@@ -14,14 +14,13 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     Result,
     named_map,
     named_scene,
+    require_map_change,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.editing import with_map_renamed, without_map
 from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
+from woosh_robot_agent.simulator.scenes.library import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import Scene
-
-_MAX_SCENES = 20
-"""Number of known scenes from which on uploads of new ones are refused."""
 
 
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
@@ -41,6 +40,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
         scene = named_scene(chassis, name)
     wanted = request.map_name or uploads.first_map(scene, request.file_datas)
     chassis.enter(scene, named_map(scene, wanted))
+    chassis.deployment.end_session()
     return None
 
 
@@ -110,24 +110,17 @@ def _require_idle(chassis: Chassis) -> None:
     """Check that nothing runs that a change of the current map would disturb.
 
     Raises:
-        RefusedError: A task or a navigation runs, or is paused: it would continue to a target on
-            the old map.
+        RefusedError: Something runs or is paused, or a map is being made.
     """
-    if chassis.tasks.paused:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
-    if chassis.tasks.active:
-        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
-    if chassis.ownership.driver:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
-    if chassis.ownership.navigation:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
+    require_map_change(chassis)
+    chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
     """Return the scene that an upload changes, or None if the upload adds one."""
     old = chassis.scenes.get(name)
-    if not old and len(chassis.scenes) >= _MAX_SCENES:
-        raise RefusedError(refusals.TOO_MANY_SCENES, limit=_MAX_SCENES)
+    if not old and len(chassis.scenes) >= MAX_SCENES:
+        raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
     return old
 
 

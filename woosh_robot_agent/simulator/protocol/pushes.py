@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.reports import STATES
+from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES
 
 _STATES = {cls.DESCRIPTOR.full_name: report for cls, report in STATES.items()}
+_PERIODIC = {cls.DESCRIPTOR.full_name: report for cls, report in PERIODIC.items()}
 _POSE_SPEED = robot_pb2.PoseSpeed.DESCRIPTOR.full_name
 _BATTERY = robot_pb2.Battery.DESCRIPTOR.full_name
+
+_DUE_TIMES: dict[str, Callable[[Chassis], float]] = {
+    robot_pb2.ScannerData.DESCRIPTOR.full_name: lambda chassis: chassis.pushed_scan_time,
+    robot_pack_pb2.BuildMapData.DESCRIPTOR.full_name: lambda chassis: chassis.mapping.picture_time,
+}
+"""Simulated times at which the periodic reports were last due, by topic."""
 
 _EVENTS = {
     cls.DESCRIPTOR.full_name
@@ -21,7 +29,7 @@ _EVENTS = {
 }
 """Messages that are pushed each time they are emitted, even if nothing has changed."""
 
-TOPICS = frozenset(_STATES) | _EVENTS
+TOPICS = frozenset(_STATES) | frozenset(_PERIODIC) | _EVENTS
 """Full protobuf names of all messages that a client can subscribe to."""
 
 
@@ -35,6 +43,8 @@ class StateWatch:
         self._chassis = chassis
         self._last: dict[str, bytes] = {}
         """Last known state of each watched topic, encoded."""
+        self._due: dict[str, float] = {}
+        """Time at which each watched periodic report was last due, in seconds."""
         self._next_pose = 0.0
         """Simulated time from which PoseSpeed may be pushed again, in seconds."""
         self._repeat_battery = math.inf
@@ -49,14 +59,24 @@ class StateWatch:
             for topic in _STATES
             if topic in topics
         }
+        self._due = {
+            topic: self._due.get(topic, due(self._chassis))
+            for topic, due in _DUE_TIMES.items()
+            if topic in topics
+        }
 
     def changed(self, *, while_moving: bool) -> list[Message]:
-        """Return the states that have changed since the last call.
+        """Return the periodic reports that are due and the states that have changed.
 
         Args:
             while_moving: Include PoseSpeed, which changes with every step of a moving robot.
         """
         found = []
+        for topic, last_due in self._due.items():
+            due = _DUE_TIMES[topic](self._chassis)
+            if due != last_due:
+                self._due[topic] = due
+                found.append(_PERIODIC[topic](self._chassis))
         for topic, last in self._last.items():
             if topic == _POSE_SPEED and not (while_moving and self._pose_is_due()):
                 continue

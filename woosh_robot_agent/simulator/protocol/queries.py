@@ -60,13 +60,13 @@ HANDLERS: Handlers = {
     cls: _answering(report)
     for cls, report in {
         **reports.STATES,
+        **reports.PERIODIC,
         robot_pb2.RobotInfo: reports.robot_info,
         robot_pb2.General: reports.general,
         robot_pb2.TaskProc: reports.task_proc,
         robot_pb2.TaskHistory: reports.task_history,
         robot_count_pb2.StatusCodes: reports.status_codes,
         robot_count_pb2.StatusCode: _status_code,
-        robot_pb2.ScannerData: reports.scanner_data,
         map_pack_pb2.SceneList: reports.scene_list,
         woosh_task_pb2.RepeatTasks: _repeat_tasks,
         woosh_task_pb2.CallTasks: _call_tasks,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.map import map_pack_pb2
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
@@ -244,6 +244,30 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
     )
 
 
+def build_map_data(chassis: Chassis) -> robot_pack_pb2.BuildMapData:
+    """Return the map that is being made, empty if there is none.
+
+    The picture has the grey values of `scene_data`. The marks are a serialised MarkInfo.
+    """
+    mapping = chassis.mapping
+    raster = mapping.raster
+    if raster is None:
+        return robot_pack_pb2.BuildMapData()
+    # numpy and Pillow load slowly, and only pictures need them.
+    from woosh_robot_agent.simulator.world.picture import png
+
+    height, width = raster.cells.shape
+    return robot_pack_pb2.BuildMapData(
+        map_data=png(raster.cells),
+        width=width,
+        height=height,
+        origin_x=raster.low[0],
+        origin_y=raster.low[1],
+        resolution=raster.resolution,
+        mark_data=mark_info_of(mapping.draft or chassis.map).SerializeToString(),
+    )
+
+
 def scene_data_easy(scene: Scene) -> map_pack_pb2.SceneDataEasy:
     """Return the maps of a scene with their marks."""
     return map_pack_pb2.SceneDataEasy(
@@ -294,6 +318,7 @@ def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
         name=area.name,
         resolution=drawn.resolution,
         origin=common_pb2.Pose2D(x=drawn.low[0], y=drawn.low[1]),
+        end=pose2d(area.end) if area.end else None,
         map_png=drawn.png,
         mark_info=mark_info_of(area),
     )
@@ -316,3 +341,9 @@ STATES: dict[type[Message], Callable[[Chassis], Message]] = {
     robot_pb2.PlanPath: plan_path,
 }
 """Reports that are pushed when they change, by their message class."""
+
+PERIODIC: dict[type[Message], Callable[[Chassis], Message]] = {
+    robot_pb2.ScannerData: scanner_data,
+    robot_pack_pb2.BuildMapData: build_map_data,
+}
+"""Reports that are pushed at their rate, even if nothing has changed, by their message class."""

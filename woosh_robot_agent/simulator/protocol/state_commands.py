@@ -19,6 +19,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     if chassis.profile.refusals.while_busy and chassis.tasks.active:
         task = chassis.tasks.proc.robot_task_id
         raise RefusedError(refusals.INIT_DURING_TASK, task=task)
+    chassis.mapping.require_none(refusals.INIT_WHILE_MAPPING)
     # Clients may send both, with an empty pose: the record takes precedence.
     where = chassis.base.pose if request.is_record else pose(request.pose)
     chassis.localise(where)
@@ -33,8 +34,10 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
 
 
 def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
-    if not chassis.readiness.initialised:
+    if not (chassis.readiness.initialised or chassis.mapping.active):
         raise RefusedError(refusals.NOT_INITIALISED)
+    if chassis.readiness.located:
+        chassis.mapping.require_none(refusals.POSE_WHILE_MAPPING)
     chassis.localise(pose(request.pose))
     return None
 
@@ -72,6 +75,9 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
     )
     if request.mode not in known:
         raise RefusedError(refusals.UNKNOWN_WORK_MODE, mode=request.mode)
+    if request.mode != chassis.readiness.work:
+        chassis.mapping.require_none(refusals.WORK_MODE_WHILE_MAPPING)
+        chassis.deployment.end_session()
     chassis.readiness.work = request.mode
     return reports.mode(chassis)
 

@@ -18,6 +18,7 @@ from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
 from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, SCENE_FILE, read_maps, read_scene
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.scenes.writing import files_of
+from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
@@ -69,12 +70,22 @@ def updated_scene(
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
     others = {**(kept.files if kept else {}), **new}
     scene.files.update((file, data) for file, data in others.items() if file not in used)
-    versions = {each.name: each.version + 1 for each in old.maps} if old else {}
-    scene.maps = [
-        dataclasses.replace(each, version=max(each.version, versions.get(each.name, 1)))
-        for each in scene.maps
-    ]
+    before = {each.name: each for each in old.maps} if old else {}
+    scene.maps = [_continued(each, before.get(each.name)) for each in scene.maps]
     return scene
+
+
+def _continued(area: Map, old: Map | None) -> Map:
+    """Return a map with what it keeps of the one of its name before."""
+    if old is None:
+        return area
+    return dataclasses.replace(
+        area,
+        version=max(area.version, old.version + 1),
+        end=old.end,
+        # The files show only what the robot has seen: the walls stay where they are.
+        ground_truth=old.ground_truth,
+    )
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:

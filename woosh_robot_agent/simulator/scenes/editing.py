@@ -35,7 +35,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
         marks=area.marks or old.marks,
         other_marks=area.other_marks if area.marks else old.other_marks,
     )
-    return _with(scene, old, newer)
+    return with_map_changed(scene, old, newer)
 
 
 def without_map(scene: Scene, area: Map) -> Scene:
@@ -53,7 +53,7 @@ def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
         image = _renamed(image, name)
     newer = replace(area, name=name, version=area.version + 1, image=image)
     start_map = name if scene.start_map == area.name else scene.start_map
-    return replace(_with(scene, area, newer), start_map=start_map)
+    return replace(with_map_changed(scene, area, newer), start_map=start_map)
 
 
 def _renamed(image: ImageFiles, stem: str) -> ImageFiles:
@@ -72,7 +72,7 @@ def free_mark_id(area: Map) -> int:
 def with_marks(scene: Scene, area: Map, marks: Iterable[Mark]) -> Scene:
     """Return a scene in which one map has other marks."""
     numbered = {mark.number: mark for mark in marks}
-    return _with(scene, area, replace(area, version=area.version + 1, marks=numbered))
+    return with_map_changed(scene, area, replace(area, version=area.version + 1, marks=numbered))
 
 
 def _free_id(taken: Iterable[int]) -> int:
@@ -82,5 +82,6 @@ def _free_id(taken: Iterable[int]) -> int:
     return highest + 1 if highest < _MAX_ID else next(n for n in count(1) if n not in ids)
 
 
-def _with(scene: Scene, old: Map, new: Map) -> Scene:
+def with_map_changed(scene: Scene, old: Map, new: Map) -> Scene:
+    """Return a scene with `new` in place of one of its maps."""
     return replace(scene, maps=[new if each is old else each for each in scene.maps])

@@ -16,6 +16,9 @@ from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
+MAX_SCENES = 20
+"""Number of known scenes from which on new ones are refused."""
+
 _SHIPPED = tuple(Path(__file__).parents[1] / "data" / name for name in ("wooshmap", "scenex"))
 _START_CLEARANCE = 0.6
 """Minimum clearance of a start place that the scene does not define, in metres."""

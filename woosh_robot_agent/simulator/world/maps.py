@@ -83,6 +83,9 @@ class Map:
         grid: Occupancy grid, if the map has one; used in addition to the walls.
         image: The files of the grid; None for a grid that does not come from files.
         other_marks: Marks of other kinds, such as beacons, which the robot only stores.
+        end: Pose of the robot at the end of the mapping; None if the map was not made by driving.
+        ground_truth: The hall in which the map was made by driving: it has the real walls. None if
+            the map itself is the hall.
     """
 
     id: int
@@ -96,6 +99,8 @@ class Map:
     grid: Grid | None = None
     image: ImageFiles | None = None
     other_marks: mark_pb2.MarkInfo = field(default_factory=mark_pb2.MarkInfo)
+    end: Pose | None = None
+    ground_truth: Map | None = None
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or occupied cell, in metres."""

@@ -6,15 +6,14 @@ import io
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
 from woosh_robot_agent.simulator.world.cells import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.geometry import Point
 from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.world.raster import Cells, Raster
 
 _RESOLUTION = 0.05
 """Side of a pixel in the picture of a map without a grid, in metres."""
@@ -27,8 +26,6 @@ _EDGE = 0.5
 
 _GREY_OCCUPIED, _GREY_UNKNOWN, _GREY_FREE = 0, 205, 254
 """Grey values of map_saver. A `free_thresh` of 0.196 distinguishes unknown from free."""
-
-Cells: TypeAlias = npt.NDArray[np.int8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +46,18 @@ class Picture:
 @lru_cache(maxsize=32)
 def draw(area: Map) -> Picture:
     """Return the picture of a map with its walls, from a cache."""
+    raster = rasterised(area)
+    return Picture(png(raster.cells), raster.resolution, raster.low)
+
+
+def rasterised(area: Map) -> Raster:
+    """Return the cells of a map, with its walls drawn into them."""
     if area.grid:
         cells, resolution, low = area.grid.cells.copy(), area.grid.resolution, area.grid.low
     else:
         cells, resolution, low = _free_area(area)
     _draw_walls(cells, area, resolution, low)
-    return Picture(png(cells), resolution, low)
+    return Raster(cells, resolution, low)
 
 
 def png(cells: Cells) -> bytes:

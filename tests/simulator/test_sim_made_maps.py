@@ -1,0 +1,336 @@
+"""Maps that were made by driving: how they resemble the hall, and driving in them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from tests.simulator.map_files import room_picture, write_map
+from tests.simulator.mapping import (
+    BUILD_MAP_DATA,
+    SWITCH_MAP,
+    TWIST,
+    UPDATE,
+    at,
+    drive,
+    picture,
+    pushed,
+    save_map,
+    start_mapping,
+    turn_around,
+    use_map,
+)
+from tests.simulator.real_tasks import exec_task, watch
+from tests.simulator.recorded_chassis import SteppedChassis, ask
+from woosh_robot_agent.simulator.world.cells import FREE, OCCUPIED, UNKNOWN
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.grid import Grid
+from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
+from woosh_robot_agent.simulator.world.maps import Map
+
+TOUR = (
+    (2.0, -7.0),
+    (-2.5, -6.0),
+    (-2.5, 0.0),
+    (-8.0, 0.0),
+    (-8.0, -6.0),
+    (-8.0, 0.0),
+    (-7.0, 6.0),
+    (-7.0, 1.0),
+    (3.0, 1.0),
+    (3.0, 6.0),
+    (7.0, 7.0),
+    (7.0, -3.0),
+    (4.5, -6.0),
+)
+"""Places in the shipped hall from which together everything can be seen."""
+
+
+@lru_cache
+def toured_hall() -> Map:
+    """Return a map of the shipped hall, made by driving through all of it."""
+    chassis = SteppedChassis(profile="instant")
+    start_mapping(chassis)
+    drive(chassis, *TOUR)
+    save_map(chassis)
+    return chassis.chassis.map
+
+
+def in_toured_hall() -> SteppedChassis:
+    """Return a chassis that has made this map, ready for tasks."""
+    chassis = SteppedChassis(profile="instant")
+    start_mapping(chassis)
+    save_map(chassis)
+
+    def put(model: object) -> None:
+        area = toured_hall()
+        chassis.chassis.enter(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
+
+    chassis.change(put)
+    use_map(chassis)
+    return chassis
+
+
+def places(grid: Grid, value: int) -> list[tuple[float, float]]:
+    """Return the centres of the cells with a value."""
+    rows, columns = np.nonzero(grid.cells == value)
+    return [
+        (
+            grid.low[0] + (float(column) + 0.5) * grid.resolution,
+            grid.low[1] + (float(row) + 0.5) * grid.resolution,
+        )
+        for row, column in zip(rows, columns, strict=True)
+    ]
+
+
+def value_at(grid: Grid, x: float, y: float) -> int:
+    column = math.floor((x - grid.low[0]) / grid.resolution)
+    row = math.floor((y - grid.low[1]) / grid.resolution)
+    return int(grid.cells[row, column])
+
+
+def made_grid(area: Map) -> Grid:
+    assert area.grid
+    return area.grid
+
+
+def test_map_resembles_the_hall() -> None:
+    grid, hall = made_grid(toured_hall()), SteppedChassis().chassis.map
+    free, occupied = places(grid, FREE)[::23], places(grid, OCCUPIED)
+    really_free = [hall.contains(*place) and hall.clearance(*place) > 0.02 for place in free]
+    assert sum(really_free) >= 0.995 * len(free)
+    assert all(hall.clearance(*place) <= 0.05 for place in occupied)
+
+
+def test_map_shows_the_whole_hall() -> None:
+    grid, hall = made_grid(toured_hall()), SteppedChassis().chassis.map
+    seen = []
+    for wall in hall.walls:
+        count = int(math.dist((wall.x1, wall.y1), (wall.x2, wall.y2)) / 0.2)
+        for step in range(count):
+            share = (step + 0.5) / count
+            x, y = (
+                wall.x1 + share * (wall.x2 - wall.x1),
+                wall.y1 + share * (wall.y2 - wall.y1),
+            )
+            near = [
+                value_at(grid, x + dx, y + dy) for dx in (-0.05, 0, 0.05) for dy in (-0.05, 0, 0.05)
+            ]
+            seen.append(OCCUPIED in near)
+    assert sum(seen) >= 0.97 * len(seen)
+    floor = [
+        value_at(grid, 0.31 * column, 0.31 * row) == FREE
+        for column in range(-38, 39)
+        for row in range(-32, 33)
+        if hall.contains(0.31 * column, 0.31 * row)
+        and hall.clearance(0.31 * column, 0.31 * row) > 0.5
+    ]
+    assert sum(floor) >= 0.98 * len(floor)
+
+
+def test_robot_navigates_in_its_map() -> None:
+    chassis = in_toured_hall()
+    for x, y in ((-8.0, -6.0), (3.0, 6.0)):
+        body = {"taskId": "1719960031290", "type": 2, "pose": {"x": x, "y": y}}
+        task = watch(chassis, lambda body=body: chassis.request("woosh.robot.ExecTask", **body))
+        assert task.triples[-1][0] == "kCompleted"
+        assert chassis.chassis.base.pose.distance((x, y)) < 0.02
+
+
+def test_path_avoids_what_the_robot_has_not_seen() -> None:
+    """The map shows the room in which the robot was; the goal is in another one."""
+    chassis = SteppedChassis(profile="instant")
+    start_mapping(chassis)
+    turn_around(chassis)
+    save_map(chassis)
+    use_map(chassis)
+    grid = made_grid(chassis.chassis.map)
+    assert value_at(grid, 0.0, -7.0) == FREE
+    assert chassis.chassis.map.contains(-10.0, -9.0) is False
+    body = {"taskId": "1719960031290", "type": 2, "pose": {"x": -10.0, "y": -9.0}}
+    task = watch(chassis, lambda: chassis.request("woosh.robot.ExecTask", **body))
+    assert task.triples[-1][0] == "kFailed"
+
+
+def test_robot_collides_with_walls_that_its_map_lacks() -> None:
+    chassis = in_toured_hall()
+    model = chassis.chassis
+    grid = made_grid(model.map)
+    emptied = Grid(np.full_like(grid.cells, FREE), grid.resolution, grid.low)
+    model.change_map(dataclasses.replace(model.map, grid=emptied))
+    for _ in range(100):
+        chassis.request(TWIST, linear=0.8)
+        chassis.run(0.2)
+    assert model.base.blocked
+    assert model.gap(model.base.pose) >= 0.0
+    assert model.scan()[model.laser.rays // 2] < 1.0
+
+
+def test_switching_to_and_fro_stays_in_the_same_hall() -> None:
+    chassis = in_toured_hall()
+    walls = chassis.chassis.walls
+    ask(chassis, SWITCH_MAP, sceneName="wooshmap")
+    assert chassis.chassis.walls == walls
+    ask(chassis, SWITCH_MAP, sceneName="new")
+    assert chassis.chassis.walls == walls
+    ask(chassis, SWITCH_MAP, sceneName="scenex")
+    assert chassis.chassis.walls != walls
+
+
+def test_uploading_the_files_of_a_made_map_leaves_the_walls_where_they_are() -> None:
+    chassis = in_toured_hall()
+    model = chassis.chassis
+    hall, end, marks = model.ground_truth, model.map.end, dict(model.map.marks)
+    files = ask(chassis, "woosh.map.Download", sceneName="new").body["fileDatas"]
+    ask(chassis, "woosh.map.Upload", sceneName="new", fileDatas=files)
+    assert model.ground_truth is hall
+    assert model.map.end == end
+    assert model.map.marks == marks
+    assert (made_grid(model.map).cells == made_grid(toured_hall()).cells).all()
+    # On another robot the files are all there is.
+    other = SteppedChassis(profile="instant")
+    ask(other, "woosh.map.Upload", sceneName="new", fileDatas=files)
+    ask(other, SWITCH_MAP, sceneName="new")
+    assert other.chassis.ground_truth is other.chassis.map
+
+
+def test_download_after_an_update_has_the_new_picture(tmp_path: Path) -> None:
+    chassis = SteppedChassis(profile="instant", scenes=(write_map(tmp_path, room_picture()),))
+    chassis.chassis.obstacles.put("box", 3.0, -1.0, 0.3)
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="room", mapName="room")
+    turn_around(chassis)
+    save_map(chassis)
+    files = ask(chassis, "woosh.map.Download", sceneName="room").body["fileDatas"]
+    other = SteppedChassis(profile="instant")
+    ask(other, "woosh.map.Upload", sceneName="room", fileDatas=files)
+    ask(other, SWITCH_MAP, sceneName="room")
+    assert (made_grid(other.chassis.map).cells == made_grid(chassis.chassis.map).cells).all()
+
+
+def test_update_continues_the_map() -> None:
+    chassis = SteppedChassis(profile="instant")
+    model = chassis.chassis
+    before = model.map
+    model.obstacles.put("box", 2.0, -7.0, 0.3)
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
+    turn_around(chassis)
+    save_map(chassis)
+    after, grid = model.map, made_grid(model.map)
+    assert (after.id, after.name, after.version) == (before.id, before.name, before.version + 1)
+    assert after.marks == before.marks
+    assert model.scene.predefined == SteppedChassis().chassis.scene.predefined
+    assert value_at(grid, 2.3, -7.0) == OCCUPIED  # the side of the box that the robot sees
+    assert value_at(grid, -10.0, -9.0) == FREE  # known, but out of sight
+    assert value_at(grid, -12.0, -9.0) == OCCUPIED
+    # The box has gone: another update forgets it.
+    model.obstacles.clear()
+    ask(chassis, "woosh.robot.InitRobot", isRecord=True)
+    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
+    turn_around(chassis, 20.0)
+    save_map(chassis)
+    assert value_at(made_grid(model.map), 2.3, -7.0) == FREE
+    assert model.map.version == before.version + 2
+    assert model.ground_truth is before
+
+
+def test_updated_map_keeps_its_cells(tmp_path: Path) -> None:
+    chassis = SteppedChassis(profile="instant", scenes=(write_map(tmp_path, room_picture()),))
+    before = made_grid(chassis.chassis.map)
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="room", mapName="room")
+    turn_around(chassis)
+    save_map(chassis)
+    after = made_grid(chassis.chassis.map)
+    assert after.resolution == before.resolution == 0.1
+    differing = [
+        place
+        for place in places(before, OCCUPIED) + places(before, FREE)
+        if value_at(after, *place) != value_at(before, *place)
+    ]
+    assert len(differing) <= 0.005 * before.cells.size, differing
+
+
+def test_robot_makes_a_map_of_a_hall_that_is_a_picture(tmp_path: Path) -> None:
+    """The cells of the new map are half as large and not aligned with those of the hall."""
+    chassis = SteppedChassis(profile="instant", scenes=(write_map(tmp_path, room_picture()),))
+    hall = made_grid(chassis.chassis.map)
+    start_mapping(chassis)
+    turn_around(chassis)
+    save_map(chassis)
+    grid = made_grid(chassis.chassis.map)
+    free, occupied = places(grid, FREE), places(grid, OCCUPIED)
+    # An echo is at the border of a cell of the hall, anywhere in one of the new map.
+    half = 0.51 * grid.resolution
+    assert all(
+        any(
+            value_at(hall, x + dx, y + dy) == OCCUPIED
+            for dx in (-half, half)
+            for dy in (-half, half)
+        )
+        for x, y in occupied
+    )
+    assert sum(value_at(hall, *place) == FREE for place in free) >= 0.995 * len(free)
+
+
+def test_scan_without_an_echo_adds_nothing() -> None:
+    grid = GrowingGrid()
+    grid.add_scan(Pose(1.0, 1.0, 0.0), -1.0, 0.01, [math.inf] * 200)
+    assert set(grid.raster().cells.flat) == {UNKNOWN}
+
+
+def test_floor_under_the_robot_is_free() -> None:
+    grid = GrowingGrid()
+    grid.add_floor([(0.4, 0.3), (0.4, -0.3), (-0.4, -0.3), (-0.4, 0.3)])
+    raster = grid.raster()
+    made = Grid(raster.cells, raster.resolution, raster.low)
+    assert value_at(made, 0.0, 0.0) == FREE
+    assert value_at(made, 0.3, 0.2) == FREE
+    assert value_at(made, 0.5, 0.0) == UNKNOWN
+
+
+def test_distant_wall_keeps_the_cells_that_no_ray_hits() -> None:
+    """Rays along a wall hit only some of its cells. The others must not become free."""
+    grid, wall = GrowingGrid(), Wall(-10.0, 1.0, 30.0, 1.0)
+    increment = 0.005
+    angles = [
+        math.pi / 2 - increment * ray for ray in range(round((math.pi / 2 - 0.04) / increment))
+    ]
+    near = [wall.y1 / math.sin(angle) for angle in angles]
+    first = angles[0]
+    for x in (0.0, 5.0, 10.0):
+        grid.add_scan(Pose(x, 0.0, 0.0), first, -increment, near)
+    for _ in range(300):
+        grid.add_scan(Pose(0.0, 0.0, 0.0), first, -increment, near)
+    raster = grid.raster()
+    made = Grid(raster.cells, raster.resolution, raster.low)
+    found = [value_at(made, 0.05 * column, 1.0) for column in range(2, 300)]
+    assert set(found) == {OCCUPIED, UNKNOWN}
+    assert found.count(OCCUPIED) > 0.8 * len(found)
+
+
+def test_pictures_of_an_update_begin_with_the_whole_map() -> None:
+    chassis = SteppedChassis(profile="instant")
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
+    chassis.run(1.1)
+    body = pushed(chassis, BUILD_MAP_DATA)[-1].body
+    assert at(body, picture(body), -10.0, -9.0) == 254
+
+
+def test_mark_in_the_made_map_is_a_target() -> None:
+    chassis = in_toured_hall()
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
+    collected = ask(
+        chassis, "woosh.robot.Deployment", type=4, mode=1, pose={"x": -2.5, "y": 0.0, "theta": 1.0}
+    )
+    ask(chassis, "woosh.robot.SwitchWorkMode", mode=2)
+    (marker,) = collected.body["markers"]
+    task = watch(chassis, lambda: exec_task(chassis, marker["id"], 2))
+    assert task.triples[-1][0] == "kCompleted"
+    assert chassis.chassis.base.pose.distance((-2.5, 0.0)) < 0.02

@@ -1,0 +1,495 @@
+"""Making a map: the sequence of a real robot, its times, and what may interrupt it."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.simulator.mapping import (
+    ADD,
+    BUILD_MAP,
+    BUILD_MAP_DATA,
+    CANCEL,
+    DEPLOYMENT,
+    DEPLOYMENT_MODE,
+    INIT_ROBOT,
+    SAVE,
+    SCENE,
+    STATE,
+    SWITCH_MAP,
+    SWITCH_WORK_MODE,
+    TASK_MODE,
+    TWIST,
+    UPDATE,
+    at,
+    drive,
+    picture,
+    pushed,
+    save_map,
+    start_mapping,
+    turn_around,
+    use_map,
+)
+from tests.simulator.real_tasks import TASK_ID, exec_task, real_robot, shows, watch
+from tests.simulator.recorded_chassis import (
+    SCANNER_DATA,
+    SteppedChassis,
+    ask,
+    wait_frame,
+)
+from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.world import growing_grid
+
+FACTS = real_robot()
+TIMES, RATES = FACTS["times"], FACTS["rates"]
+UNINIT, IDLE, FAULT, MAPPING = 1, 2, 6, 9
+FREE = 254
+SCENE_LIST = "woosh.map.SceneList"
+
+
+@pytest.fixture
+def real() -> SteppedChassis:
+    """A chassis as real as it gets."""
+    return SteppedChassis()
+
+
+@pytest.fixture
+def quick() -> SteppedChassis:
+    """A chassis that does everything at once."""
+    return SteppedChassis(profile="instant")
+
+
+def states(chassis: SteppedChassis) -> list[int]:
+    return [frame.body["state"] for frame in pushed(chassis, STATE)]
+
+
+def scenes(chassis: SteppedChassis) -> dict[str, list[str]]:
+    found = ask(chassis, SCENE_LIST).body["scenes"]
+    return {scene["name"]: scene["maps"] for scene in found}
+
+
+def wait_answer(chassis: SteppedChassis, type_name: str, **body: Any) -> tuple[float, float]:
+    """Return the times of a request and of its answer, which must be ok."""
+    sent = chassis.chassis.elapsed
+    answer = ask(chassis, type_name, **body)
+    return sent, answer.time
+
+
+def test_map_is_made_in_the_sequence_of_the_real_robot(real: SteppedChassis) -> None:
+    ask(real, SWITCH_WORK_MODE, mode=DEPLOYMENT_MODE)
+    sent, answered = wait_answer(real, BUILD_MAP, type=ADD, sceneName="new", mapName="hall")
+    least, most = TIMES["BuildMap that starts to its answer"]
+    assert least <= answered - sent <= most
+    mapping = wait_frame(real, shows(MAPPING))
+    assert mapping.time - sent == pytest.approx(TIMES["BuildMap that starts to kMapping"], rel=0.1)
+    turn_around(real)
+
+    real.frames.clear()
+    sent, answered = wait_answer(real, BUILD_MAP, type=SAVE)
+    scene, uninit = (wait_frame(real, lambda f: f.type == SCENE), wait_frame(real, shows(UNINIT)))
+    assert (scene.body["sceneName"], scene.body["mapName"]) == ("new", "hall")
+    assert scene.time - sent == pytest.approx(TIMES["BuildMap that saves to Scene"], abs=0.06)
+    least, most = TIMES["BuildMap that saves to kUninit"]
+    assert least <= uninit.time - sent <= most
+    assert uninit.time == answered
+
+    marker = ask(real, DEPLOYMENT, type=4, mode=1).body["markers"][0]
+    drive(real, (0.0, -7.0))
+    use_map(real)
+    assert states(real) == [UNINIT, IDLE]
+    task = watch(real, lambda: exec_task(real, marker["id"]))
+    assert task.triples[-1][0] == "kCompleted"
+    pose = real.chassis.base.pose
+    assert (pose.x, pose.y) == pytest.approx((marker["pose"]["x"], marker["pose"]["y"]), abs=0.01)
+
+
+def test_picture_of_the_map_is_pushed_every_second(real: SteppedChassis) -> None:
+    start_mapping(real)
+    real.run(10.0)
+    times = [frame.time for frame in pushed(real, BUILD_MAP_DATA)]
+    least, most = RATES["BuildMapData"]
+    assert times[0] - wait_frame(real, shows(MAPPING)).time == pytest.approx(1.0, abs=0.02)
+    assert len(times) >= 9
+    assert all(least <= after - before <= most for before, after in pairwise(times))
+    sent = real.chassis.elapsed
+    save_map(real)
+    real.run(5.0)
+    assert pushed(real, BUILD_MAP_DATA)[-1].time <= sent
+
+
+def test_answers_to_build_map_take_as_long_as_those_of_the_real_robot() -> None:
+    starts, saves = [], []
+    for seed in range(15):
+        chassis = SteppedChassis(seed=seed)
+        ask(chassis, SWITCH_WORK_MODE, mode=DEPLOYMENT_MODE)
+        sent, answered = wait_answer(chassis, BUILD_MAP, type=ADD, sceneName="a", mapName="b")
+        starts.append(answered - sent)
+        sent, answered = wait_answer(chassis, BUILD_MAP, type=SAVE)
+        saves.append(answered - sent)
+    least, most = TIMES["BuildMap that starts to its answer"]
+    assert least <= min(starts) <= max(starts) <= most
+    assert max(starts) - min(starts) > 0.5 * (most - least)
+    least, most = TIMES["BuildMap that saves to its answer"]
+    assert least <= min(saves)
+    assert 0.5 * (least + most) == pytest.approx(statistics.median(saves), abs=0.3)
+    assert max(saves) <= FACTS["longest_build_map"]
+
+
+def test_picture_shows_what_the_robot_has_seen(quick: SteppedChassis) -> None:
+    start_mapping(quick)
+    quick.run(1.1)
+    first = pushed(quick, BUILD_MAP_DATA)[-1].body
+    pixels = picture(first)
+    assert (first["height"], first["width"]) == pixels.shape
+    assert first["resolution"] == pytest.approx(0.05)
+    assert set(pixels.flat) == {0, 205, FREE}
+    pose = quick.chassis.base.pose
+    assert at(first, pixels, pose.x, pose.y) == FREE  # where it stands
+    assert at(first, pixels, 6.0, -7.0) == FREE  # in sight
+    assert at(first, pixels, 12.0, -8.0) == 0  # a wall in sight
+    assert first["originX"] > -5.0  # nothing behind it yet
+    turn_around(quick)
+    last = pushed(quick, BUILD_MAP_DATA)[-1].body
+    assert last["originX"] < first["originX"]
+    assert (picture(last) == FREE).sum() > 1.2 * (pixels == FREE).sum()
+    assert ask(quick, BUILD_MAP_DATA).body["width"] == last["width"]
+    ask(quick, BUILD_MAP, type=CANCEL)
+    assert ask(quick, BUILD_MAP_DATA).body["mapData"] == ""
+
+
+def test_saved_map_is_the_current_one_with_its_end(quick: SteppedChassis) -> None:
+    start_mapping(quick)
+    turn_around(quick)
+    end = quick.chassis.base.pose
+    save_map(quick)
+    assert scenes(quick)["new"] == ["hall"]
+    (area,) = ask(quick, "woosh.map.SceneData", name="new").body["maps"]
+    assert (area["name"], area["id"]) == ("hall", 1)
+    assert (area["end"]["x"], area["end"]["y"]) == pytest.approx(end.point)
+    assert ask(quick, "woosh.robot.PoseSpeed").body["mapId"] == 1
+
+
+def test_map_can_be_added_to_a_scene_that_exists(quick: SteppedChassis) -> None:
+    start_mapping(quick, scene="scenex")
+    turn_around(quick)
+    save_map(quick)
+    before = list(scenes(SteppedChassis(profile="instant"))["scenex"])
+    assert scenes(quick)["scenex"] == [*before, "hall"]
+    ids = [each.id for each in quick.chassis.scene.maps]
+    assert len(set(ids)) == len(ids)
+    # The other maps and tasks of the scene can still be used.
+    ask(quick, SWITCH_MAP, sceneName="scenex", mapName=before[0])
+
+
+def test_nothing_remains_of_a_cancelled_map(quick: SteppedChassis) -> None:
+    before = scenes(quick)
+    start_mapping(quick)
+    turn_around(quick)
+    seen = picture(pushed(quick, BUILD_MAP_DATA)[-1].body)
+    ask(quick, DEPLOYMENT, type=4, mode=1)
+    quick.frames.clear()
+    ask(quick, BUILD_MAP, type=CANCEL)
+    assert states(quick) == [UNINIT]
+    quick.run(3.0)
+    assert not pushed(quick, BUILD_MAP_DATA)
+    assert scenes(quick) == before
+    assert quick.chassis.scene.name == "wooshmap"
+    assert set(quick.chassis.map.marks) == set(SteppedChassis().chassis.map.marks)
+    # A new one begins empty.
+    ask(quick, BUILD_MAP, type=ADD, sceneName="new", mapName="hall")
+    quick.run(1.1)
+    again = picture(pushed(quick, BUILD_MAP_DATA)[-1].body)
+    assert (again == FREE).sum() < 0.9 * (seen == FREE).sum()
+    save_map(quick)
+    assert quick.chassis.map.marks == {}
+
+
+def test_cancelling_takes_its_time_and_leaves_a_robot_to_initialise(real: SteppedChassis) -> None:
+    start_mapping(real)
+    sent, answered = wait_answer(real, BUILD_MAP, type=CANCEL)
+    assert answered - sent > 4.0
+    assert wait_frame(real, shows(UNINIT)).time == answered
+    ask(real, INIT_ROBOT, isRecord=True)
+    assert states(real)[-1] == IDLE
+
+
+def test_robot_without_a_pose_can_make_its_first_map() -> None:
+    chassis = SteppedChassis(profile="instant", initialised=False)
+    start_mapping(chassis)
+    chassis.run(0.1)
+    assert states(chassis)[-1] == MAPPING
+    turn_around(chassis)
+    save_map(chassis)
+    assert states(chassis)[-1] == UNINIT
+    use_map(chassis)
+    assert states(chassis)[-1] == IDLE
+
+
+def asked(name: str, **body: Any) -> Callable[[JsonClient], object]:
+    return lambda client: client.ask(name, body)
+
+
+def nothing(client: JsonClient) -> None:
+    pass
+
+
+deployment = asked(SWITCH_WORK_MODE, mode=DEPLOYMENT_MODE)
+
+
+def mapping(client: JsonClient) -> None:
+    deployment(client)
+    client.ask(BUILD_MAP, {"type": ADD, "sceneName": "new", "mapName": "hall"})
+
+
+def manual_mapping(client: JsonClient) -> None:
+    mapping(client)
+    client.ask("woosh.robot.SwitchControlMode", {"mode": 2})
+
+
+def task_paused(client: JsonClient) -> None:
+    client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "markNo": "A23"})
+    deployment(client)
+
+
+def of(scene: str, name: str, kind: int = ADD) -> Json:
+    return {"type": kind, "sceneName": scene, "mapName": name}
+
+
+REFUSED: list[tuple[Callable[[JsonClient], object], str, Json, str]] = [
+    (nothing, BUILD_MAP, of("new", "hall"), "not in deployment mode"),
+    (nothing, BUILD_MAP, of("", "", SAVE), "no map is being made"),
+    (nothing, BUILD_MAP, of("", "", CANCEL), "no map is being made"),
+    (nothing, DEPLOYMENT, {"type": 4, "mode": 1}, "not in deployment mode"),
+    (deployment, BUILD_MAP, {}, "unknown type 0 of BuildMap"),
+    (deployment, BUILD_MAP, of("", "hall"), "scene_name is empty"),
+    (deployment, BUILD_MAP, of("new", ""), "map_name is empty"),
+    (deployment, BUILD_MAP, of("new", "a/b"), "map_name 'a/b' must be a name"),
+    (deployment, BUILD_MAP, of("..", "hall"), "scene_name '..' must be a name"),
+    (deployment, BUILD_MAP, of("new", "h" * 256), "at most 255 characters"),
+    (
+        deployment,
+        BUILD_MAP,
+        of("wooshmap", "wooshmap"),
+        "map wooshmap of scene wooshmap exists already",
+    ),
+    (deployment, BUILD_MAP, of("moon", "hall", UPDATE), "unknown scene moon"),
+    (deployment, BUILD_MAP, of("wooshmap", "attic", UPDATE), "unknown map attic"),
+    (deployment, BUILD_MAP, of("scenex", "scenex", UPDATE), "is not the current one"),
+    (task_paused, BUILD_MAP, of("new", "hall"), "task 5 is paused: cancel it first"),
+    (mapping, BUILD_MAP, of("new", "other"), "mapping of hall is running"),
+    (mapping, BUILD_MAP, of("wooshmap", "wooshmap", UPDATE), "mapping of hall is running"),
+    (manual_mapping, BUILD_MAP, of("", "", SAVE), "not in deployment mode and automatic"),
+    (mapping, SWITCH_MAP, {"sceneName": "scenex"}, "map hall is being made"),
+    (mapping, SWITCH_WORK_MODE, {"mode": TASK_MODE}, "map hall is being made"),
+    (mapping, INIT_ROBOT, {"isRecord": True}, "map hall is being made"),
+    (mapping, "woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 1}}, "map hall is being made"),
+    (mapping, "woosh.robot.ExecTask", {"markNo": "A2"}, "deployment mode"),
+    (deployment, DEPLOYMENT, {"mode": 1}, "unknown type 0 of Deployment"),
+    (deployment, DEPLOYMENT, {"type": 9, "mode": 2}, "unknown type 9 of Deployment"),
+    (deployment, DEPLOYMENT, {"type": 4}, "unknown mode 0 of Deployment"),
+    (deployment, DEPLOYMENT, {"type": 4, "mode": 3}, "only reflectors"),
+    (deployment, DEPLOYMENT, {"type": 3, "mode": 3}, "has no reflectors"),
+    (deployment, DEPLOYMENT, {"type": 4, "mode": 1, "pose": {"x": 99}}, "outside map"),
+    (deployment, DEPLOYMENT, {"type": 4, "mode": 1, "robotId": 7}, "this is robot 30001"),
+]
+
+
+@pytest.mark.parametrize(("prepare", "name", "body", "reason"), REFUSED)
+def test_bad_requests_are_refused_and_nothing_is_lost(
+    client: JsonClient,
+    prepare: Callable[[JsonClient], object],
+    name: str,
+    body: Json,
+    reason: str,
+) -> None:
+    prepare(client)
+    state, known = client.ask(STATE), client.ask(SCENE_LIST)
+    assert reason in client.refusal(name, body)
+    assert (client.ask(STATE), client.ask(SCENE_LIST)) == (state, known)
+    if state["state"] == MAPPING:
+        client.ask("woosh.robot.SwitchControlMode", {"mode": 1})
+        client.ask(BUILD_MAP, {"type": SAVE})
+        assert client.ask(SCENE)["mapName"] == "hall"
+
+
+@pytest.mark.parametrize(
+    ("prepare", "name", "body", "code"),
+    [
+        ([], BUILD_MAP, of("new", "hall"), 140801000041),
+        ([], DEPLOYMENT, {"type": 4, "mode": 1}, 140801000101),
+        ([(SWITCH_WORK_MODE, {"mode": 1})], BUILD_MAP, of("a", "b", UPDATE), 140701000021),
+    ],
+)
+def test_refusals_have_the_codes_of_the_real_robot(
+    real: SteppedChassis, prepare: list[tuple[str, Json]], name: str, body: Json, code: int
+) -> None:
+    for command, arguments in prepare:
+        ask(real, command, **arguments)
+    sn = real.request(name, **body)
+    answer = wait_frame(real, lambda frame: frame.sn == sn)
+    assert (answer.ok, answer.body) == (False, {})
+    assert wait_frame(real, lambda frame: frame.type.endswith("StatusCode")).body["code"] == str(
+        code
+    )
+
+
+def test_map_with_a_name_that_was_taken_meanwhile_can_still_be_saved(
+    quick: SteppedChassis,
+) -> None:
+    start_mapping(quick)
+    model = quick.chassis
+    taken = model.scenes["wooshmap"]
+    model.scenes["new"] = type(taken)(
+        "new", [type(taken.maps[0])(5, "hall", "", 1, *[(0.0, 0.0)] * 2, ())]
+    )
+    sn = quick.request(BUILD_MAP, type=SAVE)
+    assert wait_frame(quick, lambda frame: frame.sn == sn).ok is False
+    del model.scenes["new"]
+    save_map(quick)
+
+
+def test_mapping_waits_while_it_is_started_and_ended(real: SteppedChassis) -> None:
+    ask(real, SWITCH_WORK_MODE, mode=DEPLOYMENT_MODE)
+    for kind in (ADD, SAVE):
+        real.request(BUILD_MAP, type=kind, sceneName="new", mapName="hall")
+        real.run(1.0)
+        for other in (ADD, UPDATE, CANCEL, SAVE):
+            sn = real.request(BUILD_MAP, type=other, sceneName="wooshmap", mapName="other")
+            assert wait_frame(real, lambda frame, sn=sn: frame.sn == sn).ok is False
+        sn = real.request(DEPLOYMENT, type=4, mode=1)
+        assert wait_frame(real, lambda frame, sn=sn: frame.sn == sn).ok is False
+        real.run(8.0)
+    assert scenes(real)["new"] == ["hall"]
+
+
+def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread) -> None:
+    client = JsonClient(simulator.port)
+    mapping(client)
+    client.close()
+    pass_time(simulator, 5.0)
+    other = JsonClient(simulator.port)
+    assert other.ask(STATE)["state"] == MAPPING
+    other.subscribe(BUILD_MAP_DATA)
+    assert other.next_push(BUILD_MAP_DATA)["width"] > 100
+    simulator.drop()
+    third = JsonClient(simulator.port)
+    third.ask(BUILD_MAP, {"type": SAVE})
+    assert third.ask(SCENE)["mapName"] == "hall"
+    other.socket.transport.abort()
+    third.close()
+
+
+def test_save_whose_client_has_gone_is_completed() -> None:
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as simulator:
+        client = JsonClient(simulator.port)
+        mapping(client)
+        client.send({"type": BUILD_MAP, "body": {"type": SAVE}, "sn": 99})
+        simulator.wait_received(BUILD_MAP, 2)
+        client.close()
+        other = JsonClient(simulator.port)
+        other.subscribe(STATE)
+        assert other.ask(STATE)["state"] == MAPPING
+        other.next_push(STATE, lambda body: body["state"] == UNINIT)
+        assert other.ask(SCENE)["mapName"] == "hall"
+        other.close()
+
+
+def test_lost_robot_neither_adds_scans_nor_saves(quick: SteppedChassis) -> None:
+    start_mapping(quick)
+    quick.run(1.1)
+    quick.change(lambda model: model.lose_localisation())
+    quick.run(1.1)
+    assert states(quick)[-1] == FAULT
+    seen = picture(pushed(quick, BUILD_MAP_DATA)[-1].body)
+    turn_around(quick)
+    assert (picture(pushed(quick, BUILD_MAP_DATA)[-1].body) == seen).all()
+    sn = quick.request(BUILD_MAP, type=SAVE)
+    assert wait_frame(quick, lambda frame: frame.sn == sn).ok is False
+    # A client may tell it where it is, and goes on.
+    pose = quick.chassis.base.pose
+    ask(quick, "woosh.robot.SetRobotPose", pose={"x": pose.x, "y": pose.y, "theta": pose.theta})
+    turn_around(quick)
+    assert states(quick)[-1] == MAPPING
+    more = picture(pushed(quick, BUILD_MAP_DATA)[-1].body)
+    assert (more == FREE).sum() > 1.1 * (seen == FREE).sum()
+    save_map(quick)
+
+
+def test_emergency_stop_interrupts_the_drive_but_not_the_mapping(quick: SteppedChassis) -> None:
+    start_mapping(quick)
+    quick.change(lambda model: model.set_emergency_stop(True))
+    quick.run(0.1)
+    assert states(quick)[-1] == FAULT
+    sn = quick.request(TWIST, linear=0.2)
+    assert wait_frame(quick, lambda frame: frame.sn == sn).ok is False
+    quick.change(lambda model: model.set_emergency_stop(False))
+    quick.run(1.1)
+    assert states(quick)[-1] == MAPPING
+    assert pushed(quick, BUILD_MAP_DATA)
+
+
+def test_map_that_becomes_too_large_keeps_what_it_has(
+    quick: SteppedChassis, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    start_mapping(quick)
+    quick.run(1.1)
+    before = pushed(quick, BUILD_MAP_DATA)[-1].body
+    monkeypatch.setattr(growing_grid, "_MAX_CELLS", before["width"] * before["height"])
+    turn_around(quick)
+    after = pushed(quick, BUILD_MAP_DATA)[-1].body
+    assert (picture(after) == FREE).sum() >= (picture(before) == FREE).sum()
+    assert len([each for each in caplog.messages if "map hall is full" in each]) == 1
+    save_map(quick)
+
+
+def test_scans_are_pushed_at_their_rate(real: SteppedChassis) -> None:
+    real.run(1.0)
+    assert not pushed(real, SCANNER_DATA)
+    real.subscribe(SCANNER_DATA)
+    real.run(2.0)
+    found = pushed(real, SCANNER_DATA)
+    periods = [after.time - before.time for before, after in pairwise(found)]
+    assert periods == [pytest.approx(RATES["scan"], abs=0.001)] * 9
+    assert len({str(frame.body["ranges"]) for frame in found}) == len(found)
+    body = ask(real, SCANNER_DATA).body
+    assert body in [frame.body for frame in pushed(real, SCANNER_DATA)[-2:]]
+
+
+def test_scans_and_pictures_can_be_pushed_in_bursts(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    mapping(client)
+    client.subscribe(BUILD_MAP_DATA)
+    simulator.inject("burst", type=BUILD_MAP_DATA, count=50)
+    widths = [client.next_push(BUILD_MAP_DATA)["width"] for _ in range(50)]
+    assert min(widths) > 100
+
+
+def test_profile_without_a_period_of_pictures_is_refused(tmp_path: Path) -> None:
+    shipped = Path(growing_grid.__file__).parents[1] / "data" / "profiles" / "instant.yaml"
+    file = tmp_path / "own.yaml"
+    file.write_text(shipped.read_text().replace("picture_period: 1.0", "picture_period: 0.0"))
+    with pytest.raises(Exception, match="picture_period must be more than 0"):
+        SteppedChassis(profile=file)
+
+
+def test_quick_chassis_answers_at_once() -> None:
+    chassis = SteppedChassis(profile="instant")
+    start_mapping(chassis)
+    save_map(chassis)
+    assert chassis.chassis.elapsed == 0.0
+    assert chassis.chassis.map.name == "hall"
+
+
+def test_id_of_the_last_task_survives_a_mapping(quick: SteppedChassis) -> None:
+    exec_task(quick, "K10")
+    ask(quick, "woosh.robot.ActionOrder", order=4)
+    start_mapping(quick)
+    save_map(quick)
+    assert int(ask(quick, "woosh.robot.TaskProc").body["robotTaskId"]) == TASK_ID

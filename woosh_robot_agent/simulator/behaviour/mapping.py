@@ -1,0 +1,318 @@
+"""Mapping: a map that the robot makes with its laser while a client drives it."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+from collections.abc import Callable
+from enum import Enum
+from functools import partial
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
+from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.scenes.editing import with_map, with_map_changed
+from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
+from woosh_robot_agent.simulator.scenes.files import MAX_MAPS
+from woosh_robot_agent.simulator.scenes.library import MAX_SCENES
+from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map
+
+if TYPE_CHECKING:  # numpy, scipy and Pillow load slowly, and only mapping needs them
+    from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
+    from woosh_robot_agent.simulator.world.raster import Raster
+
+_LOG = logging.getLogger(__name__)
+
+_SCAN_PERIOD = 0.2
+"""Minimum time between two scans that are added to the map, in seconds."""
+
+_REST_PERIOD = 1.0
+"""The same while the robot stands."""
+
+_MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
+"""Motion from which on the robot does not stand, in metres and radians."""
+
+
+class Phase(Enum):
+    """Phase of the mapping. The value describes it for a refusal."""
+
+    NONE = "is not running"
+    STARTING = "is being started"
+    RUNNING = "is running"
+    SAVING = "is being saved"
+    CANCELLING = "is being cancelled"
+
+
+class Mapping:
+    """Makes maps.
+
+    The robot goes on to localise itself while it makes a map, and the map has the frame of the
+    current one. Saving or cancelling leaves a robot that has to be initialised.
+
+    Args:
+        robot: The robot.
+
+    Attributes:
+        draft: The new map without its cells; None if there is none or a map is being updated.
+        picture_time: Simulated time at which the last picture of the map was due, in seconds.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.draft: Map | None = None
+        self.picture_time = 0.0
+        self._robot = robot
+        self._profile = robot.profile.mapping
+        self._pictures = DelayedCalls(robot)
+        self._phase = Phase.NONE
+        self._scene_name = self._map_name = ""
+        self._grid: GrowingGrid | None = None
+        """Cells of the map; None while no map is being made."""
+        self._located_before = True
+        """The robot knew its pose before the mapping."""
+        self._added_time = -math.inf
+        """Simulated time of the last scan that was added, in seconds."""
+        self._added_pose = Pose()
+        """Pose of the robot at this scan."""
+
+    @property
+    def active(self) -> bool:
+        """True from the start of the mapping until it has been saved or cancelled."""
+        return self._phase in (Phase.RUNNING, Phase.SAVING, Phase.CANCELLING)
+
+    @property
+    def raster(self) -> Raster | None:
+        """The map so far; None while no map is being made."""
+        return self._grid.raster() if self._grid and self._phase is Phase.RUNNING else None
+
+    def require_none(self, refusal: Refusal) -> None:
+        """Check that no map is being made.
+
+        Raises:
+            RefusedError: A map is being made; `refusal` is the situation.
+        """
+        if self._phase is not Phase.NONE:
+            raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
+
+    def require_settled(self) -> None:
+        """Check that the mapping is not being started or ended.
+
+        Raises:
+            RefusedError: It is.
+        """
+        if self._phase not in (Phase.NONE, Phase.RUNNING):
+            self.require_none(refusals.MAPPING_CHANGES)
+
+    def add(self, scene_name: str, map_name: str) -> float:
+        """Start to make a new map, and return how long that takes, in seconds.
+
+        Args:
+            scene_name: Name of a new scene or an existing one.
+            map_name: Name of the map.
+
+        Raises:
+            RefusedError: The robot cannot start now, or cannot make this map.
+        """
+        self._require_startable(scene_name, map_name)
+        self._require_new(scene_name, map_name)
+        return self._start(scene_name, map_name, update=False)
+
+    def update(self, scene_name: str, map_name: str) -> float:
+        """Start to continue the current map, and return how long that takes, in seconds.
+
+        Args:
+            scene_name: Name of the current scene.
+            map_name: Name of the current map.
+
+        Raises:
+            RefusedError: The robot cannot start now, or this is not the current map.
+        """
+        self._require_startable(scene_name, map_name)
+        scenes, scene = self._robot.scenes, self._robot.scenes.get(scene_name)
+        if scene is None:
+            known = ", ".join(scenes)
+            raise RefusedError(refusals.UPDATE_UNKNOWN_SCENE, scene=scene_name, scenes=known)
+        if scene.map(map_name) is None:
+            known = ", ".join(each.name for each in scene.maps)
+            raise RefusedError(
+                refusals.UPDATE_UNKNOWN_MAP, scene=scene_name, map=map_name, maps=known
+            )
+        if (scene_name, map_name) != (self._robot.scene.name, self._robot.map.name):
+            raise RefusedError(refusals.UPDATE_OTHER_MAP, scene=scene_name, map=map_name)
+        if not self._robot.readiness.initialised:
+            raise RefusedError(refusals.NOT_INITIALISED)
+        if not self._robot.readiness.located:
+            raise RefusedError(refusals.LOCALISATION_LOST)
+        return self._start(scene_name, map_name, update=True)
+
+    def save(self) -> float:
+        """Save the map, and return how long that takes, in seconds.
+
+        Raises:
+            RefusedError: The robot cannot save now. The mapping goes on.
+        """
+        self._require_running()
+        self._require_modes(refusals.SAVE_OUTSIDE_DEPLOYMENT)
+        if not self._robot.readiness.located:
+            raise RefusedError(refusals.SAVE_WHILE_LOST)
+        if self.draft:
+            self._require_new(self._scene_name, self._map_name)
+        robot, profile = self._robot, self._profile
+        duration = profile.save.at(robot.chance.random())
+        finished = self._finished_map()
+        self._phase = Phase.SAVING
+        self._pictures.cancel_all()
+        robot.after(min(profile.scene_after, duration), partial(self._enter, finished))
+        robot.after(duration, self._end)
+        return duration
+
+    def cancel(self) -> float:
+        """Forget the map, and return how long that takes, in seconds.
+
+        Raises:
+            RefusedError: No map is being made.
+        """
+        self._require_running()
+        robot = self._robot
+        duration = self._profile.cancel.at(robot.chance.random())
+        self._phase = Phase.CANCELLING
+        self._pictures.cancel_all()
+        self.draft = None
+        robot.readiness.located = robot.readiness.located and self._located_before
+        robot.after(duration, self._end)
+        return duration
+
+    def tick(self) -> None:
+        """Add the current scan to the map if it is due."""
+        grid, robot = self._grid, self._robot
+        if grid is None or self._phase is not Phase.RUNNING or not robot.readiness.located:
+            return
+        elapsed, pose, before = (
+            robot.scan_time - self._added_time,
+            robot.scan_pose,
+            self._added_pose,
+        )
+        turned = abs(math.remainder(pose.theta - before.theta, math.tau))
+        stands = pose.distance(before.point) < _MIN_DISTANCE and turned < _MIN_ANGLE
+        if elapsed < (_REST_PERIOD if stands else _SCAN_PERIOD) - 1e-9:
+            return
+        self._added_time, self._added_pose = robot.scan_time, pose
+        laser = robot.laser
+        was_full = grid.full
+        origin = pose.moved(laser.forward, 0.0, 0.0)
+        grid.add_scan(origin, laser.angle_min, laser.increment, robot.scan())
+        # The laser does not see the floor under the robot.
+        grid.add_floor([pose.moved(x, y, 0.0).point for x, y in robot.outline])
+        if grid.full and not was_full:
+            _LOG.warning("map %s is full: its outer parts are not recorded", self._map_name)
+
+    def _require_startable(self, scene_name: str, map_name: str) -> None:
+        self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
+        self.require_settled()
+        self.require_none(refusals.MAPPING_RUNS)
+        for what, name in (("scene_name", scene_name), ("map_name", map_name)):
+            if not name:
+                raise RefusedError(refusals.NO_NAME, field=what)
+            if not is_plain(name):
+                raise RefusedError(
+                    refusals.NAME_INVALID, field=what, name=name[:MAX_NAME], limit=MAX_NAME
+                )
+
+    def _require_running(self) -> None:
+        if self._phase is Phase.NONE:
+            raise RefusedError(refusals.NOT_MAPPING)
+        self.require_settled()
+
+    def _require_modes(self, refusal: Refusal) -> None:
+        readiness = self._robot.readiness
+        automatic = readiness.control == util_robot_pb2.kAuto
+        if not automatic or readiness.work != util_robot_pb2.kDeployMode:
+            raise RefusedError(refusal)
+
+    def _require_new(self, scene_name: str, map_name: str) -> None:
+        """Check that a map of this name can be added."""
+        scenes = self._robot.scenes
+        scene = scenes.get(scene_name)
+        if scene is None:
+            if len(scenes) >= MAX_SCENES:
+                raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
+        elif scene.map(map_name):
+            raise RefusedError(refusals.MAP_EXISTS, scene=scene_name, map=map_name)
+        elif len(scene.maps) >= MAX_MAPS:
+            raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
+
+    def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
+        robot, profile = self._robot, self._profile
+        self._scene_name, self._map_name = scene_name, map_name
+        self._phase = Phase.STARTING
+        duration = profile.start.at(robot.chance.random())
+        robot.after(min(profile.state_after, duration), partial(self._begin, update=update))
+        return duration
+
+    def _begin(self, *, update: bool) -> None:
+        from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
+        from woosh_robot_agent.simulator.world.picture import rasterised
+
+        robot = self._robot
+        self._grid = GrowingGrid(rasterised(robot.map) if update else None)
+        if not update:
+            corner = (0.0, 0.0)
+            self.draft = Map(0, self._map_name, robot.map.floor, 1, corner, corner, walls=())
+        self._located_before, robot.readiness.located = robot.readiness.located, True
+        self._phase = Phase.RUNNING
+        self._added_time = -math.inf
+        self.tick()
+        self._pictures.add(self._profile.picture_period, self._picture_is_due)
+
+    def _picture_is_due(self) -> None:
+        self.picture_time = self._robot.elapsed
+        self._pictures.add(self._profile.picture_period, self._picture_is_due)
+
+    def _finished_map(self) -> Callable[[], tuple[Scene, Map]]:
+        """Return a function that returns the map as it is now, in its scene.
+
+        The function takes the other contents of the scene as they are when it is called.
+        """
+        from woosh_robot_agent.simulator.world.grid import Grid
+
+        assert self._grid
+        robot, draft = self._robot, self.draft
+        raster = self._grid.raster()
+        grid = Grid(raster.cells, raster.resolution, raster.low)
+        end, scene_name = robot.base.pose, self._scene_name
+
+        def finished() -> tuple[Scene, Map]:
+            area = dataclasses.replace(
+                draft or robot.map,
+                low=grid.low,
+                high=grid.high,
+                walls=(),
+                grid=grid,
+                image=None,
+                end=end,
+                ground_truth=robot.ground_truth,
+            )
+            if draft:
+                before = robot.scenes.get(scene_name) or Scene(scene_name, [])
+                scene = with_map(before, area)
+                saved = scene.map(area.name)
+                assert saved
+                return scene, saved
+            area = dataclasses.replace(area, version=area.version + 1)
+            return with_map_changed(robot.scene, robot.map, area), area
+
+        return finished
+
+    def _enter(self, finished: Callable[[], tuple[Scene, Map]]) -> None:
+        self._robot.enter(*finished())
+        self.draft = None
+
+    def _end(self) -> None:
+        self._robot.readiness.initialised = False
+        self._phase = Phase.NONE
+        self._grid = None
