@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import zlib
 from typing import Any
 
 import pytest
@@ -152,14 +153,19 @@ class TestMap:
             cells_of(b"")
         with pytest.raises(MapError):
             cells_of(png([[1, 2, 3]] * 3)[:40])
+        good, gamma = png([[0]]), b"\0\0\0\0gAMA" + zlib.crc32(b"gAMA").to_bytes(4, "big")
+        with pytest.raises(MapError):  # Pillow raises a ValueError for this chunk without content
+            cells_of(good[:33] + gamma + good[33:])
+        with pytest.raises(MapError):
+            cells_of(png([[0]], "GIF"))
         assert cells_of(png([[0]])) == (1, 1, cells_of(png([[0]]))[2])
 
 
-def png(rows: list[list[int]]) -> bytes:
+def png(rows: list[list[int]], image_format: str = "PNG") -> bytes:
     image = Image.new("L", (len(rows[0]), len(rows)))
     image.putdata([grey for row in rows for grey in row])
     file = io.BytesIO()
-    image.save(file, "PNG")
+    image.save(file, image_format)
     return file.getvalue()
 
 
