@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     RobotInfo,
 )
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.readiness import is_located, is_taskable, objections
+from woosh_robot_agent.readiness import has_map, is_located, is_taskable, objections
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 
@@ -86,6 +86,19 @@ def test_sufficient_reasons_do_not_depend_on_the_taskable_bit(
         change(info)
         assert names(info) == [name]
         assert all(objections(info)[0])
+
+
+def test_a_robot_that_builds_a_map_is_not_lost_and_has_a_map():
+    info = ready()
+    info.MergeFrom(RobotInfo(state=robot.kMapping))
+    info.device_state.CopyFrom(DeviceState())
+    info.pose_speed.map_id = 0
+    assert names(info) == []
+    assert is_located(info) is None
+    assert has_map(info) is True
+    info.state = robot.kIdle
+    assert names(info) == ["lost"]
+    assert has_map(info) is False
 
 
 def test_all_reasons_are_given_at_once():

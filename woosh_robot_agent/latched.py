@@ -69,14 +69,18 @@ class LatchedPublishers:
         for publisher in self._publishers:
             publisher.withdraw()
 
-    def _forget(self) -> None:
-        for publisher in self._publishers:
+    def take_back(self, *publishers: LatchedPublisher) -> None:
+        """Take back what publishers have published so far; in the link thread."""
+        for publisher in publishers:
             publisher.forget()
         executor = self._node.executor
         if executor is None:  # nothing uses the node's entities yet
             self._renew()
         else:
             executor.create_task(self._renew)
+
+    def _forget(self) -> None:
+        self.take_back(*self._publishers)
 
     def _renew(self) -> None:
         for publisher in self._publishers:

@@ -12,6 +12,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # loads slowly, and is needed only for maps
     from PIL import Image
 
+_FORMATS = ("PNG", "PPM", "BMP", "JPEG")
+"""Formats of images that are read: that of the robots, and those of map_server.
+
+Pillow starts other programs for some of its other formats.
+"""
 OCCUPIED_THRESHOLD = 0.65
 """Darkness above which a cell is occupied, as in map_server."""
 FREE_THRESHOLD = 0.196
@@ -68,13 +73,15 @@ def grey_image(image_file: bytes) -> Image.Image:
     Raises:
         MapError: the image cannot be decoded, or is too large.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(image_file)) as image:
+        with Image.open(io.BytesIO(image_file), formats=_FORMATS) as image:
             if image.width * image.height > _MAX_CELLS:
                 raise MapError(f"its image is too large: {image.width} x {image.height} pixels")
             grey: Image.Image = image.convert("L")
             return grey
-    except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
+    except MapError:
+        raise
+    except Exception as error:  # Pillow raises errors of many types for damaged files
         raise MapError(f"its image cannot be decoded: {error}") from None

@@ -109,7 +109,11 @@ _WORK_MODES = {
     robot.kScheduleMode: SCHEDULE,
 }
 _STATES = {
-    robot.kMapping: Objection("mapping", "the robot is building a map", "finish the map first"),
+    robot.kMapping: Objection(
+        "mapping",
+        "the robot is building a map",
+        "save the map or cancel it, with type 4 or 3 of robot/BuildMap",
+    ),
     robot.kFollowing: Objection(
         "following", "the robot is following a person", "stop it with robot/Follow"
     ),
@@ -179,15 +183,25 @@ def is_taskable(info: RobotInfo) -> bool | None:
 
 
 def is_located(info: RobotInfo) -> bool | None:
-    """Return True if the robot knows its position; None if it does not report it."""
+    """Return True if the robot knows its position; None if it does not report it.
+
+    A robot that builds a map may report that it does not. Then this is None, too, because there is
+    no map yet in which it could be lost.
+    """
     if not info.HasField("device_state"):
         return None
-    return bool(info.device_state.software & DeviceState.kLocation)
+    located = bool(info.device_state.software & DeviceState.kLocation)
+    return None if not located and info.state == robot.kMapping else located
 
 
 def has_map(info: RobotInfo) -> bool | None:
-    """Return True if the robot's pose belongs to a map; None if it does not report its pose."""
-    return bool(info.pose_speed.map_id) if info.HasField("pose_speed") else None
+    """Return True if the robot's pose belongs to a map; None if it does not report its pose.
+
+    While the robot builds a map, its pose belongs to that map, which may have no id yet.
+    """
+    if not info.HasField("pose_speed"):
+        return None
+    return info.state == robot.kMapping or bool(info.pose_speed.map_id)
 
 
 def _certain(info: RobotInfo) -> Iterator[Objection]:

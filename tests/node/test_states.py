@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import zlib
 from typing import Any
 
 import pytest
@@ -17,11 +18,11 @@ from std_msgs.msg import Bool
 
 from tests.harness import wait_until
 from tests.node.goals import short_task
+from woosh_robot_agent.map_image import MapError, cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import Outgoing
-from woosh_robot_agent.standard.map import MapError, cells_of
 from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
 
 SCENE_DATA = "woosh.map.SceneData"
@@ -152,14 +153,19 @@ class TestMap:
             cells_of(b"")
         with pytest.raises(MapError):
             cells_of(png([[1, 2, 3]] * 3)[:40])
+        good, gamma = png([[0]]), b"\0\0\0\0gAMA" + zlib.crc32(b"gAMA").to_bytes(4, "big")
+        with pytest.raises(MapError):  # Pillow raises a ValueError for this chunk without content
+            cells_of(good[:33] + gamma + good[33:])
+        with pytest.raises(MapError):
+            cells_of(png([[0]], "GIF"))
         assert cells_of(png([[0]])) == (1, 1, cells_of(png([[0]]))[2])
 
 
-def png(rows: list[list[int]]) -> bytes:
+def png(rows: list[list[int]], image_format: str = "PNG") -> bytes:
     image = Image.new("L", (len(rows[0]), len(rows)))
     image.putdata([grey for row in rows for grey in row])
     file = io.BytesIO()
-    image.save(file, "PNG")
+    image.save(file, image_format)
     return file.getvalue()
 
 

@@ -273,6 +273,20 @@ def test_a_pose_without_a_map_is_a_warning(chassis, examine):
     assert "may mean nothing" in report.text("localisation")
 
 
+def test_a_robot_that_builds_a_map_needs_no_localisation(chassis, examine):
+    def build(frame: Any) -> list[Any]:
+        frame.body.state = robot.kMapping
+        frame.body.device_state.software = 0
+        frame.body.pose_speed.map_id = 0
+        return [frame]
+
+    chassis.intercept(build)
+    report = examine(chassis.port)
+    assert report.status == 0
+    assert "localisation" in report.with_status("skip")
+    assert "building a map" in report.text("localisation")
+
+
 def test_clocks_that_differ_are_a_warning(examine):
     with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other_day:
         report = examine(other_day.port, skew="1")

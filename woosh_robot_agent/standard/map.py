@@ -1,4 +1,4 @@
-"""map: the image of the chassis's map as an occupancy grid."""
+"""map: the chassis's map as an occupancy grid, also while the robot is making it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.map_image import MapError, cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
+from woosh_robot_agent.standard.growing_map import GrowingMap
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.pose2d import Pose2D
@@ -21,7 +22,7 @@ from woosh_robot_agent.standard.subscribers import Subscribers
 
 _LOG = logging.getLogger(__name__)
 _CHECK_RATE = 2.0
-"""Rate of checking if the map has to be requested, in Hz."""
+"""Rate of checking if a map has to be requested or published, in Hz."""
 _RETRY_DELAY = 10.0
 """Delay before a failed request is retried, in seconds."""
 
@@ -29,7 +30,8 @@ _RETRY_DELAY = 10.0
 class Map(Part):
     """Publishes map on the first subscription, and when the scene, map or version changes.
 
-    A map can have many MiB, so it is requested only on demand. Failed requests are retried.
+    A map can have many MiB, so it is requested only on demand. Failed requests are retried. While
+    the robot is making a map, that one is published instead, whenever the robot reports it.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -40,20 +42,26 @@ class Map(Part):
         self._wanted: tuple[str, int, str, int] | None = None
         """Scene, map id, map name and version that the robot uses; None if unknown."""
         self._published: tuple[str, int, str, int] | None = None
-        """The same of the published map."""
+        """The scene's map that was published last; None if it has to be published again."""
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
-        self._robot = object()
-        """Stands for the current robot."""
+        self._epoch = object()
+        """Replaced when maps that are being received become outdated."""
+        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
+        self._shows_growing = False
+        """True if the last message was a map that the robot was making."""
         context.robot.chassis.on_robot_changed(self._forget)
         context.robot.chassis.on_snapshot(self._snapshot)
         context.robot.chassis.subscribe(Scene, self._scene)
 
     async def run(self) -> None:
         async for now in self._subscribers.times(lambda: _CHECK_RATE):
-            ready = self._context.robot.chassis.state is LinkState.READY
-            stale = self._wanted != self._published and now >= self._not_before
-            if ready and stale:
+            self._growing.subscribe()
+            if self._context.robot.chassis.state is not LinkState.READY:
+                continue
+            if self._growing.active:
+                await self._publish_growing()
+            elif self._wanted != self._published and now >= self._not_before:
                 await self._update(now)
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -62,37 +70,59 @@ class Map(Part):
 
     def _forget(self) -> None:
         self._wanted = self._published = None
-        self._robot = object()
+        self._epoch = object()
+        self._shows_growing = False
         self._log.clear()
 
     def _scene(self, scene: Scene) -> None:
         self._wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         self._not_before = -math.inf
 
+    def _map_finished(self) -> None:
+        """Request the scene's map again: a new map can replace one with the same version."""
+        self._published = None
+        self._epoch = object()
+        self._not_before = -math.inf
+        if self._shows_growing:
+            self._shows_growing = False
+            self._context.latched.take_back(self._publisher)
+
+    async def _publish_growing(self) -> None:
+        epoch, report = self._epoch, self._growing.take()
+        if report is None:
+            return
+        origin = Pose2D(report.origin_x, report.origin_y)
+        try:
+            message = await self._grid(report.map_data, report.resolution, origin)
+        except MapError as error:
+            self._log.warn("growing", f"no map while the robot is making one: {error}")
+            return
+        if epoch is not self._epoch or not self._growing.active:
+            return
+        self._log.clear("growing")
+        self._publisher.publish(message)
+        self._published = None
+        self._shows_growing = True
+
     async def _update(self, now: float) -> None:
-        wanted, robot = self._wanted, self._robot
+        wanted, epoch = self._wanted, self._epoch
         assert wanted is not None
         scene_name, map_id, map_name, _ = wanted
         try:
             data = await self._request(scene_name)
             area = _find(data, map_id, map_name)
-            # decoding a large image would block the link
-            width, height, cells = await asyncio.to_thread(cells_of, area.map_png)
+            origin = Pose2D.from_message(area.origin)
+            message = await self._grid(area.map_png, area.resolution, origin)
         except (LinkError, MapError) as error:
             self._log.warn("map", f"no map: {error}")
             self._not_before = now + _RETRY_DELAY
             return
-        if robot is not self._robot:
+        if epoch is not self._epoch or self._growing.active:
             return
         self._log.clear()
-        message = OccupancyGrid(data=cells)
-        message.header.stamp = message.info.map_load_time = self._context.now()
-        message.header.frame_id = self._context.frame("map")
-        message.info.resolution = area.resolution
-        message.info.width, message.info.height = width, height
-        message.info.origin = to_pose(Pose2D.from_message(area.origin))
         self._publisher.publish(message)
         self._published = wanted
+        self._shows_growing = False
 
     async def _request(self, scene_name: str) -> SceneData:
         answer = await self._context.robot.chassis.request(SceneData(name=scene_name))
@@ -102,21 +132,38 @@ class Map(Part):
             raise MapError(f"the chassis sent no SceneData: {answer.defect or answer.type}")
         return answer.body
 
+    async def _grid(self, image: bytes, resolution: float, origin: Pose2D) -> OccupancyGrid:
+        """Return the message for a map.
+
+        Raises:
+            MapError: the map has no valid resolution, origin or image.
+        """
+        if not 0.0 < resolution < math.inf:
+            raise MapError(f"its resolution is invalid: {resolution:g}")
+        if not all(map(math.isfinite, (origin.x, origin.y, origin.theta))):
+            raise MapError(f"its origin is invalid: {origin}")
+        # decoding a large image would block the link
+        width, height, cells = await asyncio.to_thread(cells_of, image)
+        message = OccupancyGrid(data=cells)
+        message.header.stamp = message.info.map_load_time = self._context.now()
+        message.header.frame_id = self._context.frame("map")
+        message.info.resolution = resolution
+        message.info.width, message.info.height = width, height
+        message.info.origin = to_pose(origin)
+        return message
+
 
 def _find(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
     """Return the current map.
 
     Raises:
-        MapError: it is missing, or has no image or no valid resolution.
+        MapError: it is missing, or has no image.
     """
     found = [each for each in data.maps if each.name == map_name] or [
         each for each in data.maps if each.id == map_id
     ]
     if not found:
         raise MapError(f"SceneData of {data.name} has no map {map_name} ({map_id})")
-    area = found[0]
-    if not area.map_png:
-        raise MapError(f"map {area.name} has no image")
-    if not 0.0 < area.resolution < math.inf:
-        raise MapError(f"map {area.name} has an invalid resolution: {area.resolution:g}")
-    return area
+    if not found[0].map_png:
+        raise MapError(f"map {found[0].name} has no image")
+    return found[0]

@@ -59,6 +59,8 @@ def check_localisation(info: RobotInfo) -> Result:
     """Check that the robot knows its position."""
     if info.state == robot.kUninit:
         return Result(Status.SKIPPED, "not checked until the robot is initialised")
+    if info.state == robot.kMapping:
+        return Result(Status.SKIPPED, "not checked while the robot is building a map")
     result = _check(is_located(info), LOST, "the robot knows its position")
     if result.status is Status.OK and has_map(info) is False:
         return Result(Status.WARN, NO_MAP.reason, NO_MAP.remedy)

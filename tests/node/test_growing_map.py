@@ -1,0 +1,363 @@
+"""While the robot makes a map, the topic map is that map."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from nav_msgs.msg import OccupancyGrid
+from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from tests.harness import Client, Collector, RunningAgent, wait_until
+from tests.node.test_odom import chain
+from tests.node.test_other_robot import leave, settled, switch
+from tests.node.test_states import WARN, diagnostics, of, png, values
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, PoseSpeed, RobotState, Scene
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D, Twist
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.testing import running_chassis
+
+SCENE_DATA = "woosh.map.SceneData"
+BUILD_MAP_DATA = "woosh.robot.BuildMapData"
+FREE, UNKNOWN, OCCUPIED = 0, -1, 100
+SCENE_WIDTH = 7
+"""Width of the scene's map in these tests, in cells. Maps that are being made have other widths."""
+
+
+class Mapping:
+    """A simulated robot that reports what the test says, as a robot does that makes a map.
+
+    Attributes:
+        saved: the scenes' maps; the answer to each request for them.
+        state: state of the robot in the first RobotInfo of a link; None for the simulator's own.
+    """
+
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self.saved = SceneData(name="wooshmap")
+        self.saved.maps.add(
+            name="wooshmap", resolution=0.5, origin=Pose2D(), map_png=png([[0] * SCENE_WIDTH])
+        )
+        self.state: int | None = None
+        self._simulator = simulator
+        simulator.intercept(self._change)
+
+    def _change(self, frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCENE_DATA:
+            return [Outgoing(SCENE_DATA, self.saved, frame.sn, True, "", frame.request)]
+        if frame.request == "woosh.robot.RobotInfo" and self.state is not None:
+            assert frame.body is not None
+            frame.body.state = self.state  # type: ignore[attr-defined]
+        return [frame]
+
+    def enter(self, state: int) -> None:
+        """Report another state of the robot."""
+        self.state = state
+        self._simulator.push(RobotState(state=state))  # type: ignore[arg-type]
+
+    def report(self, columns: int, **fields: Any) -> None:
+        """Report a map that the robot is making, with so many columns of cells."""
+        image = png([[255] * columns])
+        default = {"map_data": image, "width": columns, "height": 1, "resolution": 0.05}
+        self._simulator.push(BuildMapData(**{**default, **fields}))
+
+    def grow(self, grids: Collector, columns: int, **fields: Any) -> Any:
+        """Report a map every 0.1 s until the topic has it; return the message."""
+        due = time.monotonic()
+
+        def shown() -> Any:
+            nonlocal due
+            if time.monotonic() >= due:
+                due += 0.1
+                self.report(columns, **fields)
+            return [each for each in grids.messages if each.info.width == columns]
+
+        return wait_until(shown, f"a map of width {columns}")[0]
+
+    @property
+    def is_watched(self) -> bool:
+        """True if a client is subscribed to the reports."""
+        watched = False
+        for each in self._simulator.received:
+            if each.type == "woosh.Subscription" and BUILD_MAP_DATA in each.message.topics:
+                watched = each.message.sub
+        return watched
+
+
+@pytest.fixture
+def mapping(simulator: SimulatorThread) -> Mapping:
+    return Mapping(simulator)
+
+
+@pytest.fixture
+def grids(mapping: Mapping, agent: RunningAgent, client: Client) -> Collector:
+    """The messages on map. The scene's map has been received."""
+    collector = client.echo(OccupancyGrid, "map")
+    collector.wait_count(1)
+    return collector
+
+
+@pytest.fixture
+def visitor(domain: int) -> Iterator[Callable[[], Client]]:
+    """Function that starts another ROS node, and closes the one before."""
+    running: list[Client] = []
+
+    def start() -> Client:
+        close()
+        running.append(Client(domain, name="visitor"))
+        return running[-1]
+
+    def close() -> None:
+        while running:
+            running.pop().close()
+
+    yield start
+    close()
+
+
+def scene_maps(grids: Collector) -> int:
+    """Return the number of messages with the scene's map."""
+    return len([each for each in grids.messages if each.info.width == SCENE_WIDTH])
+
+
+def test_the_growing_map_matches_the_report(mapping, grids, client, simulator):
+    before = client.node.get_clock().now().nanoseconds
+    mapping.enter(robot.kMapping)
+    image = png([[255, 205, 0], [0, 255, 255]])
+    fields = {"map_data": image, "height": 2, "origin_x": -1.5, "origin_y": -2.5}
+    grid = mapping.grow(grids, 3, **fields)
+    assert (grid.info.width, grid.info.height) == (3, 2)
+    assert grid.info.resolution == pytest.approx(0.05)
+    position, orientation = grid.info.origin.position, grid.info.origin.orientation
+    assert (position.x, position.y, orientation.z, orientation.w) == (-1.5, -2.5, 0.0, 1.0)
+    assert list(grid.data) == [OCCUPIED, FREE, FREE, FREE, UNKNOWN, OCCUPIED]
+    assert grid.header.frame_id == "map"
+    stamp = grid.header.stamp
+    assert before <= stamp.sec * 10**9 + stamp.nanosec <= client.node.get_clock().now().nanoseconds
+    assert grid.info.map_load_time == stamp
+
+
+def test_each_new_report_is_shown_and_the_scenes_map_is_not_requested(mapping, grids, simulator):
+    mapping.enter(robot.kMapping)
+    requests = simulator.counts[SCENE_DATA]
+    for width in (1, 2, 3):
+        mapping.grow(grids, width)
+    simulator.push(Scene(scene_name="wooshmap", map_name="wooshmap", version=99))
+    mapping.grow(grids, 4)
+    assert simulator.counts[SCENE_DATA] == requests
+    assert scene_maps(grids) == 1
+
+
+@pytest.mark.parametrize("end", [robot.kUninit, robot.kIdle])
+def test_a_cancelled_map_gives_way_to_that_of_the_scene(mapping, grids, end):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    mapping.enter(end)
+    wait_until(lambda: scene_maps(grids) == 2)
+    assert grids.messages[-1].info.width == SCENE_WIDTH
+
+
+def test_a_saved_map_is_shown_when_the_robot_has_left_the_state(mapping, grids, simulator):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    mapping.saved.maps[0].CopyFrom(
+        SceneData.Map(name="new", resolution=0.1, map_png=png([[255] * 9]))
+    )
+    mapping.saved.name = "hall"
+    simulator.push(Scene(scene_name="hall", map_name="new", map_id=5))
+    mapping.grow(grids, 2)  # the robot writes its files for some seconds more
+    mapping.enter(robot.kUninit)
+    assert grids.wait(lambda m: m.info.width == 9).info.resolution == pytest.approx(0.1)
+    assert simulator.last(SCENE_DATA).name == "hall"
+
+
+def test_an_updated_map_of_the_same_version_is_requested_again(mapping, grids):
+    """The robot can make the map while nobody sees it grow."""
+    mapping.enter(robot.kMapping)
+    mapping.saved.maps[0].map_png = png([[255] * 9])
+    mapping.enter(robot.kUninit)
+    grids.wait(lambda m: m.info.width == 9)
+
+
+def test_a_report_after_the_end_is_ignored(mapping, grids):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    mapping.enter(robot.kUninit)
+    mapping.report(2)
+    wait_until(lambda: scene_maps(grids) == 2)
+    mapping.report(2)
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 3)
+    assert not [each for each in grids.messages if each.info.width == 2]
+
+
+def test_a_warning_or_fault_does_not_end_the_map(mapping, grids, simulator):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    requests = simulator.counts[SCENE_DATA]
+    mapping.enter(robot.kWarning)
+    mapping.grow(grids, 2)
+    mapping.enter(robot.kFault)
+    mapping.grow(grids, 3)
+    assert simulator.counts[SCENE_DATA] == requests
+
+
+def test_a_fault_without_reports_shows_the_scenes_map(mapping, grids):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    mapping.enter(robot.kFault)
+    wait_until(lambda: scene_maps(grids) == 2)
+
+
+def test_an_agent_that_starts_meanwhile_shows_the_growing_map(
+    mapping, simulator, start_agent, client
+):
+    mapping.state = robot.kMapping
+    start_agent(ip="127.0.0.1", port=simulator.port).wait_connected()
+    grids = client.echo(OccupancyGrid, "map")
+    mapping.grow(grids, 1)
+    assert simulator.counts[SCENE_DATA] == 0
+
+
+class TestLostLink:
+    def test_the_map_grows_on_after_it(self, mapping, grids, agent, simulator):
+        mapping.enter(robot.kMapping)
+        mapping.grow(grids, 1)
+        simulator.drop()
+        agent.wait_connected(2)
+        mapping.grow(grids, 2)
+        assert scene_maps(grids) == 1
+
+    def test_the_scenes_map_is_shown_if_the_robot_has_finished(
+        self, mapping, grids, agent, simulator
+    ):
+        mapping.enter(robot.kMapping)
+        mapping.grow(grids, 1)
+        mapping.state = robot.kUninit
+        simulator.drop()
+        wait_until(lambda: scene_maps(grids) == 2)
+
+
+def test_another_robot_makes_no_map(mapping, grids, agent, client):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    with running_chassis(robot_id=30002, speed=20) as other:
+        switch(client, other.port)
+        grids.wait(lambda m: m.info.width > SCENE_WIDTH)
+        assert other.counts[SCENE_DATA] == 1
+
+
+def test_what_a_robot_reported_is_not_shown_for_another(mapping, grids, agent, client):
+    mapping.enter(robot.kMapping)
+    mapping.grow(grids, 1)
+    leave(client)
+    settled(client)
+    late = client.echo(OccupancyGrid, "map")
+    settled(client)
+    assert late.messages == []
+
+
+class TestOnDemand:
+    def test_reports_are_received_only_while_there_are_subscribers(self, mapping, agent, visitor):
+        mapping.enter(robot.kMapping)
+        assert not mapping.is_watched
+        mapping.grow(visitor().echo(OccupancyGrid, "map"), 1)
+        assert mapping.is_watched
+        visitor()
+
+        def left() -> bool:
+            mapping.report(2)
+            return not mapping.is_watched
+
+        wait_until(left, "the end of the subscription")
+        mapping.grow(visitor().echo(OccupancyGrid, "map"), 3)
+
+    def test_a_late_subscriber_does_not_get_a_map_that_has_ended(self, mapping, agent, visitor):
+        mapping.enter(robot.kMapping)
+        mapping.grow(visitor().echo(OccupancyGrid, "map"), 1)
+        mapping.grow(visitor().echo(OccupancyGrid, "map"), 2)
+        settled(visitor())
+        mapping.enter(robot.kIdle)
+        settled(visitor())
+        grids = visitor().echo(OccupancyGrid, "map")
+        assert grids.wait_count(1)[0].info.width == SCENE_WIDTH
+
+
+class TestBadReports:
+    @pytest.mark.parametrize(
+        ("fields", "text"),
+        [
+            ({"map_data": b"no picture"}, "its image cannot be decoded"),
+            ({"map_data": b""}, "its image cannot be decoded"),
+            ({"map_data": png([[1, 2, 3]] * 3)[:40]}, "its image cannot be decoded"),
+            ({"resolution": 0.0}, "its resolution is invalid: 0"),
+            ({"resolution": math.nan}, "its resolution is invalid: nan"),
+            ({"origin_y": math.inf}, "its origin is invalid"),
+        ],
+    )
+    def test_they_are_logged_once_and_the_next_good_one_is_shown(
+        self, mapping, grids, logs, fields, text
+    ):
+        mapping.enter(robot.kMapping)
+        mapping.grow(grids, 1)
+
+        def told() -> list[Any]:
+            return [each for each in list(logs.messages) if text in each.getMessage()]
+
+        def reported() -> bool:
+            mapping.report(2, **fields)
+            return len(told()) > 1  # repeats are logged at DEBUG
+
+        wait_until(reported)
+        mapping.grow(grids, 3)
+        assert [each.levelname for each in told()].count("WARNING") == 1
+        assert not [each for each in grids.messages if each.info.width == 2]
+
+    def test_sizes_that_contradict_the_image_are_ignored(self, mapping, grids):
+        mapping.enter(robot.kMapping)
+        image = png([[0, 0, 255]])
+        grid = mapping.grow(grids, 3, map_data=image, width=2**31, height=0)
+        assert (grid.info.width, grid.info.height) == (3, 1)
+
+
+def test_tf_has_the_reported_pose_although_the_robot_has_no_map(
+    mapping, simulator, start_agent, client
+):
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
+    agent.wait_connected()
+    transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
+    transforms.wait_count(1)
+    mapping.enter(robot.kMapping)
+    for step in range(3):
+        pose = Pose2D(x=0.5 * step, y=-0.25, theta=0.125)
+        simulator.push(PoseSpeed(pose=pose, twist=Twist(), map_id=0))
+        transforms.wait(
+            lambda m, x=pose.x: (
+                abs(chain(m).x - x) < 1e-3
+                and abs(chain(m).y + 0.25) < 1e-3
+                and abs(chain(m).theta - 0.125) < 1e-3
+            )
+        )
+
+
+def test_diagnostics_do_not_warn_of_the_missing_map_and_localisation(
+    mapping, simulator, agent, client
+):
+    arrays = diagnostics(client)
+    mapping.enter(robot.kMapping)
+    simulator.push(DeviceState(software=0))
+    simulator.push(PoseSpeed(map_id=0))
+    array = arrays.wait(lambda a: values(of(a, "chassis"))["map id"] == "0")
+    assert values(of(array, "chassis"))["state"] == "Mapping"
+    assert values(of(array, "chassis"))["localised"] == "unknown"
+    assert of(array, "chassis").message == "OK"
+    mapping.enter(robot.kIdle)
+    warned = arrays.wait(lambda a: of(a, "chassis").level == WARN)
+    assert "uses no map" in of(warned, "chassis").message
+    assert "lost its localisation" in of(warned, "chassis").message

@@ -1,0 +1,185 @@
+"""docs/mapping.md: its commands, in its order, lead from a new map to a goal in it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import shlex
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from nav_msgs.msg import OccupancyGrid
+
+from tests.harness import Client, RunningAgent, wait_until
+from tests.node.test_documented_commands import echo
+from tests.ros2_commands import NAMESPACE, parse, set_message_fields
+from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.body.base import Velocity
+from woosh_robot_msgs.srv import Deployment
+
+PAGE = Path(__file__).parent.parent.parent / "docs" / "mapping.md"
+SUCCEEDED = 4
+ROBOT = "169.254.128.2"
+"""Address of the robot on the page."""
+SPEED = 4.0
+"""Simulated seconds per real second.
+
+The robot stops if it gets no velocity for 0.5 s of its time. At a higher speed it would need
+velocities more often than the agent sends them."""
+
+
+def commands() -> list[str]:
+    """Return the commands on the page, one a line."""
+    blocks = re.findall(r"```bash\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    return [line for block in blocks for line in block.replace("\\\n", "").splitlines()]
+
+
+class Terminal:
+    """Executes the commands of the page as the shell and the `ros2` tool do.
+
+    Attributes:
+        responses: responses of the services, oldest first.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        start_agent: Callable[..., RunningAgent],
+        folder: Path,
+    ) -> None:
+        self.responses: list[Any] = []
+        self._client = client
+        self._simulator = simulator
+        self._start_agent = start_agent
+        self._folder = folder
+
+    def run(self, line: str) -> None:
+        words = shlex.split(line)
+        execute = {
+            "run woosh_robot_agent agent": self._agent,
+            "run woosh_robot_agent maps": self._maps,
+            "topic echo": self._echo,
+            "topic pub": self._pub,
+        }
+        if words[0] == "sed":
+            subprocess.run(words, cwd=self._folder, check=True)
+            return
+        for name, do in execute.items():
+            start = ["ros2", *name.split()]
+            if words[: len(start)] == start:
+                do(words[len(start) :])
+                return
+        command = parse(line)
+        if command.verb == "service call":
+            response = self._client.call(command.cls, command.name, arg=command.filled().arg)
+            assert response.ok, f"{line}: {response.msg}"
+            self.responses.append(response)
+        else:
+            assert command.verb == "action send_goal"
+            goal = self._client.send_goal(command.cls, command.name, command.filled())
+            status, result = goal.result()
+            assert status == SUCCEEDED, f"{line}: {result}"
+
+    def _agent(self, words: list[str]) -> None:
+        parser = argparse.ArgumentParser()
+        parser.add_argument("--ros-args", action="store_true")
+        parser.add_argument("-r")
+        parser.add_argument("-p", action="append")
+        options = parser.parse_args(words)
+        assert options.r == f"__ns:={NAMESPACE.rstrip('/')}"
+        parameters = dict(each.split(":=") for each in options.p)
+        assert parameters.pop("ip") == ROBOT
+        values = {name: yaml.safe_load(value) for name, value in parameters.items()}
+        self._start_agent(ip="127.0.0.1", port=self._simulator.port, **values).wait_connected()
+
+    def _maps(self, words: list[str]) -> None:
+        from woosh_robot_agent.tools.maps import main
+
+        assert words[:2] == ["--ip", ROBOT]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(self._folder)
+            assert main(["--ip", "127.0.0.1", "--port", str(self._simulator.port), *words[2:]]) == 0
+
+    def _echo(self, words: list[str]) -> None:
+        parser = argparse.ArgumentParser()
+        parser.add_argument("--once", action="store_true", required=True)
+        parser.add_argument("--no-arr", action="store_true")
+        parser.add_argument("--filter", default="True")
+        parser.add_argument("topic")
+        options = parser.parse_args(words)
+        seen = echo(self._client, options.topic.removeprefix(NAMESPACE))
+        seen.wait(lambda m: eval(options.filter, {"m": m}))
+
+    def _pub(self, words: list[str]) -> None:
+        """Publish at the rate of the command in simulated time."""
+        parser = argparse.ArgumentParser()
+        parser.add_argument("-r", type=float, required=True)
+        parser.add_argument("-t", type=int, required=True)
+        parser.add_argument("topic")
+        parser.add_argument("type")
+        parser.add_argument("values")
+        options = parser.parse_args(words)
+        package, kind, short = options.type.split("/")
+        message = class_of(f"{package}/{short}", kind)()
+        set_message_fields(message, yaml.safe_load(options.values))
+        node = self._client.node
+        publisher = node.create_publisher(type(message), options.topic, 10)
+        wait_until(publisher.get_subscription_count, f"a subscriber of {options.topic}")
+        for _ in range(options.t):
+            publisher.publish(message)
+            time.sleep(1.0 / options.r / SPEED)
+        self._client.in_executor(lambda: node.destroy_publisher(publisher))
+        wait_until(lambda: self._simulator.state.velocity == Velocity(), "the robot to stand")
+
+
+@pytest.fixture
+def simulator() -> Any:
+    """A simulated chassis with the answer times of a real robot."""
+    config = SimulatorConfig(port=0, tcp_port=0, speed=SPEED, seed=1, profile="tr200")
+    with SimulatorThread(config) as running:
+        yield running
+
+
+def known_cells(grid: Any) -> int:
+    """Return the number of cells that are free or occupied."""
+    return len(grid.data) - grid.data.count(-1)
+
+
+@pytest.mark.timeout(300)
+def test_the_commands_of_the_page_make_a_map_and_drive_in_it(
+    client, simulator, start_agent, tmp_path
+):
+    grids = client.echo(OccupancyGrid, "map")
+    terminal = Terminal(client, simulator, start_agent, tmp_path)
+    seen = []
+    """Number of received maps after each command."""
+    for line in commands():
+        terminal.run(line)
+        seen.append(len(grids.messages))
+
+    turn, *_ = (number for number, line in enumerate(commands()) if "topic pub" in line)
+    save = next(number for number, line in enumerate(commands()) if "{value: 4}}}" in line)
+    growing = grids.messages[seen[turn] : seen[save - 1]]
+    assert len(growing) > 1
+    assert known_cells(growing[-1]) > known_cells(growing[0])
+    assert known_cells(grids.messages[-1]) >= known_cells(growing[-1])
+
+    info = simulator.state.info
+    assert (info.scene.scene_name, info.scene.map_name) == ("hall", "ground")
+    assert simulator.call(lambda inner: set(inner.chassis.map.marks)) == {"A1", "A2"}
+    first, second = (
+        each.ret.markers[0].pose
+        for each in terminal.responses
+        if isinstance(each, Deployment.Response)
+    )
+    assert math.hypot(first.x - second.x, first.y - second.y) > 0.3
+    here = info.pose_speed.pose
+    assert math.hypot(first.x - here.x, first.y - here.y) < 0.05
