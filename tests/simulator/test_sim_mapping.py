@@ -388,14 +388,12 @@ def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread) -> None:
 
 def test_save_whose_client_has_gone_is_completed() -> None:
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as simulator:
-        client = JsonClient(simulator.port)
+        client, other = JsonClient(simulator.port), JsonClient(simulator.port)
         mapping(client)
+        other.subscribe(STATE)
         client.send({"type": BUILD_MAP, "body": {"type": SAVE}, "sn": 99})
         simulator.wait_received(BUILD_MAP, 2)
         client.close()
-        other = JsonClient(simulator.port)
-        other.subscribe(STATE)
-        assert other.ask(STATE)["state"] == MAPPING
         other.next_push(STATE, lambda body: body["state"] == UNINIT)
         assert other.ask(SCENE)["mapName"] == "hall"
         other.close()

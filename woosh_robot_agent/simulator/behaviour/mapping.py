@@ -183,7 +183,6 @@ class Mapping:
         self._phase = Phase.CANCELLING
         self._pictures.cancel_all()
         self.draft = None
-        robot.readiness.located = robot.readiness.located and self._located_before
         robot.after(duration, self._end)
         return duration
 
@@ -263,7 +262,9 @@ class Mapping:
         if not update:
             corner = (0.0, 0.0)
             self.draft = Map(0, self._map_name, robot.map.floor, 1, corner, corner, walls=())
-        self._located_before, robot.readiness.located = robot.readiness.located, True
+        self._located_before = robot.readiness.located
+        # A new map begins where the robot is; an old one can only be continued by a robot in it.
+        robot.readiness.located = not update or self._located_before
         self._phase = Phase.RUNNING
         self._added_time = -math.inf
         self.tick()
@@ -313,6 +314,9 @@ class Mapping:
         self.draft = None
 
     def _end(self) -> None:
-        self._robot.readiness.initialised = False
+        readiness = self._robot.readiness
+        readiness.initialised = False
+        if self._phase is Phase.CANCELLING:
+            readiness.located = readiness.located and self._located_before
         self._phase = Phase.NONE
         self._grid = None
