@@ -382,9 +382,14 @@ def test_rename_and_delete(run: Run, wire: JsonClient) -> None:
     ("arguments", "reason"),
     [
         (["download", "moon"], "the robot has no scene and no map moon: its scenes are wooshmap,"),
-        (["delete", "wooshmap"], "the robot refused woosh.map.Delete: the robot is in scene"),
-        (["delete", "moon"], "the robot refused woosh.map.Delete: unknown scene moon"),
-        (["rename", "scenex", "wooshmap"], "scene wooshmap exists already"),
+        (["delete", "wooshmap"], "scene wooshmap cannot be deleted: the robot is using it"),
+        (["delete", "wooshmap", "--map", "wooshmap"], "map wooshmap of scene wooshmap cannot"),
+        (["delete", "moon"], "the robot has no scene moon: its scenes are wooshmap, scenex"),
+        (["delete", "scenex", "--map", "attic"], "scene scenex has no map attic: its maps are"),
+        (["rename", "moon", "sun"], "the robot has no scene moon"),
+        (["rename", "scenex", "wooshmap"], "cannot be renamed: wooshmap exists already"),
+        (["rename", "scenex", "--map", "scenex", "scenex2"], "scenex2 exists already"),
+        (["rename", "scenex", "../x"], "the robot refused woosh.map.Rename: new_scene_name"),
         (["upload", "nothing"], "nothing/scene.yaml cannot be read: No such file"),
     ],
 )
