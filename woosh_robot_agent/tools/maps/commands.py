@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -74,13 +75,15 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
             data = await robot.scene_data(scene)
             files = await robot.download(scene)
         data.name = scene
-        write_scene(target, data, files, force=force)
+        unusable = write_scene(target, data, files, force=force)
         marks = sum(len(area.mark_info.storages) for area in data.maps)
         print(
             f"downloaded scene {scene} to {target}: maps {len(data.maps)}, marks {marks}, "
             f"files {len(files)}",
             flush=True,
         )
+        for text in unusable:
+            print(f"warning: {text}", file=sys.stderr)
 
 
 async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force: bool) -> None:
