@@ -33,7 +33,7 @@ from tests.simulator.real_tasks import (
     task_id,
     triple,
 )
-from tests.simulator.recorded_chassis import Frame, SteppedChassis, ask, wait_frame
+from tests.simulator.recorded_chassis import Frame, SteppedChassis, answer_times, ask, wait_frame
 
 SEEDS = range(8)
 """Seeds of the simulated runs."""
@@ -246,21 +246,6 @@ def answer_figures(facts: Any) -> list[Figure]:
             Figure("answer, ms", short, f"{1000 * middle:.0f}", f"{1000 * median:.0f}", ok)
         )
     return found
-
-
-def answer_times(name: str, count: int) -> list[float]:
-    """Return the times of the answers to `count` requests, shortest first."""
-    bodies: dict[str, dict[str, Any]] = {
-        "woosh.robot.SwitchWorkMode": {"mode": 2},
-        "woosh.robot.InitRobot": {"isRecord": True},
-    }
-    chassis = SteppedChassis()
-    found = []
-    for _ in range(count):
-        sent = chassis.chassis.elapsed
-        sn = chassis.request(name, **bodies.get(name, {}))
-        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
-    return sorted(found)
 
 
 def drive_figures(facts: Any) -> list[Figure]:

@@ -14,7 +14,8 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from typing import Any
 
-from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
+from woosh_robot_agent.link import Answer, ChassisClient, LinkConfig, LinkState
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 try:
     from websockets.asyncio.server import serve
@@ -23,6 +24,13 @@ except ImportError:
 
 TIMEOUT = 60.0
 """Time after which a test stops waiting, in seconds; much longer than any of them needs."""
+LOAD = "x" * 16_000_000
+"""Text that fills all buffers on the way to a chassis that reads nothing.
+
+It is longer than what Linux buffers by default for the two ends of a connection: at most 4 MiB for
+the sender and 6 MiB for the receiver. The rest of the text, and every later request, waits in the
+client.
+"""
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]
 
@@ -407,6 +415,18 @@ class RawServer:
         for writer in self.open:
             writer.transport.abort()
         await soon(self.server.wait_closed())
+
+
+async def block(client: ChassisClient, wire: Wire) -> asyncio.Task[Answer]:
+    """Freeze the chassis and fill all buffers up to it, so that later requests wait in the client.
+
+    Returns:
+        The request that fills the buffers. The chassis receives it once it is thawed.
+    """
+    wire.freeze()
+    load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+    await turns()
+    return load
 
 
 def states(client: ChassisClient) -> list[LinkState]:

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import Peer, aio, eventually, soon, turns
+from tests.link.link_peer import Peer, aio, block, eventually, soon, turns
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
@@ -33,9 +33,7 @@ async def test_all_sizes_are_zero_without_a_link() -> None:
 async def test_requests_and_unsent_frames_are_counted(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         wire = await peer.wire()
-        wire.freeze()
-        tasks = [asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))]
-        await turns()
+        tasks = [await block(client, wire)]
         tasks += [asyncio.ensure_future(client.request(Speak())) for _ in range(3)]
         await turns()
         assert sizes_without_tasks(client.debug()) == {**IDLE, "requests": 4, "outbox": 3}

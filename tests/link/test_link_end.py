@@ -10,10 +10,12 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    LOAD,
     TIMEOUT,
     Peer,
     RawServer,
     aio,
+    block,
     config,
     eventually,
     ours,
@@ -43,13 +45,13 @@ WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("backlog", [0, 16_000_000])
+@pytest.mark.parametrize("backlog", [0, len(LOAD)])
 @aio
 async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backlog: int) -> None:
     async with Peer(kind) as peer:
         client = await peer.client().__aenter__()
         (await peer.wire()).freeze()
-        task = asyncio.ensure_future(client.request(Speak(text="x" * backlog)))
+        task = asyncio.ensure_future(client.request(Speak(text=LOAD[:backlog])))
         await turns()
         await soon(client.close())
         assert not ours()
@@ -87,11 +89,9 @@ async def test_a_cancelled_close_still_drops_the_connection(kind: str) -> None:
 @aio
 async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> None:
     async with Peer("tcp") as peer, peer.client(close_timeout=TIMEOUT) as client:
-        (await peer.wire()).freeze()
+        task = await block(client, await peer.wire())
         connection = client._connection
         assert connection is not None
-        task = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
-        await turns()
         closing = asyncio.ensure_future(connection.close(ConnectionLostError("test")))
         await turns(pause)
         closing.cancel()

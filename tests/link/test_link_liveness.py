@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
 from tests.link.link_peer import (
     INFO,
+    LOAD,
     TIMEOUT,
     Frame,
     Packed,
@@ -26,6 +29,23 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 KINDS = ["json", "protobuf", "tcp"]
 WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
+
+
+@asynccontextmanager
+async def repeating(send: Callable[[], Awaitable[None]]) -> AsyncIterator[None]:
+    """Call `send` every 10 ms while the block runs."""
+
+    async def repeat() -> None:
+        while True:
+            await send()
+            await asyncio.sleep(0.01)
+
+    task = asyncio.ensure_future(repeat())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.wait([task])
 
 
 def count_probes(client: ChassisClient) -> list[bool]:
@@ -105,16 +125,8 @@ async def test_probes_are_sent_only_when_idle(kind: str) -> None:
 async def test_bad_frames_are_not_a_sign_of_life() -> None:
     async with Peer("tcp") as peer, peer.client(liveness_timeout=0.2) as client:
         wire = await peer.wire()
-
-        async def babble() -> None:
-            while True:
-                await wire.raw(b"\x02\xff\xff")
-                await asyncio.sleep(0.01)
-
-        babbling = asyncio.ensure_future(babble())
-        await eventually(lambda: client.last_error)
-        babbling.cancel()
-        await asyncio.wait([babbling])
+        async with repeating(lambda: wire.raw(b"\x02\xff\xff")):
+            await eventually(lambda: client.last_error)
         assert "nothing was heard" in str(client.last_error)
 
 
@@ -130,14 +142,10 @@ async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None
         wire.transport.write(Packed.varint(size) if kind == "tcp" else head)
 
         async def trickle() -> None:
-            while True:
-                wire.transport.write(b"x")
-                await asyncio.sleep(0.01)
+            wire.transport.write(b"x")
 
-        trickling = asyncio.ensure_future(trickle())
-        await eventually(lambda: client.last_error)
-        trickling.cancel()
-        await asyncio.wait([trickling])
+        async with repeating(trickle):
+            await eventually(lambda: client.last_error)
         assert "nothing was heard" in str(client.last_error)
 
 
@@ -162,7 +170,7 @@ async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> N
         step = len(frame) // 8 + 1
         for at in range(0, len(frame), step):
             wire.transport.write(frame[at : at + step])
-            await asyncio.sleep(0.25)
+            await asyncio.sleep(0.25)  # the whole frame takes longer than the timeout
         await eventually(lambda: taken)
         assert seen == []
         assert len(taken[0].text) == size
@@ -174,18 +182,11 @@ async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> Non
     async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
         wire = await peer.wire()
         wire.freeze()
-        task = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
-
-        async def talk() -> None:
-            while True:
-                await wire.push("woosh.robot.PoseSpeed", {} if kind == "json" else b"")
-                await asyncio.sleep(0.01)
-
-        talking = asyncio.ensure_future(talk())
-        with pytest.raises(ConnectionLostError, match=r"read nothing for 0\.3 s"):
-            await soon(task)
-        talking.cancel()
-        await asyncio.wait([talking])
+        task = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+        body: Any = {} if kind == "json" else b""
+        async with repeating(lambda: wire.push("woosh.robot.PoseSpeed", body)):
+            with pytest.raises(ConnectionLostError, match=r"read nothing for 0\.3 s"):
+                await soon(task)
 
 
 @aio
@@ -205,7 +206,7 @@ async def test_a_chassis_that_reads_a_large_frame_slowly_is_alive() -> None:
     watching = asyncio.ensure_future(liveness.watch())
     slow.left = 12
     while slow.left:
-        await asyncio.sleep(0.12)
+        await asyncio.sleep(0.12)  # the whole frame takes longer than the timeout
         slow.left -= 1
         assert not watching.done()
     with pytest.raises(ConnectionLostError, match="nothing was heard"):
@@ -260,10 +261,10 @@ async def test_time_in_which_this_program_was_busy_does_not_count_as_silence() -
     watching = asyncio.ensure_future(Liveness(Quiet(), 0.4, probe, lambda: 0).watch())
     await asyncio.sleep(0)
     for _ in range(3):
-        time.sleep(0.8)
+        time.sleep(0.8)  # the program is busy for longer than the timeout
         before = asked
         await eventually(lambda before=before: watching.done() or asked > before)  # type: ignore[misc]
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.1)  # longer than the probe takes; it must not end `watch`
         assert not watching.done()
     watching.cancel()
 

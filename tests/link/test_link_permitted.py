@@ -7,15 +7,13 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, soon, turns
+from tests.link.link_peer import TIMEOUT, Peer, aio, block, soon, turns
 from woosh_robot_agent.link import NotPermittedError, SupersededError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 
 SPEAK = "woosh.robot.Speak"
 BATTERY = "woosh.robot.Battery"
-LOAD = "x" * 16_000_000
-"""Text larger than the socket buffers."""
 
 
 def is_battery(message: Message) -> bool:
@@ -48,9 +46,7 @@ async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
 async def test_requests_that_wait_are_withdrawn() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
-        wire.freeze()
-        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
-        await turns()
+        load = await block(client, wire)
         waiting = asyncio.ensure_future(client.request(Speak(text="late")))
         await turns()
         client.permit_only(is_battery, "it may not speak")

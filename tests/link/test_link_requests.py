@@ -10,12 +10,14 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    LOAD,
     TIMEOUT,
     Frame,
     Peer,
     TcpWire,
     Wire,
     aio,
+    block,
     eventually,
     others,
     soon,
@@ -282,8 +284,7 @@ async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
     async with Peer() as peer, peer.client(liveness_timeout=0.4) as client:
         wire = await peer.wire()
         wire.freeze()
-        big = "x" * 16_000_000
-        tasks = [ask(client, Speak(text=big)), ask(client, Speak(text="small"))]
+        tasks = [ask(client, Speak(text=LOAD)), ask(client, Speak(text="small"))]
         results = await soon(asyncio.gather(*tasks, return_exceptions=True))
         assert [type(result) for result in results] == [ConnectionLostError] * 2
         again = await peer.wire(2)
@@ -360,9 +361,7 @@ async def test_the_links_own_requests_name_the_robot() -> None:
 async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
-        wire.freeze()
-        first = ask(client, Speak(text="x" * 16_000_000))  # fills all buffers up to the chassis
-        await turns()
+        first = await block(client, wire)
         for _ in range(30):
             with pytest.raises(RequestTimeoutError):
                 await client.request(Speak(text="late"), timeout=0.001)

@@ -6,21 +6,16 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import Peer, aio, soon, turns
+from tests.link.link_peer import Peer, aio, block, soon, turns
 from woosh_robot_agent.link import SupersededError, TooManyRequestsError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
-
-LOAD = "x" * 16_000_000
-"""Text larger than the socket buffers."""
 
 
 @aio
 async def test_a_request_that_waited_too_long_is_not_sent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
-        wire.freeze()
-        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
-        await turns()
+        load = await block(client, wire)
         stale = asyncio.ensure_future(client.request(Speak(text="stale"), send_within=0.0))
         fresh = asyncio.ensure_future(client.request(Speak(text="fresh")))
         await turns()
@@ -36,9 +31,7 @@ async def test_a_request_that_waited_too_long_is_not_sent() -> None:
 async def test_a_request_that_is_withdrawn_is_not_sent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
-        wire.freeze()
-        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
-        await turns()
+        load = await block(client, wire)
         withdrawn = asyncio.ensure_future(client.request(SetMuteCall()))
         other = asyncio.ensure_future(client.request(Speak(text="other")))
         await turns()

@@ -12,8 +12,6 @@ from tests.link.link_peer import Frame, Wire, soon
 from tests.motion.moving import MOVING, name_of
 from woosh_robot_agent.motion.stop import cancel_orders
 
-LOAD = "x" * 16_000_000
-"""Text larger than the socket buffers."""
 TWIST = "woosh.robot.Twist"
 
 

@@ -6,12 +6,12 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
-from tests.motion.gate_checks import LOAD, TWIST, answer_all, ok, types
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, eventually, soon, turns
+from tests.motion.gate_checks import TWIST, answer_all, ok, types
 from tests.motion.moving import MOVING
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, NotPermittedError
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.reads import only_reads
 
 
@@ -49,9 +49,7 @@ async def test_no_velocity_follows_the_zero_of_a_robot_that_is_left() -> None:
         gate = MotionGate(client)
         wire = await one.wire()
         await ok(gate.request(Twist(linear=1)))
-        wire.freeze()
-        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
-        await turns()
+        load = await block(client, wire)
         waiting = asyncio.ensure_future(gate.request(Twist(linear=2)))
         await turns()
         turning = asyncio.ensure_future(turn_to(client, gate, two))

@@ -7,9 +7,8 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, eventually, soon, turns
 from tests.motion.gate_checks import (
-    LOAD,
     ORDERS,
     TWIST,
     answer_all,
@@ -20,7 +19,7 @@ from tests.motion.gate_checks import (
 from woosh_robot_agent.link import SupersededError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion import gate as gate_module
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 pytestmark = pytest.mark.usefixtures("long_hold")
 
@@ -58,9 +57,7 @@ async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
-        wire.freeze()
-        load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
-        await turns()
+        load = await block(client, wire)
         waiting = asyncio.ensure_future(gate.request(request_))
         await turns()
         stop = asyncio.ensure_future(gate.stop(TIMEOUT))
@@ -77,8 +74,9 @@ async def test_a_request_some_time_after_a_stop_is_sent(monkeypatch: pytest.Monk
     monkeypatch.setattr(gate_module, "HOLD", 0.05)
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate = MotionGate(client)
+        loop = asyncio.get_running_loop()
         await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))
-        await asyncio.sleep(0.1)
+        await eventually(lambda: loop.time() > gate._forbidden_until)
         await ok(gate.request(Twist(linear=1)))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, eventually, soon, turns
 from woosh_robot_agent.link import (
     ConnectionLostError,
     NotConnectedError,
@@ -229,12 +229,13 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
     async with Peer() as peer, peer.client() as client:
         gate = MotionGate(client)
         wire = await peer.wire()
-        wire.freeze()
-        upload = asyncio.ensure_future(client.request(Speak(text="x" * 16_000_000)))
-        await turns()
+        upload = await block(client, wire)
+        loop = asyncio.get_running_loop()
         stale = drive(gate, 1)
         stop = asyncio.ensure_future(gate.request(Twist()))
-        await asyncio.sleep(0.15)
+        await turns()
+        sent = loop.time()
+        await eventually(lambda: loop.time() > sent + latest_wins.STALL)
         assert not stale.done()
         wire.thaw()
         with pytest.raises(SupersededError, match="too old"):

@@ -219,15 +219,20 @@ async def test_zeros_of_an_idle_sender_are_not_sent() -> None:
         await rig.sent((0.1, 0.0, 0.0))
 
 
+async def stop_stream(rig: Rig) -> None:
+    """Send a velocity, stop the robot, and send another velocity, which must be refused."""
+    rig.driver.drive(0.1, 0.0, 0.0)
+    await rig.sent((0.1, 0.0, 0.0))
+    assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
+    rig.gate._forbidden_until = -math.inf  # the gate itself permits motion again
+    rig.driver.drive(0.2, 0.0, 0.0)
+    await rig.settle()
+
+
 @aio
 async def test_a_stop_silences_the_stream_until_a_zero() -> None:
     async with driving(rate=1e9) as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
-        rig.gate._forbidden_until = -math.inf  # the gate itself permits motion again
-        rig.driver.drive(0.2, 0.0, 0.0)
-        await rig.settle()
+        await stop_stream(rig)
         rig.driver.drive(0.0, 0.0, 0.0)
         rig.driver.drive(0.3, 0.0, 0.0)
         await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
@@ -236,12 +241,7 @@ async def test_a_stop_silences_the_stream_until_a_zero() -> None:
 @aio
 async def test_a_stop_silences_the_stream_until_a_pause() -> None:
     async with driving(rate=1e9) as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
-        rig.gate._forbidden_until = -math.inf  # the gate itself permits motion again
-        rig.driver.drive(0.2, 0.0, 0.0)
-        await rig.settle()
+        await stop_stream(rig)
         rig.driver._heard -= 2.0  # as after silence
         rig.driver.drive(0.3, 0.0, 0.0)
         await rig.settle()

@@ -49,16 +49,20 @@ def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
     return client.send_goal(ExecTask, "robot/ExecTask", goal)
 
 
-def short_task(client: Client, ahead: float, task_id: int = 0) -> GoalClient:
-    """Start a task that drives to a place `ahead` m in front of `START`."""
+def short_task_goal(ahead: float, task_id: int = 0) -> Any:
     goal = ExecTask.Goal()
     goal.arg.task_id = task_id
     x, y, theta = START
     goal.arg.pose.x = x + ahead * math.cos(theta)
     goal.arg.pose.y = y + ahead * math.sin(theta)
     goal.arg.pose.theta = theta
-    goal.arg.has_field = ExecTask.Goal().arg.POSE_FIELD_SET
-    return client.send_goal(ExecTask, "robot/ExecTask", goal)
+    goal.arg.has_field = goal.arg.POSE_FIELD_SET
+    return goal
+
+
+def short_task(client: Client, ahead: float, task_id: int = 0) -> GoalClient:
+    """Start a task that drives to a place `ahead` m in front of `START`."""
+    return client.send_goal(ExecTask, "robot/ExecTask", short_task_goal(ahead, task_id))
 
 
 def step_goal(value: float, action: int = EXECUTE) -> Any:
@@ -76,11 +80,15 @@ def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClien
     return client.send_goal(StepControl, "ros/StepControl", step_goal(value, action))
 
 
-def lift(client: Client, mode: int = 1) -> GoalClient:
+def lift_goal(mode: int) -> Any:
     goal = LiftControl.Goal()
     goal.arg.action.value = EXECUTE
     goal.arg.execute_mode.value = mode
-    return client.send_goal(LiftControl, "ros/LiftControl", goal)
+    return goal
+
+
+def lift(client: Client, mode: int = 1) -> GoalClient:
+    return client.send_goal(LiftControl, "ros/LiftControl", lift_goal(mode))
 
 
 def lift3(client: Client, height: float, speed: float = 0.0) -> GoalClient:
@@ -122,6 +130,11 @@ def slow_down(simulator: SimulatorThread) -> None:
 def stop_time(simulator: SimulatorThread) -> None:
     """Almost stop simulated time, so that no goal ends: a second takes a quarter of an hour."""
     simulator.call(lambda sim: setattr(sim, "speed", 0.001))
+
+
+def pause_task(simulator: SimulatorThread) -> None:
+    """Pause the task of the chassis, as if it waited for something."""
+    simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))
 
 
 def hurry(simulator: SimulatorThread) -> None:

@@ -21,6 +21,7 @@ from tests.node.goals import (
     TASK_CANCELED,
     TASK_PROC,
     hurry,
+    pause_task,
     proc,
     set_timing,
     short_task,
@@ -249,7 +250,7 @@ def test_paused_task_is_polled_at_the_poll_period(
     slow_down(simulator)
     goal = task(client)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))
+    pause_task(simulator)
     begun = time.monotonic()
     asked = simulator.counts[TASK_PROC]
     wait_until(lambda: simulator.counts[TASK_PROC] >= asked + 4)

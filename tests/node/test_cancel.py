@@ -28,6 +28,7 @@ from tests.node.goals import (
     lift,
     lift3,
     move_base,
+    pause_task,
     proc,
     set_timing,
     short_task,
@@ -265,7 +266,7 @@ def test_cancel_of_a_task_without_a_link_is_sent_once_when_it_is_back(
     client: Client, simulator: SimulatorThread
 ) -> None:
     goal = in_state(task(client, mark="A23"), EXECUTING)
-    simulator.call(lambda sim: sim.chassis.tasks.pause("waits"))
+    pause_task(simulator)
     simulator.stop_listening()
     wait_until(lambda: simulator.connections == 0)
     goal.cancel()

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from std_srvs.srv import Trigger
 
 from tests.harness import TIMEOUT, Client, wait_until
+from tests.node.cmd_vel import Sender
 from tests.node.goals import CANCELED, SUCCEEDED, short_task, step
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
@@ -26,45 +27,6 @@ from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Speak
 
 TWIST = "woosh.robot.Twist"
-
-
-class Sender:
-    """Publishes on cmd_vel, once or at a rate."""
-
-    def __init__(self, client: Client, message_class: Any = Twist) -> None:
-        self._client = client
-        self._publisher = client.node.create_publisher(message_class, client.path("cmd_vel"), 10)
-        wait_until(self._publisher.get_subscription_count, "the agent at cmd_vel")
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def send(self, x: float = 0.0, y: float = 0.0, turn: float = 0.0) -> None:
-        message = Twist()
-        message.linear.x, message.linear.y, message.angular.z = x, y, turn
-        self._publisher.publish(message)
-
-    def send_stamped(self, x: float, age: float) -> None:
-        message = TwistStamped()
-        message.twist.linear.x = x
-        at = self._client.node.get_clock().now().nanoseconds - int(age * 1e9)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(at, 10**9)
-        self._publisher.publish(message)
-
-    def repeat(self, rate: float, **velocity: float) -> None:
-        def loop() -> None:
-            while not self._stop.wait(1 / rate):
-                self.send(**velocity)
-
-        self._thread = threading.Thread(target=loop, daemon=True)
-        self._thread.start()
-
-    def pause(self) -> float:
-        """Stop repeating; return the time of the end."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
-        self._stop.clear()
-        return time.monotonic()
 
 
 @pytest.fixture
@@ -192,6 +154,7 @@ class TestRate:
         sender = Sender(client)
         begun = time.monotonic()
         while time.monotonic() - begun < 2.0:
+            # a stream of about 100 velocities and 100 zeros per second
             sender.send(x=0.1)
             threading.Event().wait(0.005)
             sender.send()
@@ -295,8 +258,12 @@ class TestRefused:
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
     def test_a_goal_accepted_while_driving_is_not_stopped(
-        self, simulator, agent, sender, client, twists
+        self, simulator, start_agent, client, twists
     ):
+        # the watchdog must not stop the robot before the goal is accepted
+        agent = start_agent(ip="127.0.0.1", port=simulator.port, cmd_vel_timeout=5.0)
+        agent.wait_connected()
+        sender = Sender(client)
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
         goal = short_task(client, 0.5)

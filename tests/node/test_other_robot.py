@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import PolygonStamped
-from geometry_msgs.msg import Twist as Velocity
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState, LaserScan
@@ -16,6 +15,7 @@ from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, GoalClient, RunningAgent, wait_until
+from tests.node.cmd_vel import Sender
 from tests.node.goals import (
     ABORTED,
     COMPLETED,
@@ -38,7 +38,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, NavPath, TaskProc
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import running_chassis
 from woosh_robot_msgs.srv import RobotInfo, Speak
 
@@ -399,89 +399,20 @@ class TestDriving:
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         monkeypatch.setattr("woosh_robot_agent.motion.velocity_driver._PAUSE", 3600.0)
-        publisher = client.node.create_publisher(Velocity, client.path("cmd_vel"), 10)
-        wait_until(lambda: publisher.get_subscription_count(), "cmd_vel")
-        velocity = Velocity()
-        velocity.linear.x = 0.3
-        publisher.publish(velocity)
+        sender = Sender(client)
+        sender.send(x=0.3)
         simulator.wait_received(TWIST)
         switch(client, other.port)
         agent.wait_connected(2)
         refusal = "the link turned to another robot; send a zero"
         wait_until(
             lambda: (
-                publisher.publish(velocity)
+                sender.send(x=0.3)
                 or any(refusal in record.getMessage() for record in logs.messages)
             ),
             refusal,
         )
         assert speeds(other) == []
-
-
-class TestAtTheSameAddress:
-    """After a reconnect, a robot with another id or serial number answers."""
-
-    @pytest.fixture
-    def swap(self, simulator: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
-        """Function that puts another robot at the address of the simulator."""
-
-        def swap() -> SimulatorThread:
-            port = simulator.port
-            simulator.stop()
-            replacement = SimulatorThread(
-                SimulatorConfig(port=port, tcp_port=0, speed=20, seed=1, robot_id=NEW)
-            )
-            replacement.start()
-            started.append(replacement)
-            return replacement
-
-        started: list[SimulatorThread] = []
-        yield swap
-        for each in started:
-            each.stop()
-
-    def test_everything_is_forgotten(
-        self,
-        agent: RunningAgent,
-        client: Client,
-        swap: Callable[[], SimulatorThread],
-        logs: Collector,
-    ) -> None:
-        odoms = client.echo_with(Odometry, "odom", QoSProfile(depth=100))
-        assert short_task(client, 1.0).result()[0] == SUCCEEDED
-        odoms.wait(lambda m: m.pose.pose.position.x > 0.5)
-        goal = task(client)
-        goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-        swap()
-        logs.wait(lambda r: "another robot answers now: robot 30002" in r.getMessage())
-        status, ret = goal.result()
-        assert (status, "another robot" in ret.msg) == (ABORTED, True), ret
-        agent.wait_connected(2)
-        odoms.messages.clear()
-        pose = odoms.wait_count(1)[0].pose.pose
-        assert (pose.position.x, pose.position.y) == (0.0, 0.0)
-        assert client.call(RobotInfo, "robot/RobotInfo").info.genral.serial_number == NEW
-
-    def test_no_zero_for_the_former_robot_reaches_the_new_one(
-        self,
-        agent: RunningAgent,
-        client: Client,
-        simulator: SimulatorThread,
-        swap: Callable[[], SimulatorThread],
-        monkeypatch: pytest.MonkeyPatch,
-    ) -> None:
-        monkeypatch.setattr("woosh_robot_agent.motion.gate.DRIVING", 3600.0)
-        publisher = client.node.create_publisher(Velocity, client.path("cmd_vel"), 10)
-        wait_until(lambda: publisher.get_subscription_count(), "cmd_vel")
-        velocity = Velocity()
-        velocity.linear.x = 0.3
-        publisher.publish(velocity)
-        simulator.wait_received(TWIST)
-        new = swap()
-        agent.wait_connected(2)
-        client.call(RobotInfo, "robot/RobotInfo")
-        agent.close()
-        assert speeds(new) == []
 
 
 def test_the_same_robot_over_another_encoding_is_not_forgotten(

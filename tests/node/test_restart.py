@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.harness import TIMEOUT, Client, Program, wait_until
-from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, short_task, task
+from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, pause_task, short_task, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
@@ -79,7 +79,7 @@ def test_agent_killed_during_a_goal_repeats_no_command(
     speak_until_answered(client, texts)
     goal = task(client, mark="A23", task_id=77)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    simulator.call(lambda sim: sim.chassis.tasks.pause("so that it lasts"))
+    pause_task(simulator)
     before = command_counts(simulator)
     program.process.kill()
     program.process.wait(TIMEOUT)

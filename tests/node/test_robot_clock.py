@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Twist
 from rclpy.qos import QoSProfile
 
 from tests.harness import Client, RunningAgent, wait_until
+from tests.node.cmd_vel import Sender
 from tests.node.goals import SUCCEEDED, short_task, step
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.ros_types import class_of
@@ -73,13 +73,10 @@ def test_everything_works_and_no_stamp_comes_from_the_robot(
     status, proc = short_task(client, 0.5).result()
     assert (status, proc.state.value) == (SUCCEEDED, 7)
     assert step(client, 0.5).result()[0] == SUCCEEDED
-    publisher = client.node.create_publisher(Twist, client.path("cmd_vel"), 1)
-    wait_until(publisher.get_subscription_count, "the agent's subscription")
-    velocity = Twist()
-    velocity.angular.z = 0.5
+    sender = Sender(client)
 
     def turns() -> bool:
-        publisher.publish(velocity)
+        sender.send(turn=0.5)
         return simulator.state.velocity.turn > 0.1
 
     wait_until(turns, "motion")

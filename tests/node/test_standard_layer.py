@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, RunningAgent, wait_until
+from tests.node.cmd_vel import Sender
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameter import parameters_of
 from woosh_robot_agent.simulator import SimulatorThread
@@ -129,11 +129,7 @@ class TestTwoRobots:
         odoms = [
             client.echo_with(Odometry, "odom", QoSProfile(depth=10)) for client in (first, second)
         ]
-        publisher = first.node.create_publisher(Twist, first.path("cmd_vel"), 10)
-        wait_until(publisher.get_subscription_count, "the first agent")
-        message = Twist()
-        message.angular.z = 0.5
-        publisher.publish(message)
+        Sender(first).send(turn=0.5)
         one.wait_received(TWIST)
         odoms[0].wait(lambda m: m.twist.twist.angular.z > 0.0)
         odoms[1].wait_count(3)

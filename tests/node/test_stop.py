@@ -5,14 +5,14 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, Vector3
-from geometry_msgs.msg import Twist as TwistMsg
+from geometry_msgs.msg import PoseStamped
 from google.protobuf.message import Message
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
+from tests.node.cmd_vel import Sender
 from tests.node.goals import ABORTED, EXECUTE, short_task, step, step_goal, task
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
@@ -143,10 +143,9 @@ def test_after_a_stop_no_request_moves_the_robot(
     simulator: SimulatorThread, agent: RunningAgent, client: Client, logs: Collector, monkeypatch
 ):
     monkeypatch.setattr(gate, "HOLD", 3600.0)
-    velocities = client.node.create_publisher(TwistMsg, client.path("cmd_vel"), 10)
+    velocities = Sender(client)
     poses = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 10)
-    for publisher in (velocities, poses):
-        wait_until(publisher.get_subscription_count, "the agent's subscription")
+    wait_until(poses.get_subscription_count, "the agent's subscription")
     commands = [each for each in COMMANDS if each.request in COMMAND_MOTION]
     for endpoint in commands:
         client.service(class_of(endpoint.srv, "srv"), endpoint.name)
@@ -167,7 +166,7 @@ def test_after_a_stop_no_request_moves_the_robot(
         status, ret = client.send_goal(action_class, action.name, goal).result()
         assert status == ABORTED, action.name
         assert "not sent: cancelled by the `stop` service" in ret.msg
-    velocities.publish(TwistMsg(linear=Vector3(x=0.3)))
+    velocities.send(x=0.3)
     logs.wait(lambda record: "cmd_vel: not sent: cancelled" in record.getMessage())
     pose = PoseStamped()
     pose.header.frame_id = "map"

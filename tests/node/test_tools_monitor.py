@@ -223,6 +223,17 @@ def test_the_view_can_be_drawn(watching, agent):
     assert draw(watching.source.name, watching.source.link(), watching.source.view)
 
 
+def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the program with `--once` and these arguments."""
+    return subprocess.run(
+        [*PROGRAM, "--once", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=3 * TIMEOUT,
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain), "COLUMNS": "200"},
+    )
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -233,13 +244,7 @@ def test_the_view_can_be_drawn(watching, agent):
 def test_once_prints_the_state(
     domain: int, agent: Any, simulator: Any, arguments: list[str]
 ) -> None:
-    done = subprocess.run(
-        [*PROGRAM, "--once", "--timeout", str(TIMEOUT), *arguments],
-        capture_output=True,
-        text=True,
-        timeout=3 * TIMEOUT,
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain), "COLUMNS": "200"},
-    )
+    done = run_once(domain, "--timeout", str(TIMEOUT), *arguments)
     assert (done.returncode, done.stderr) == (0, "")
     assert "robot at /woosh_robot" in done.stdout
     assert "would be accepted" in done.stdout
@@ -247,25 +252,13 @@ def test_once_prints_the_state(
 
 
 def test_once_without_an_agent_fails(domain: int) -> None:
-    done = subprocess.run(
-        [*PROGRAM, "--once", "--timeout", "1"],
-        capture_output=True,
-        text=True,
-        timeout=3 * TIMEOUT,
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain), "COLUMNS": "200"},
-    )
+    done = run_once(domain, "--timeout", "1")
     assert (done.returncode, done.stderr) == (1, "")
     assert "no agent found in namespace /woosh_robot" in done.stdout
 
 
 def test_invalid_namespace_is_refused(domain: int) -> None:
-    done = subprocess.run(
-        [*PROGRAM, "--once", "--namespace", "a b"],
-        capture_output=True,
-        text=True,
-        timeout=3 * TIMEOUT,
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-    )
+    done = run_once(domain, "--namespace", "a b")
     assert done.returncode == 2
     assert "monitor: error:" in done.stderr
 

@@ -87,6 +87,24 @@ class DebugAgentProcess(AgentProcess):
             threading.Event().wait(0.2)
         return now
 
+    @contextlib.contextmanager
+    def watch_rss(self) -> Iterator[list[int]]:
+        """Sample the resident memory, in bytes, during the block."""
+        samples = [self.rss]
+        stop = threading.Event()
+
+        def watch() -> None:
+            while not stop.wait(0.1):
+                samples.append(self.rss)
+
+        watching = threading.Thread(target=watch)
+        watching.start()
+        try:
+            yield samples
+        finally:
+            stop.set()
+            watching.join()
+
     def wait_logged(self, text: str, timeout: float) -> None:
         """Wait until `text` is in the log."""
         wait_until(lambda: text in self.output, f"{text!r} in the agent's log", timeout)

@@ -9,26 +9,25 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
-import subprocess
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.processes import MIB, start_module
+from benchmarks.processes import MIB
 from benchmarks.report.figures import Figure, print_and_judge
 from tests.harness import Client
 from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent
-from tests.robustness.traffic import DuplicateAnswers
+from tests.robustness.bystander import Bystander
+from tests.robustness.flood_callers import calling_programs
+from tests.robustness.flood_frames import FIRST_MAP, big_frames, pose, push_mixed
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import own_domain, wait_until
+from woosh_robot_agent.testing import own_domain
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
-from woosh_robot_msgs.srv import General, Twist
 
 MAX_GROWTH = 1.2
 """Highest memory after a flood, as a multiple of the idle memory."""
@@ -36,19 +35,10 @@ SETTLE_TIME = 10.0
 """Maximum time until the memory is back within its limit after a flood, in seconds."""
 TIMEOUT = 300.0
 """Time after which an answer or a push counts as lost, in seconds."""
-CALLERS = 2
-"""Number of calling processes, because one Python process does not reach the rate."""
 SLOW_RATE = 200.0
 """Rate of the calls to a slow chassis, in Hz."""
-_BYSTANDER_CALLS: tuple[tuple[Any, str], ...] = (
-    (General, "robot/General"),
-    (Twist, "robot/Twist"),
-)
-"""Services that the bystander calls, by ROS type and name."""
 _MAX_WARNINGS = 20
 """Highest number of warnings and errors in the log."""
-_FIRST_MAP = 1_000_000
-"""Map id of push number 0. It distinguishes the pushes of a flood from the simulator's own."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +78,7 @@ class Bench:
         self._agent = agent
         self._domain = domain
         self._client = Client(domain)
-        self._duplicates = DuplicateAnswers()
-        for srv, name in _BYSTANDER_CALLS:
-            self._duplicates.watch(self._client.service(srv, name))
+        self._bystander = Bystander(self._client, simulator, TIMEOUT)
         self._poses = self._client.echo(PoseSpeedMsg, "robot/PoseSpeed")
         self._codes = self._client.echo(StatusCodeMsg, "robot/StatusCode", depth=5000)
 
@@ -119,9 +107,12 @@ class Bench:
         slow: float = 0.0,
     ) -> None:
         before = self._counters()
-        with self._watch_memory() as samples, self._callers(rate, seconds) as reports:
+        with (
+            self._agent.watch_rss() as samples,
+            calling_programs(self._domain, rate, seconds) as reports,
+        ):
             end = time.monotonic() + seconds
-            self._run_bystander(part, lambda: time.monotonic() > end)
+            self.figures += self._bystander.run(part, lambda: time.monotonic() > end)
         finish()
         sent = sum(report["sent"] for report in reports)
         answered = sum(report["answered"] for report in reports)
@@ -176,24 +167,19 @@ class Bench:
         self._poses.messages.clear()
         self._codes.messages.clear()
         sent = {"poses": 0, "codes": 0}
-        over = threading.Event()
 
         def push() -> None:
             begin = time.monotonic()
             while (elapsed := time.monotonic() - begin) < size.seconds:
                 missing = int(elapsed * size.pushes) - sum(sent.values())
                 if missing > 0:
-                    self._simulator.call(lambda chassis, n=missing: _push(chassis, sent, n))
+                    self._simulator.call(lambda chassis, n=missing: push_mixed(chassis, sent, n))
                 time.sleep(0.005)
-            self._simulator.call(lambda chassis: _push(chassis, sent, 10))
-            over.set()
+            self._simulator.call(lambda chassis: push_mixed(chassis, sent, 10))
 
-        with self._watch_memory() as samples:
-            pushing = threading.Thread(target=push)
+        with self._agent.watch_rss() as samples:
             begin = time.monotonic()
-            pushing.start()
-            self._run_bystander(part, over.is_set)
-            pushing.join()
+            self._run_beside_bystander(part, push)
             self._wait_pose(sent["poses"])
             self._codes.wait(lambda code: code.code == sent["codes"], TIMEOUT)
             duration = time.monotonic() - begin
@@ -220,26 +206,19 @@ class Bench:
         """Send frames of almost the largest size that the agent accepts."""
         part = f"Frames of {size.frame} MiB"
         before = self._counters()
-        frames = _big_frames(size.frame * MIB)
+        frames = big_frames(size.frame * MIB)
         self._poses.messages.clear()
-        over = threading.Event()
 
         def send() -> None:
-            try:
-                for number, frame in enumerate(frames, 1):
-                    # one at a time, because two would exceed the simulator's outbox
-                    self._simulator.send_raw(frame)
-                    self._simulator.send_raw(_pose(number))
-                    self._wait_pose(number)
-            finally:
-                over.set()
+            for number, frame in enumerate(frames, 1):
+                # one at a time, because two would exceed the simulator's outbox
+                self._simulator.send_raw(frame)
+                self._simulator.send_raw(pose(number))
+                self._wait_pose(number)
 
-        with self._watch_memory() as samples:
-            sending = threading.Thread(target=send)
+        with self._agent.watch_rss() as samples:
             begin = time.monotonic()
-            sending.start()
-            self._run_bystander(part, over.is_set)
-            sending.join()
+            self._run_beside_bystander(part, send)
             self._wait_pose(len(frames))
         duration = time.monotonic() - begin
         skipped = _total(self._counters()["bad_frames"]) - _total(before["bad_frames"])
@@ -250,87 +229,15 @@ class Bench:
         )
         self._finish(part, samples)
 
-    # Activity beside a flood
-
-    @contextlib.contextmanager
-    def _callers(self, rate: float, seconds: float) -> Iterator[list[Any]]:
-        """Run the calling programs; the yielded list contains their reports after the block."""
-        arguments = (str(rate / CALLERS), str(seconds))
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        with contextlib.ExitStack() as stack:
-            callers = []
-            for _ in range(CALLERS):
-                caller = start_module(
-                    "benchmarks.programs.flood_caller", *arguments, domain=self._domain, **pipes
-                )
-                stack.callback(_kill, caller)
-                callers.append(caller)
-            for caller in callers:
-                assert caller.stdout.readline().strip() == "ready"
-            for caller in callers:
-                caller.stdin.write("go\n")
-                caller.stdin.flush()
-            reports: list[Any] = []
-            yield reports
-            reports += [json.loads(caller.stdout.readline()) for caller in callers]
-
-    def _run_bystander(self, part: str, until: Callable[[], bool]) -> None:
-        """Query and stop the robot every 0.1 s during a flood, and check that nothing is lost."""
-        asked: list[tuple[str, Any]] = []
-        waits: dict[Any, float] = {}
-        twists = self._simulator.counts["woosh.robot.Twist"]
-        while not until():
-            for srv, name in _BYSTANDER_CALLS:
-                begin = time.monotonic()
-                future = self._client.call_async(srv, name)
-                future.add_done_callback(
-                    lambda done, begin=begin: waits.setdefault(done, time.monotonic() - begin)
-                )
-                asked.append((name, future))
-            threading.Event().wait(0.1)
-        wait_until(
-            lambda: all(future.done() for _, future in asked),
-            f"answers to the bystander during {part}",
-            TIMEOUT,
-        )
-        stops = [future.result() for name, future in asked if name == "robot/Twist"]
-        received = self._simulator.counts["woosh.robot.Twist"] - twists
-        self._add(
-            part,
-            "calls of a bystander answered, each once",
-            f"{len(waits)} of {len(asked)}",
-            "all",
-            len(waits) == len(asked) and not self._duplicates.found,
-        )
-        self._add(
-            part,
-            "its zero velocities that reached the chassis",
-            f"{received} of {len(stops)}",
-            "all",
-            received == len(stops) and all(stop.ok for stop in stops),
-        )
-        self._add(part, "longest wait of the bystander", f"{max(waits.values()):.2f} s")
-
-    @contextlib.contextmanager
-    def _watch_memory(self) -> Iterator[list[int]]:
-        """Sample the agent's memory, in bytes, during the block."""
-        samples = [self._agent.rss]
-        stop = threading.Event()
-
-        def watch() -> None:
-            while not stop.wait(0.1):
-                samples.append(self._agent.rss)
-
-        watching = threading.Thread(target=watch)
-        watching.start()
-        try:
-            yield samples
-        finally:
-            stop.set()
-            watching.join()
+    def _run_beside_bystander(self, part: str, flood: Callable[[], None]) -> None:
+        """Run `flood` in a thread, and the bystander until the flood ends."""
+        flooding = threading.Thread(target=flood)
+        flooding.start()
+        self.figures += self._bystander.run(part, lambda: not flooding.is_alive())
+        flooding.join()
 
     def _wait_pose(self, number: int) -> None:
-        self._poses.wait(lambda pose: pose.map_id == _FIRST_MAP + number, TIMEOUT)
+        self._poses.wait(lambda message: message.map_id == FIRST_MAP + number, TIMEOUT)
 
     # Results
 
@@ -446,42 +353,5 @@ def _logged(agent: DebugAgentProcess) -> list[Figure]:
     ]
 
 
-def _push(chassis: Any, sent: dict[str, int], count: int) -> None:
-    for _ in range(count):
-        kind = "codes" if sent["codes"] * 4 < sent["poses"] else "poses"
-        sent[kind] += 1
-        chassis.send_raw(_pose(sent[kind]) if kind == "poses" else _code(sent[kind]))
-
-
-def _pose(number: int) -> str:
-    return f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{_FIRST_MAP + number}}}}}'
-
-
-def _code(number: int) -> str:
-    return f'{{"type":"woosh.robot.count.StatusCode","body":{{"code":"{number}"}}}}'
-
-
-def _big_frames(size: int) -> list[str]:
-    """Return large frames: two pushes without a subscription, and two with unknown fields."""
-    text = "x" * size
-    row = '{"id":1,"x":0.25,"y":-1.5,"name":"A1"}'
-    rows = ",".join([row] * (size // (len(row) + 1)))
-    return [
-        f'{{"type":"woosh.map.SceneData","body":{{"name":"{text}"}}}}',
-        f'{{"type":"woosh.map.SceneDataEasy","sn":2000000000,"ok":true,"body":{{"x":[{rows}]}}}}',
-        f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":6,"extra":"{text}"}}}}',
-        f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":6,"extra":[{rows}]}}}}',
-    ]
-
-
 def _total(counter: dict[str, int]) -> int:
     return sum(counter.values())
-
-
-def _kill(process: subprocess.Popen[str]) -> None:
-    process.kill()
-    process.wait()
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.close()
-    process.stdout.close()

@@ -6,7 +6,6 @@ chassis's record of received messages show which commands it got, and how often.
 
 from __future__ import annotations
 
-import math
 import random
 from collections import Counter
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from tests.harness import Client
+from tests.node.goals import EXECUTE, lift_goal, short_task_goal, step_goal
 from woosh_map_msgs.srv import SceneDataEasy
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting
@@ -36,7 +36,6 @@ from woosh_robot_msgs.srv import (
     Twist,
 )
 from woosh_ros_msgs.action import LiftControl, StepControl
-from woosh_ros_msgs.msg import StepControlStep
 
 QUERIES = (
     (Mode, "robot/Mode"),
@@ -47,14 +46,10 @@ QUERIES = (
     (StatusCodes, "robot/StatusCodes"),
     (SceneDataEasy, "map/SceneDataEasy"),
 )
-START = (4.23, -6.67, -0.26)
-"""Start pose of the simulated robot, in metres and radians. The tasks stay near it."""
 Mark = tuple[str, Any]
 """Short name of a message type, and a value that is unique among its commands."""
 _UNLIMITED = 1_000_000
 """Maximum number of times that a cancel may reach the chassis."""
-_EXECUTE = 1
-_ROTATE = 2
 
 
 @dataclass
@@ -184,19 +179,19 @@ class Traffic:
     def task(self, rng: random.Random) -> None:
         """Let the robot go a short distance."""
         mark = next(self._marks)
-        goal = _short_task(rng.uniform(0.2, 1.5), mark)
+        goal = short_task_goal(rng.uniform(0.2, 1.5), mark)
         self._goal(ExecTask, "robot/ExecTask", goal, ("ExecTask", mark), ("ActionOrder", ""))
 
     def step(self, rng: random.Random) -> None:
         """Let the robot turn by a unique angle."""
         angle = round(rng.randint(3, 30) / 10 + next(self._marks) % 90_000 * 1e-6, 6)
         marks = [("CallAction", (what, angle)) for what in ("execute", "cancel")]
-        self._goal(StepControl, "ros/StepControl", _turn(angle), *marks)
+        self._goal(StepControl, "ros/StepControl", step_goal(angle), *marks)
 
     def lift(self, rng: random.Random) -> None:
         """Move the lift."""
         marks = [("CallAction", (what, "lift")) for what in ("execute", "cancel")]
-        self._goal(LiftControl, "ros/LiftControl", _lift(rng.randint(1, 2)), *marks)
+        self._goal(LiftControl, "ros/LiftControl", lift_goal(rng.randint(1, 2)), *marks)
 
     def cancel(self, rng: random.Random) -> None:
         """Cancel one of the open goals, if there is one."""
@@ -255,7 +250,7 @@ def marks_of(message: Message) -> list[Mark]:
     if isinstance(message, pack.Twist):  # the agent may also send a stop on its own
         return [(kind, round(message.linear, 6))] if message.linear else []
     if isinstance(message, CallAction):
-        what = "execute" if _command(message).action == _EXECUTE else "cancel"
+        what = "execute" if _command(message).action == EXECUTE else "cancel"
         steps = message.step_control.steps
         return [(kind, (what, round(steps[0].value, 6) if steps else "lift"))]
     if isinstance(message, pack.ActionOrder | setting.Sound):
@@ -265,30 +260,3 @@ def marks_of(message: Message) -> list[Mark]:
 
 def _command(call: CallAction) -> Any:
     return getattr(call, str(call.WhichOneof("action")))
-
-
-def _short_task(ahead: float, task_id: int) -> Any:
-    goal = ExecTask.Goal()
-    goal.arg.task_id = task_id
-    x, y, theta = START
-    goal.arg.pose.x = x + ahead * math.cos(theta)
-    goal.arg.pose.y = y + ahead * math.sin(theta)
-    goal.arg.pose.theta = theta
-    goal.arg.has_field = goal.arg.POSE_FIELD_SET
-    return goal
-
-
-def _turn(angle: float) -> Any:
-    goal = StepControl.Goal()
-    goal.arg.action.value = _EXECUTE
-    step = StepControlStep(value=angle, speed=0.5)
-    step.mode.value = _ROTATE
-    goal.arg.steps = [step]
-    return goal
-
-
-def _lift(mode: int) -> Any:
-    goal = LiftControl.Goal()
-    goal.arg.action.value = _EXECUTE
-    goal.arg.execute_mode.value = mode
-    return goal

@@ -155,7 +155,26 @@ class ConnectedChassis:
         self._simulator.call(lambda simulator: change(simulator.chassis))
 
 
+def answer_times(type_name: str, count: int) -> list[float]:
+    """Return the times of the answers to `count` requests of a type, shortest first.
+
+    Each request is sent after the answer to the one before, whether that was accepted or refused.
+    """
+    chassis = SteppedChassis()
+    found = []
+    for _ in range(count):
+        sent = chassis.chassis.elapsed
+        sn = chassis.request(type_name, **_BODIES.get(type_name, {}))
+        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
+    return sorted(found)
+
+
 SUBSCRIPTION = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
+_BODIES: dict[str, Json] = {
+    "woosh.robot.InitRobot": {"isRecord": True},
+    "woosh.robot.SwitchWorkMode": {"mode": 2},
+}
+"""Bodies of requests whose answers are timed; all others are empty."""
 
 
 def _frame(frame: Json, time: float) -> Frame:

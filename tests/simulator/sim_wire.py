@@ -46,6 +46,14 @@ class JsonClient:
         frame: Json = json.loads(self._await(self.socket.recv(), timeout))
         return frame
 
+    def assert_silent(self, seconds: float) -> None:
+        """Check that no frame arrives for this long. No event could tell that none will come."""
+        try:
+            frame = self.receive(timeout=seconds)
+        except asyncio.TimeoutError:
+            return
+        raise AssertionError(f"received {frame}")
+
     def request(self, type_name: str, body: Json | None = None) -> Json:
         """Return the whole answer. Pushes that arrive before it are kept in `pushes`."""
         self._sn += 1

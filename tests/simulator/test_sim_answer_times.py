@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import statistics
 import time
-from typing import Any
 
 import pytest
 
 from tests.simulator.real_tasks import real_robot, shows
-from tests.simulator.recorded_chassis import SteppedChassis, ask, wait_frame
+from tests.simulator.recorded_chassis import SteppedChassis, answer_times, ask, wait_frame
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 
@@ -19,28 +18,11 @@ FACTS = real_robot()
 INIT_ROBOT, MODE, INFO = "woosh.robot.InitRobot", "woosh.robot.Mode", "woosh.robot.RobotInfo"
 SAMPLES = 300
 
-BODIES: dict[str, dict[str, Any]] = {
-    "woosh.robot.SwitchWorkMode": {"mode": 2},
-    "woosh.robot.Twist": {"linear": 0.0},
-}
-"""Bodies of requests; all others are empty, whether they are then accepted or refused."""
-
-
-def times(type_name: str, count: int = SAMPLES) -> list[float]:
-    """Return the times of answers to one request each, shortest first."""
-    chassis = SteppedChassis()
-    found = []
-    for _ in range(count):
-        sent = chassis.chassis.elapsed
-        sn = chassis.request(type_name, **BODIES.get(type_name, {}))
-        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
-    return sorted(found)
-
 
 @pytest.mark.parametrize("type_name", FACTS["answers"])
 def test_answers_take_as_long_as_those_of_the_real_robot(type_name: str) -> None:
     median, usual, longest = FACTS["answers"][type_name]
-    found = times(type_name)
+    found = answer_times(type_name, SAMPLES)
     assert statistics.median(found) == pytest.approx(median, rel=0.2, abs=0.005)
     assert found[int(0.9 * len(found))] == pytest.approx(usual, rel=0.4, abs=0.02)
     assert found[-1] <= longest
@@ -48,7 +30,8 @@ def test_answers_take_as_long_as_those_of_the_real_robot(type_name: str) -> None
 
 def test_twist_is_answered_as_over_a_radio_link() -> None:
     median = FACTS["median_answers"]["woosh.robot.Twist"]
-    assert statistics.median(times("woosh.robot.Twist")) == pytest.approx(median, rel=0.2)
+    found = answer_times("woosh.robot.Twist", SAMPLES)
+    assert statistics.median(found) == pytest.approx(median, rel=0.2)
 
 
 def test_init_robot_answers_when_it_is_done() -> None:

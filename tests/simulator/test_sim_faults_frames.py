@@ -62,12 +62,23 @@ class JsonPeer:
 
 
 class _PackPeer:
+    _client: Any
+
+    def ask(self, sn: int, type_name: str = MODE) -> None:
+        self._client.send(packed(type_name, sn=sn))
+
+    def subscribe(self, type_name: str) -> None:
+        self._client.send(subscription(type_name))
+
     def parse(self, data: bytes) -> tuple[str, int, Any]:
         try:
             pack = MessagePackJson.FromString(data)
         except DecodeError as error:
             raise ValueError from error
         return pack.type, pack.sn, body_of(pack)
+
+    def close(self) -> None:
+        self._client.close()
 
 
 class BinaryPeer(_PackPeer):
@@ -76,36 +87,18 @@ class BinaryPeer(_PackPeer):
     def __init__(self, simulator: SimulatorThread) -> None:
         self._client = JsonClient(simulator.port)
 
-    def ask(self, sn: int, type_name: str = MODE) -> None:
-        self._client.send(packed(type_name, sn=sn))
-
-    def subscribe(self, type_name: str) -> None:
-        self._client.send(subscription(type_name))
-
     def receive_raw(self) -> bytes:
         data = self._client._await(self._client.socket.recv())
         assert isinstance(data, bytes)
         return data
-
-    def close(self) -> None:
-        self._client.close()
 
 
 class TcpPeer(_PackPeer):
     def __init__(self, simulator: SimulatorThread) -> None:
         self._client = TcpClient(simulator.tcp_port)
 
-    def ask(self, sn: int, type_name: str = MODE) -> None:
-        self._client.send(packed(type_name, sn=sn))
-
-    def subscribe(self, type_name: str) -> None:
-        self._client.send(subscription(type_name))
-
     def receive_raw(self) -> bytes:
         return self._client.receive_bytes()
-
-    def close(self) -> None:
-        self._client.close()
 
 
 @pytest.fixture(params=[JsonPeer, BinaryPeer, TcpPeer])

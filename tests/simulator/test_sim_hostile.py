@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 
 import pytest
 
 from tests.quick_chassis import quick_config
+from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.simulator import SimulatorThread
@@ -72,10 +72,7 @@ def test_client_with_too_many_unread_bytes_is_dropped(
     frame = b"x" * (20 * MIB)
     for _ in range(6):
         simulator.send_raw(frame)
-    deadline = time.monotonic() + TIMEOUT
-    while simulator.connections:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: not simulator.connections, "the end of the connection")
 
 
 def test_record_of_received_messages_is_limited_in_bytes(

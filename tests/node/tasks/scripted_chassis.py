@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from tests.harness import wait_until
@@ -23,6 +23,7 @@ T = TypeVar("T")
 Body = dict[str, Any]
 
 EXEC_TASK = "woosh.robot.ExecTask"
+MODE = "woosh.robot.Mode"
 ROBOT_INFO = "woosh.robot.RobotInfo"
 ROBOT_STATE = "woosh.robot.RobotState"
 TASK_HISTORY = "woosh.robot.TaskHistory"
@@ -94,6 +95,11 @@ class ScriptedChassis:
     def push(self, push: str, body: Body) -> None:
         """Push a value, and keep it for queries."""
         self._call(self._push, push, body)
+
+    def push_all(self, push: str, bodies: Iterable[Body]) -> None:
+        """Push values of one type, one after the other."""
+        for body in bodies:
+            self.push(push, body)
 
     def keep(self, push: str, body: Body) -> None:
         """Change a value without a push, as if the push had been lost."""

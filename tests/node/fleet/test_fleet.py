@@ -2,96 +2,30 @@
 
 from __future__ import annotations
 
-import re
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
-import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tests.harness import Client, Program, Spinner, wait_until
+from tests.harness import Client, Program, wait_until
+from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet
 from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, slow_down, stop_time, task
-from tests.node.test_process import LONG, TWIST, drive
-from woosh_robot_agent.agent import make_executor
-from woosh_robot_agent.fleet import Fleet, namespaces
+from tests.node.test_process import TWIST, drive
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import running_chassis
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo, Speak
 
-NAMES = ["/r1", "hall/r2"]
-ROBOTS = ("/r1", "/woosh_robot/hall/r2")
-"""Namespaces of the robots; the program is in /woosh_robot."""
 SPEAK = "woosh.robot.Speak"
-
-
-@pytest.fixture
-def chassis() -> Iterator[dict[str, SimulatorThread]]:
-    """A simulated chassis for each robot, by namespace."""
-    with ExitStack() as stack:
-        yield {
-            name: stack.enter_context(running_chassis(robot_id=number))
-            for number, name in enumerate(ROBOTS, start=30001)
-        }
-
-
-@pytest.fixture
-def clients(domain: int) -> Iterator[dict[str, Client]]:
-    """A client for each robot, by namespace."""
-    running = {name: Client(domain, name) for name in ROBOTS}
-    yield running
-    for client in running.values():
-        client.close()
-
-
-def write(folder: Path, robots: Any, common: dict[str, Any], **own: dict[str, Any]) -> Path:
-    """Write a parameter file; the keys of `own` are namespaces."""
-    tree: dict[str, Any] = {"/**": {"ros__parameters": {"robots": robots, **common}}}
-    for name, values in own.items():
-        tree[f"{name}/agent"] = {"ros__parameters": values}
-    file = folder / "robots.yaml"
-    file.write_text(yaml.safe_dump(tree, sort_keys=False))
-    return file
-
-
-@pytest.fixture
-def start_fleet(
-    tmp_path: Path,
-    chassis: dict[str, SimulatorThread],
-    start_program: Callable[..., Program],
-) -> Callable[..., Program]:
-    """Start the program for all robots, and wait until it is connected to them."""
-
-    def start(**common: Any) -> Program:
-        own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
-        common = {"backoff_min": 0.1, **LONG, **common}
-        program = start_program("--params-file", str(write(tmp_path, NAMES, common, **own)))
-        for name in ROBOTS:
-            program.wait_says(f"{logger_of(name)}]: connected to")
-        return program
-
-    return start
-
-
-@pytest.fixture
-def fleet(start_fleet: Callable[..., Program]) -> Program:
-    return start_fleet()
-
-
-def logger_of(namespace: str) -> str:
-    """Return the name of an agent's logger."""
-    return f"[{namespace.strip('/').replace('/', '.')}.agent"
 
 
 @pytest.mark.parametrize("executor", ["single", "events"])
@@ -259,30 +193,6 @@ def test_a_failing_shutdown_of_one_robot_still_stops_the_others(
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 
 
-@contextmanager
-def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator[Fleet]:
-    """The agents of all robots in this process."""
-    own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
-    file = write(folder, list(ROBOTS), {}, **own)
-    context = Context()
-    rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context)
-    try:
-        fleet = Fleet(context=context)
-        executor = make_executor(fleet.executor, context)
-        for agent in fleet.agents:
-            executor.add_node(agent.node)
-        spinner = Spinner(executor)
-        try:
-            for agent in fleet.agents:
-                wait_until(lambda agent=agent: agent._chassis.state.value == "ready", "the link")
-            yield fleet
-        finally:
-            spinner.stop()
-            fleet.close(lambda: executor.spin_once(timeout_sec=0.02))
-    finally:
-        rclpy.try_shutdown(context=context)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_all_agents(
     fleet: Program,
@@ -321,82 +231,3 @@ def test_colliding_frames_cause_a_warning(start_fleet: Callable[..., Program]) -
     said = [line for line in program.lines if "frame_prefix" in line]
     assert len(said) == 1
     assert logger_of(ROBOTS[1]) in said[0]
-
-
-A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
-
-
-@pytest.mark.parametrize(
-    ("robots", "common", "own", "complaints"),
-    [
-        (["/a", "/b"], {}, {"/a": A}, ["/b", "ip", "/b/agent"]),
-        (["/a", "/b"], {"ip": "127.0.0.1"}, {}, ["/a and /b", "127.0.0.1", "ip"]),
-        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "ip": "a b"}}, ["/b", "ip", "a b"]),
-        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "port": "x"}}, ["/b", "port"]),
-        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "executor": "single"}}, ["executor"]),
-        (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "its own name"]),
-        (["/a", "/b c"], {}, {"/a": A}, ["b c", "robots"]),
-        (["/a", ""], {}, {"/a": A}, ["''", "robots"]),
-        ([1, 2], {}, {}, ["robots"]),
-        ("/a", {}, {}, ["robots"]),
-    ],
-)
-def test_an_invalid_list_ends_the_program_with_one_line(
-    start_program: Callable[..., Program],
-    tmp_path: Path,
-    robots: Any,
-    common: dict[str, Any],
-    own: dict[str, Any],
-    complaints: list[str],
-) -> None:
-    program = start_program("--params-file", str(write(tmp_path, robots, common, **own)))
-    said = program.wait_refused()
-    assert program.process.returncode == 2
-    assert len(said.strip().splitlines()) == 1, said
-    for complaint in complaints:
-        assert complaint in said
-
-
-@pytest.mark.parametrize("robots", [[], [""]])
-def test_an_empty_list_means_one_robot(
-    start_program: Callable[..., Program],
-    tmp_path: Path,
-    chassis: dict[str, SimulatorThread],
-    robots: list[str],
-) -> None:
-    port = chassis["/r1"].port
-    file = write(tmp_path, robots, {"ip": "127.0.0.1", "port": port})
-    program = start_program("--params-file", str(file))
-    program.wait_says(f"{logger_of('/woosh_robot')}]: connected to")
-
-
-def test_robots_behind_one_gateway_differ_by_robot_id(
-    start_program: Callable[..., Program], tmp_path: Path, chassis: dict[str, SimulatorThread]
-) -> None:
-    one = {"ip": "127.0.0.1", "port": chassis["/r1"].port}
-    own = {"/a": {"robot_id": 0}, "/b": {"robot_id": 30001}}
-    program = start_program("--params-file", str(write(tmp_path, ["/a", "/b"], one, **own)))
-    for name in own:
-        program.wait_says(f"{logger_of(name)}]: connected to")
-
-
-def test_robot_names_may_be_relative_or_absolute() -> None:
-    assert namespaces(["a", "b/c", "/d"], "/") == {"a": "/a", "b/c": "/b/c", "/d": "/d"}
-    assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
-
-
-def test_the_example_file_works(
-    start_program: Callable[..., Program],
-    tmp_path: Path,
-    chassis: dict[str, SimulatorThread],
-) -> None:
-    """config/robots.yaml with the ports of the simulated chassis."""
-    text = (Path(__file__).parents[2] / "config/robots.yaml").read_text()
-    for wanted, simulator in zip(("5480", "5490"), chassis.values(), strict=True):
-        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {simulator.port}", text)
-        assert found == 1
-    file = tmp_path / "robots.yaml"
-    file.write_text(text)
-    program = start_program("--params-file", str(file))
-    for name in ("/r1", "/r2"):
-        program.wait_says(f"{logger_of(name)}]: connected to")

@@ -6,20 +6,21 @@ The frames are sent in their recorded order, without the pauses between them.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.harness import Client, GoalClient, RunningAgent, own_domain
+from tests.harness import Client, GoalClient, RunningAgent
 from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED
-from tests.node.scripted_chassis import EXEC_TASK, TASK_PROC, Body, ScriptedChassis
+from tests.node.tasks.reports import wire
+from tests.node.tasks.scripted_chassis import EXEC_TASK, TASK_PROC, Body, ScriptedChassis
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
 from woosh_robot_msgs.srv import ExecPreTask
 
-FACTS = Path(__file__).parents[1] / "facts" / "real_tasks.json"
+FACTS = Path(__file__).parents[2] / "facts" / "real_tasks.json"
 TASKS: list[dict[str, Any]] = json.loads(FACTS.read_text("utf-8"))
 GOALS = [n for n, task in enumerate(TASKS) if task["request"] == EXEC_TASK]
 SETS = [n for n, task in enumerate(TASKS) if task["request"] != EXEC_TASK]
@@ -35,38 +36,8 @@ ENDS = {
 
 
 @pytest.fixture(scope="module")
-def chassis() -> Iterator[ScriptedChassis]:
-    with ScriptedChassis() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def domain() -> Iterator[int]:
-    with own_domain() as number:
-        yield number
-
-
-@pytest.fixture(scope="module")
-def agent(chassis: ScriptedChassis, domain: int) -> Iterator[RunningAgent]:
-    """Return an agent that executes all tasks one after the other."""
-    running = RunningAgent(
-        domain,
-        ip="127.0.0.1",
-        port=chassis.port,
-        goal_link_timeout=1.0,
-        backoff_min=0.05,
-        backoff_max=0.05,
-    )
-    running.wait_connected()
-    yield running
-    running.close()
-
-
-@pytest.fixture(scope="module")
-def client(agent: RunningAgent, domain: int) -> Iterator[Client]:
-    running = Client(domain)
-    yield running
-    running.close()
+def goal_link_timeout() -> float:
+    return 1.0
 
 
 def script(chassis: ScriptedChassis, task: dict[str, Any]) -> list[Callable[[], None]]:
@@ -81,30 +52,15 @@ def script(chassis: ScriptedChassis, task: dict[str, Any]) -> list[Callable[[], 
     return steps
 
 
+def play(steps: list[Callable[[], None]]) -> None:
+    for step in steps:
+        step()
+
+
 def reports(task: dict[str, Any], task_id: str | None) -> list[Body]:
     """Return the reports on a task, in order; on all tasks if `task_id` is None."""
     procs = [body for _, kind, name, body in task["frames"] if (kind, name) == ("push", TASK_PROC)]
     return [body for body in procs if task_id in (None, body.get("robotTaskId"))]
-
-
-def wire(proc: Any) -> Body:
-    """Return a ROS TaskProc as the chassis sends it."""
-    action = {
-        "type": proc.action.type.value,
-        "state": proc.action.state.value,
-        "waitId": proc.action.wait_id,
-    }
-    body = {
-        "robotTaskId": str(proc.robot_task_id or ""),
-        "type": proc.type.value,
-        "state": proc.state.value,
-        "dest": proc.dest,
-        "time": proc.time,
-        "robotId": proc.commu.robot_id,
-        "msg": proc.msg,
-    }
-    found = {name: value for name, value in body.items() if value}
-    return {**found, "action": {name: value for name, value in action.items() if value}}
 
 
 def send(client: Client, task: dict[str, Any]) -> GoalClient:
@@ -124,12 +80,7 @@ def test_goal_ends_as_the_robot_ended_the_task(
     expected = reports(task, task["task_id"])
     asked = chassis.count(EXEC_TASK)
     if pace == "at once":
-
-        def play() -> None:
-            for step in steps:
-                step()
-
-        chassis.expect(EXEC_TASK, play)
+        chassis.expect(EXEC_TASK, lambda: play(steps))
         goal = send(client, task)
     else:
         chassis.expect(EXEC_TASK)
@@ -177,12 +128,7 @@ def test_each_report_on_a_set_of_tasks_is_published(
     # the start is known when the last value has arrived, and a push after it
     chassis.push(TASK_PROC, {"msg": f"start {number}"})
     topic.wait(lambda message: message.msg == f"start {number}")
-
-    def play() -> None:
-        for step in steps:
-            step()
-
-    chassis.expect(EXEC_PRE_TASK, play)
+    chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
     response = client.call(ExecPreTask, "robot/ExecPreTask")
     assert (response.ok, response.msg) == (
         task["refused"] is None,

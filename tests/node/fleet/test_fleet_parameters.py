@@ -1,0 +1,95 @@
+"""The list of robots, and the parameters of each of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.harness import Program
+from tests.node.fleet.robots import logger_of, write_parameters
+from woosh_robot_agent.fleet import namespaces
+from woosh_robot_agent.simulator import SimulatorThread
+
+A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
+
+
+@pytest.mark.parametrize(
+    ("robots", "common", "own", "complaints"),
+    [
+        (["/a", "/b"], {}, {"/a": A}, ["/b", "ip", "/b/agent"]),
+        (["/a", "/b"], {"ip": "127.0.0.1"}, {}, ["/a and /b", "127.0.0.1", "ip"]),
+        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "ip": "a b"}}, ["/b", "ip", "a b"]),
+        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "port": "x"}}, ["/b", "port"]),
+        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "executor": "single"}}, ["executor"]),
+        (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "its own name"]),
+        (["/a", "/b c"], {}, {"/a": A}, ["b c", "robots"]),
+        (["/a", ""], {}, {"/a": A}, ["''", "robots"]),
+        ([1, 2], {}, {}, ["robots"]),
+        ("/a", {}, {}, ["robots"]),
+    ],
+)
+def test_an_invalid_list_ends_the_program_with_one_line(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    robots: Any,
+    common: dict[str, Any],
+    own: dict[str, Any],
+    complaints: list[str],
+) -> None:
+    program = start_program("--params-file", str(write_parameters(tmp_path, robots, common, **own)))
+    said = program.wait_refused()
+    assert program.process.returncode == 2
+    assert len(said.strip().splitlines()) == 1, said
+    for complaint in complaints:
+        assert complaint in said
+
+
+@pytest.mark.parametrize("robots", [[], [""]])
+def test_an_empty_list_means_one_robot(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    robots: list[str],
+) -> None:
+    port = chassis["/r1"].port
+    file = write_parameters(tmp_path, robots, {"ip": "127.0.0.1", "port": port})
+    program = start_program("--params-file", str(file))
+    program.wait_says(f"{logger_of('/woosh_robot')}]: connected to")
+
+
+def test_robots_behind_one_gateway_differ_by_robot_id(
+    start_program: Callable[..., Program], tmp_path: Path, chassis: dict[str, SimulatorThread]
+) -> None:
+    one = {"ip": "127.0.0.1", "port": chassis["/r1"].port}
+    own = {"/a": {"robot_id": 0}, "/b": {"robot_id": 30001}}
+    program = start_program(
+        "--params-file", str(write_parameters(tmp_path, ["/a", "/b"], one, **own))
+    )
+    for name in own:
+        program.wait_says(f"{logger_of(name)}]: connected to")
+
+
+def test_robot_names_may_be_relative_or_absolute() -> None:
+    assert namespaces(["a", "b/c", "/d"], "/") == {"a": "/a", "b/c": "/b/c", "/d": "/d"}
+    assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
+
+
+def test_the_example_file_works(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+) -> None:
+    """config/robots.yaml with the ports of the simulated chassis."""
+    text = (Path(__file__).parents[3] / "config/robots.yaml").read_text()
+    for wanted, simulator in zip(("5480", "5490"), chassis.values(), strict=True):
+        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {simulator.port}", text)
+        assert found == 1
+    file = tmp_path / "robots.yaml"
+    file.write_text(text)
+    program = start_program("--params-file", str(file))
+    for name in ("/r1", "/r2"):
+        program.wait_says(f"{logger_of(name)}]: connected to")

@@ -1,0 +1,145 @@
+"""Reports on tasks as a real robot sends them, and goals for such tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import count
+from typing import Any
+
+from tests.harness import Client, GoalClient
+from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED
+from tests.node.tasks.scripted_chassis import (
+    EXEC_TASK,
+    ROBOT_INFO,
+    ROBOT_STATE,
+    TASK_PROC,
+    Body,
+    ScriptedChassis,
+)
+from woosh_robot_msgs.action import ExecTask
+
+IDLE, TASK, UNINIT = {"state": 2}, {"state": 4}, {"state": 1}
+NAV, STEP, ENTER, QUIT, WAIT, CHARGE = 1, 2, 3, 4, 6, 7
+"""Types of an action."""
+RUNS, WARNS, CANCELS, DONE, FAILS, SUSPENDED = 1, 2, 3, 4, 5, 10
+"""States of an action."""
+PICK = [(3, NAV, RUNS), (3, NAV, DONE), (5, WAIT, RUNS), (5, WAIT, DONE), (7, WAIT, DONE)]
+SEQUENCES = {
+    "pick": PICK,
+    "two waits": [*PICK[:-1], (5, WAIT, RUNS), (5, WAIT, DONE), (7, WAIT, DONE)],
+    "parking": [(3, NAV, RUNS), (3, NAV, DONE), (7, NAV, DONE)],
+    "out of a dock": [(3, QUIT, RUNS), (3, QUIT, DONE), *PICK],
+    "charge": [
+        *((3, action, state) for action in (NAV, ENTER, STEP, STEP) for state in (RUNS, DONE)),
+        *((3, CHARGE, RUNS), (3, CHARGE, DONE), (7, CHARGE, DONE)),
+    ],
+    "cancelled": [(3, NAV, RUNS), (3, NAV, CANCELS), (8, NAV, CANCELS)],
+    "cancelled in a pause": [
+        *((3, NAV, RUNS), (4, NAV, SUSPENDED)),
+        *((4, NAV, CANCELS), (8, NAV, CANCELS)),
+    ],
+    "paused and resumed": [(3, NAV, RUNS), (4, NAV, SUSPENDED), *PICK],
+    "obstacle": [(3, NAV, RUNS), (4, NAV, WARNS), (4, NAV, WARNS), *PICK],
+    "obstacle, cancelled": [
+        *((3, NAV, RUNS), (4, NAV, WARNS)),
+        *((4, NAV, CANCELS), (8, NAV, CANCELS)),
+    ],
+    "failed": [(3, NAV, RUNS), (9, NAV, FAILS)],
+    "only the end": [(7, NAV, DONE)],
+}
+"""Task state, type and state of the action of each report on a task."""
+STATUSES = {COMPLETED: SUCCEEDED, TASK_CANCELED: ABORTED, FAILED: ABORTED}
+"""Status of a goal, by the state in the last report."""
+IDS = count(1_719_959_303_788)
+"""New task ids, as long as those in the logs of a real robot."""
+
+
+def empty() -> Body:
+    """Return the report of a robot that executes no task."""
+    return {"action": {}, "time": 1719991764, "robotId": 10001}
+
+
+def report(task_id: int, step: tuple[int, int, int], time: int = 1719991764) -> Body:
+    state, action, action_state = step
+    doing = {"type": action, "state": action_state, **({"waitId": 1} if action == WAIT else {})}
+    return {
+        "robotTaskId": str(task_id),
+        "type": 1,
+        "state": state,
+        "action": doing,
+        "dest": "758033B0",
+        "time": time,
+        "robotId": 10001,
+    }
+
+
+def reports(task_id: int, sequence: str) -> list[Body]:
+    """Return the reports on a task that goes as one of `SEQUENCES`, a second apart."""
+    return [
+        report(task_id, step, 1719991764 + number)
+        for number, step in enumerate(SEQUENCES[sequence])
+    ]
+
+
+def send(client: Client, task_id: int) -> GoalClient:
+    goal = ExecTask.Goal()
+    goal.arg.task_id = task_id
+    goal.arg.type.value = 1
+    return client.send_goal(ExecTask, "robot/ExecTask", goal)
+
+
+def start(chassis: ScriptedChassis, client: Client, task_id: int, *first: Body) -> GoalClient:
+    """Start a task that the chassis accepts, and that it executes from now on.
+
+    Args:
+        chassis: The chassis.
+        client: The client that sends the goal.
+        task_id: Id of the task.
+        first: The first reports on the task. The client has them when this function returns.
+    """
+    asked = chassis.count(EXEC_TASK)
+    chassis.expect(EXEC_TASK, chassis.answer)
+    goal = send(client, task_id)
+    chassis.wait_request(EXEC_TASK, asked + 1)
+    chassis.push(ROBOT_STATE, TASK)
+    chassis.push_all(TASK_PROC, first)
+    goal.feedback.wait_count(len(first))
+    return goal
+
+
+def assert_ended(goal: GoalClient, expected: list[Body]) -> None:
+    """Check that a goal ends like the last of these reports, and got all of them as feedback."""
+    status, ret = goal.result()
+    assert status == STATUSES[expected[-1]["state"]]
+    assert wire(ret) == expected[-1]
+    goal.feedback.wait_count(len(expected))
+    assert [wire(fb) for fb in goal.feedback.messages] == expected
+
+
+def reconnect(chassis: ScriptedChassis, meanwhile: Callable[[], None] = lambda: None) -> None:
+    """Lose the link, call `meanwhile`, and wait until the agent is connected again."""
+    known = chassis.count(ROBOT_INFO)
+    chassis.vanish()
+    meanwhile()
+    chassis.listen()
+    chassis.wait_request(ROBOT_INFO, known + 1)
+
+
+def wire(proc: Any) -> Body:
+    """Return a ROS TaskProc as the chassis sends it."""
+    action = {
+        "type": proc.action.type.value,
+        "state": proc.action.state.value,
+        "waitId": proc.action.wait_id,
+    }
+    body = {
+        "robotTaskId": str(proc.robot_task_id or ""),
+        "type": proc.type.value,
+        "state": proc.state.value,
+        "dest": proc.dest,
+        "time": proc.time,
+        "robotId": proc.commu.robot_id,
+        "msg": proc.msg,
+    }
+    found = {name: value for name, value in body.items() if value}
+    return {**found, "action": {name: value for name, value in action.items() if value}}
