@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from google.protobuf.json_format import ParseDict
 
@@ -19,6 +20,9 @@ from tests.simulator.test_sim_uploads import NAV2, SCENE, distance_ahead, file_d
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.refusals import REFUSALS
+from woosh_robot_agent.simulator.scenes.editing import with_map
+from woosh_robot_agent.simulator.world.grid import Grid
+from woosh_robot_agent.simulator.world.maps import Map
 
 FULL = 1
 Files = dict[str, bytes]
@@ -142,6 +146,28 @@ def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: Jso
         assert found == MarkInfo.FromString(download(robot, scene)["floor.mark_info.data"])
         info.version = found.version
         assert found == info
+
+
+def test_a_map_of_cells_only_is_downloaded_for_map_server(
+    simulator: SimulatorThread, client: JsonClient, second: JsonClient
+) -> None:
+    """A map that the robot has made itself comes from no files."""
+    cells = np.zeros((40, 60), np.int8)
+    cells[0], cells[:, :5] = 100, -1
+
+    def add(running: Any) -> None:
+        chassis, grid = running.chassis, Grid(cells, 0.05, (-1.0, -2.0))
+        area = Map(0, "made", "1F", 1, grid.low, grid.high, walls=(), grid=grid)
+        chassis.replace_scene(chassis.scene, with_map(chassis.scene, area))
+
+    simulator.call(add)
+    assert scenes(client)["wooshmap"] == ["wooshmap", "made"]
+    files = download(client)
+    assert {"made.yaml", "made.png", "made.mark_info.data"} <= set(files)
+    assert send_files(second, "copy", files)["ok"]
+    assert scene_data(second, "copy") == scene_data(client, "")
+    second.ask("woosh.robot.SwitchMap", {"sceneName": "copy", "mapName": "made"})
+    assert second.ask("woosh.robot.Scene")["mapId"] == 4
 
 
 def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(

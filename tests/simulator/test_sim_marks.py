@@ -124,6 +124,17 @@ def test_changed_marks_survive_another_map_and_an_upload(client: JsonClient) -> 
     assert "unknown mark A1" in client.refusal(f"{PREFIX}.Find", {"no": "A1"})
 
 
+def test_change_of_a_mark_does_not_touch_the_localisation(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    pose = simulator.state.pose
+    simulator.inject("obstacle", x=pose.x, y=pose.y)
+    client.ask(f"{PREFIX}.Create", storage())
+    client.ask("woosh.map.Rename", {"newSceneName": "home"})
+    assert client.ask("woosh.robot.DeviceState")["software"] & 1
+    client.ask(f"{PREFIX}.Find", {"no": "N1"})
+
+
 REFUSED: list[tuple[str, Json, str]] = [
     ("Find", {"no": "Z9"}, "unknown mark Z9 in map wooshmap"),
     ("Find", {}, "unknown mark"),

@@ -382,9 +382,14 @@ def test_rename_and_delete(run: Run, wire: JsonClient) -> None:
     ("arguments", "reason"),
     [
         (["download", "moon"], "the robot has no scene and no map moon: its scenes are wooshmap,"),
-        (["delete", "wooshmap"], "the robot refused woosh.map.Delete: the robot is in scene"),
-        (["delete", "moon"], "the robot refused woosh.map.Delete: unknown scene moon"),
-        (["rename", "scenex", "wooshmap"], "scene wooshmap exists already"),
+        (["delete", "wooshmap"], "scene wooshmap cannot be deleted: the robot is using it"),
+        (["delete", "wooshmap", "--map", "wooshmap"], "map wooshmap of scene wooshmap cannot"),
+        (["delete", "moon"], "the robot has no scene moon: its scenes are wooshmap, scenex"),
+        (["delete", "scenex", "--map", "attic"], "scene scenex has no map attic: its maps are"),
+        (["rename", "moon", "sun"], "the robot has no scene moon"),
+        (["rename", "scenex", "wooshmap"], "cannot be renamed: wooshmap exists already"),
+        (["rename", "scenex", "--map", "scenex", "scenex2"], "scenex2 exists already"),
+        (["rename", "scenex", "../x"], "the robot refused woosh.map.Rename: new_scene_name"),
         (["upload", "nothing"], "nothing/scene.yaml cannot be read: No such file"),
     ],
 )
@@ -463,13 +468,29 @@ def test_a_download_that_fails_leaves_nothing(
     status, _, err = run("download", "--force")
     assert (status, err) == (1, "error: the robot refused woosh.map.Download: no room\n")
     assert tree(tmp_path) == before
-    chassis.accept("woosh.map.Download")
-    replace_body(chassis, SceneData, lambda data: data.maps[0].ClearField("map_png"))
-    status, _, err = run("download", "--force")
-    assert status == 1
-    assert "cannot be saved" in err
-    assert tree(tmp_path) == before
     assert [path.name for path in tmp_path.iterdir()] == ["scenex"]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda area: area.ClearField("map_png"), "the robot sent no image"),
+        (lambda area: setattr(area, "map_png", b"x"), "its image cannot be decoded: "),
+        (lambda area: area.ClearField("resolution"), "its resolution is invalid: 0"),
+    ],
+)
+def test_a_map_without_a_usable_picture_does_not_prevent_the_backup(
+    run: Run, chassis: SimulatorThread, wire: JsonClient, tmp_path: Path, change: Any, reason: str
+) -> None:
+    replace_body(chassis, SceneData, lambda data: change(data.maps[0]))
+    status, out, err = run("download", "scenex")
+    assert status == 0
+    assert out.startswith("downloaded scene scenex")
+    assert err.startswith(f"warning: map scenex is not saved for map_server: {reason}")
+    saved = {path.name for path in (tmp_path / "scenex" / "maps").iterdir()}
+    assert saved == {"scenex2.yaml", "scenex2.png"}
+    assert run("upload", "scenex", "--scene", "copy")[0] == 0
+    assert scenes(wire)["copy"] == ["scenex", "scenex2"]
 
 
 @pytest.mark.parametrize("exists", [False, True])

@@ -377,7 +377,11 @@ class Chassis:
         if old is self.scene:
             area = new.map(map_name or self.map.name)
             assert area is not None
-            self.enter(new, area)
+            if area.same_ground(self.map):  # another name or other marks
+                self.scenes[new.name] = self.scene = new
+                self.map = area
+            else:
+                self.enter(new, area)
         else:
             self.scenes[new.name] = new
         if old and old.name != new.name:

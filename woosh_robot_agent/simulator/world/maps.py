@@ -107,6 +107,11 @@ class Map:
         nearest = min((wall.distance(x, y) for wall in self.walls), default=math.inf)
         return min(nearest, self.grid.clearance(x, y)) if self.grid else nearest
 
+    def same_ground(self, other: Map) -> bool:
+        """Return True if a map has the same area, walls and grid as this one."""
+        mine, others = (self.low, self.high, self.walls), (other.low, other.high, other.walls)
+        return mine == others and self.grid is other.grid
+
     @property
     def clearance_error(self) -> float:
         """Maximum by which `clearance` overestimates the distance, in metres."""

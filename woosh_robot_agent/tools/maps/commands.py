@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -74,13 +75,15 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
             data = await robot.scene_data(scene)
             files = await robot.download(scene)
         data.name = scene
-        write_scene(target, data, files, force=force)
+        unusable = write_scene(target, data, files, force=force)
         marks = sum(len(area.mark_info.storages) for area in data.maps)
         print(
             f"downloaded scene {scene} to {target}: maps {len(data.maps)}, marks {marks}, "
             f"files {len(files)}",
             flush=True,
         )
+        for text in unusable:
+            print(f"warning: {text}", file=sys.stderr)
 
 
 async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force: bool) -> None:
@@ -108,26 +111,28 @@ async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force:
 
 
 async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
-    """Rename a scene, or one of its maps."""
+    """Rename a scene, or one of its maps if `area` is not empty."""
+    known = await robot.scenes()
+    what = _described(known, scene, area)
+    if new_name in (known[scene] if area else known):
+        raise MapsError(f"{what} cannot be renamed: {new_name} exists already; choose another name")
+    request = Rename(old_scene_name=scene, new_scene_name=scene if area else new_name)
     if area:
-        await robot.rename(
-            Rename(
-                old_scene_name=scene,
-                new_scene_name=scene,
-                old_map_name=area,
-                new_map_name=new_name,
-            )
-        )
-        print(f"renamed map {area} of scene {scene} to {new_name}")
-    else:
-        await robot.rename(Rename(old_scene_name=scene, new_scene_name=new_name))
-        print(f"renamed scene {scene} to {new_name}")
+        request.old_map_name, request.new_map_name = area, new_name
+    await robot.rename(request)
+    print(f"renamed {what} to {new_name}")
 
 
 async def delete(robot: Robot, scene: str, area: str) -> None:
-    """Delete a scene, or one of its maps."""
+    """Delete a scene, or one of its maps if `area` is not empty."""
+    what = _described(await robot.scenes(), scene, area)
+    current = await robot.current()
+    if scene == current.scene_name and area in ("", current.map_name):
+        raise MapsError(
+            f"{what} cannot be deleted: the robot is using it; switch to another one first"
+        )
     await robot.delete(scene, area)
-    print(f"deleted map {area} of scene {scene}" if area else f"deleted scene {scene}")
+    print(f"deleted {what}")
 
 
 async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
@@ -175,6 +180,17 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
         what = "several scenes have" if found else "the robot has no scene and no"
         raise MapsError(f"{what} map {name}: its scenes are {', '.join(known) or 'none'}")
     return found[0]
+
+
+def _described(known: dict[str, list[str]], scene: str, area: str) -> str:
+    """Return a scene or map as a text for people, after a check that the robot has it."""
+    if scene not in known:
+        scenes = ", ".join(known) or "none"
+        raise MapsError(f"the robot has no scene {scene}: its scenes are {scenes}")
+    if area and area not in known[scene]:
+        maps = ", ".join(known[scene]) or "none"
+        raise MapsError(f"scene {scene} has no map {area}: its maps are {maps}")
+    return f"map {area} of scene {scene}" if area else f"scene {scene}"
 
 
 def _count(storages: Storages) -> int:

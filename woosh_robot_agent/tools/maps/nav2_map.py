@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import struct
 
 import yaml
 
 from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, MapError, grey_png
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.tools.maps.errors import MapsError
 
 
 def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
@@ -21,16 +21,13 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
         stem: Names of the files without their suffixes.
 
     Raises:
-        MapsError: The robot has not sent a usable map.
+        MapError: The robot has not sent a usable map.
     """
-    try:
-        png = grey_png(area.map_png)
-    except MapError as error:
-        raise MapsError(f"map {area.name} cannot be saved: {error}") from None
-    if not area.resolution > 0:  # NaN is not, either
-        raise MapsError(
-            f"map {area.name} cannot be saved: its resolution is invalid: {area.resolution:g}"
-        )
+    if not area.map_png:
+        raise MapError("the robot sent no image")
+    png = grey_png(area.map_png)
+    if not 0 < area.resolution < math.inf:
+        raise MapError(f"its resolution is invalid: {area.resolution:g}")
     origin = area.origin
     description = {
         "image": f"{stem}.png",

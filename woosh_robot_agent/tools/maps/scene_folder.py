@@ -18,6 +18,7 @@ from pathlib import Path
 import yaml
 from google.protobuf.message import DecodeError
 
+from woosh_robot_agent.map_image import MapError
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
@@ -81,7 +82,9 @@ def check_writable(target: Path, *, force: bool) -> None:
         raise MapsError(f"{target} is not a saved scene and is not replaced: move it first")
 
 
-def write_scene(target: Path, data: SceneData, files: Mapping[str, bytes], *, force: bool) -> None:
+def write_scene(
+    target: Path, data: SceneData, files: Mapping[str, bytes], *, force: bool
+) -> list[str]:
     """Save a scene in a folder, all of it or nothing.
 
     Args:
@@ -90,15 +93,22 @@ def write_scene(target: Path, data: SceneData, files: Mapping[str, bytes], *, fo
         files: The scene's own files.
         force: Replace an older folder.
 
+    Returns:
+        Which maps are not there for map_server because the robot sent no usable picture, and why.
+
     Raises:
         MapsError: The scene cannot be saved.
     """
     contents: dict[str, bytes] = {}
+    unusable: list[str] = []
     maps: list[dict[str, object]] = []
     for area in data.maps:
         stem = to_file_name(area.name)
-        for name, content in map_files(area, stem).items():
-            contents[f"{_MAPS}/{name}"] = content
+        try:
+            for name, content in map_files(area, stem).items():
+                contents[f"{_MAPS}/{name}"] = content
+        except MapError as error:  # the scene's own files may be worth saving all the same
+            unusable.append(f"map {area.name} is not saved for map_server: {error}")
         contents[f"{_MARKS}/{stem}.yaml"] = write_marks(area.mark_info, area.name)
         maps.append({"name": area.name, "mark_file": _mark_file(area, files)})
     for name, content in files.items():
@@ -109,6 +119,7 @@ def write_scene(target: Path, data: SceneData, files: Mapping[str, bytes], *, fo
         _write_folder(target, contents, force=force)
     except OSError as error:
         raise MapsError(f"scene {data.name} cannot be saved: {error}") from None
+    return unusable
 
 
 def read_scene(folder: Path) -> SavedScene:
