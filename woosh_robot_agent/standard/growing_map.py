@@ -44,7 +44,7 @@ class GrowingMap:
         self._body: Body | None = None
         """The latest report, not decoded yet; None if it was taken."""
         self._received = -math.inf
-        """Time of the latest report, by the loop's clock."""
+        """Loop time of the latest report; -inf after the end."""
         chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(RobotState, self._state_pushed)
@@ -54,8 +54,7 @@ class GrowingMap:
         """True while the robot is making a map."""
         if self._state == robot.kMapping:
             return True
-        recent = asyncio.get_running_loop().time() - self._received < _MAX_SILENCE
-        return recent and self._state in _VAGUE_STATES
+        return asyncio.get_running_loop().time() - self._received < _MAX_SILENCE
 
     def subscribe(self) -> None:
         """Receive reports until there are no subscribers; idempotent."""
@@ -89,6 +88,7 @@ class GrowingMap:
             self._begun = True
         elif state not in _VAGUE_STATES:
             self._body = None
+            self._received = -math.inf
             if self._begun:
                 self._begun = False
                 self._on_end()
