@@ -14,7 +14,7 @@ _LARGEST_BLOCK = 32 * _MIB
 """Minimum size of a block with its own mapping, in bytes; glibc allows no more."""
 _MAX_UNUSED = 256 * _MIB
 """Unused space at the end of the heap from which glibc returns it at once, in bytes."""
-_PERIOD = 2.0
+_PERIOD = 5.0
 """Time between two looks at the memory, in seconds."""
 _GROWTH = 8 * _MIB
 """Growth of the resident memory after which unused memory is returned, in bytes."""
