@@ -12,6 +12,7 @@ BENCHMARKS = {
     "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
     "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
     "links": ("benchmarks.report.links", "WebSocket and TCP, JSON and protobuf, compared"),
+    "maps": ("benchmarks.report.maps", "transfer of a map of 20 MiB, over each kind of link"),
     "odom": ("benchmarks.report.odom", "error of odom between the robot's reports"),
     "real": ("benchmarks.report.real", "the simulated chassis, compared with a real robot"),
     "scale": ("benchmarks.report.scale", "cost by number of robots, push rate and scan size"),

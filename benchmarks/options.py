@@ -13,6 +13,12 @@ TURNS = 5
 
 The speed of a machine drifts, and measuring alternately cancels that out.
 """
+LINKS = {
+    "WebSocket, JSON": ("websocket", "json"),
+    "WebSocket, protobuf": ("websocket", "protobuf"),
+    "TCP, protobuf": ("tcp", "protobuf"),
+}
+"""Transport and encoding of each kind of link, by its title in tables."""
 _SMOKE_SCALE = 0.01
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -121,6 +122,11 @@ class Program:
             raise RuntimeError(f"{self._name} was stopped before it answered")
         return json.loads(line)
 
+    def answered(self) -> bool:
+        """Return True if its stdout has something to receive."""
+        self.check_running()
+        return bool(select.select([self.process.stdout], [], [], 0)[0])
+
     def check_running(self) -> None:
         """Raise RuntimeError if the program has ended by itself."""
         if (status := self.process.poll()) is not None and not self._stopping:
@@ -155,6 +161,21 @@ class Program:
     def rss(self) -> int:
         """Resident memory, in bytes."""
         return rss(self.process.pid)
+
+    @property
+    def peak_rss(self) -> int:
+        """Largest resident memory since its start or the last `reset_peak_rss`, in bytes."""
+        for line in self._proc("status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+        raise RuntimeError("this kernel does not tell the peak of the resident memory")
+
+    def reset_peak_rss(self) -> None:
+        """Make `peak_rss` start again at the current resident memory."""
+        self._proc("clear_refs").write_text("5")
+
+    def _proc(self, name: str) -> Path:
+        return Path("/proc", str(self.process.pid), name)
 
     def interrupt(self) -> None:
         """Send SIGINT to the program, without waiting for its end."""

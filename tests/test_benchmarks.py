@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processes import running
-from benchmarks.report import links, odom, pages, real, scale, speed
+from benchmarks.report import links, maps, odom, pages, real, scale, speed
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -18,6 +18,7 @@ FIGURES = (
     *("service_rtt", "service_rtt_p99", "service_cpu", "concurrent"),
     *("push_latency", "push_cpu", "push_max"),
     *("convert_pose", "convert_scan", "convert_info"),
+    *("map_download", "map_upload"),
     *("idle_rss", "idle_cpu", "startup", "fleet"),
 )
 """Names in the output of `--speed --json`, which scripts of users may depend on."""
@@ -37,6 +38,16 @@ def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     for figures in found.values():
         assert list(figures) == list(links.FIGURES)
         assert all(value > 0 for value in figures.values()), found
+
+
+def test_maps_are_measured_over_every_link(capsys: pytest.CaptureFixture[str]) -> None:
+    assert maps.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == [*links.LINKS, maps.FLOOR]
+    for name in links.LINKS:
+        assert list(found[name]) == list(maps.FIGURES)
+    for figures in found.values():
+        assert all(value > 0 for name, value in figures.items() if "memory" not in name), found
 
 
 def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,7 +80,7 @@ def test_page_has_a_place_for_each_part() -> None:
     parts = re.findall(
         r"<!-- (\w+): made by [^\n]*-->\n(?s:.*?)<!-- end -->", pages.SPEED_PAGE.read_text()
     )
-    assert parts == ["figures", "links", *scale.SWEEPS]
+    assert parts == ["figures", "links", "maps", *scale.SWEEPS]
 
 
 def test_part_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

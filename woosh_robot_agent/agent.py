@@ -64,9 +64,9 @@ def main(args: list[str] | None = None) -> int:
 def _run(args: list[str] | None, signals: StopSignals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
     from woosh_robot_agent.memory import (
+        Heap,
         disable_collection,
         enable_collection_of_new_objects,
-        return_large_blocks,
     )
 
     disable_collection()
@@ -77,7 +77,7 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     from woosh_robot_agent.fleet import Fleet
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
 
-    return_large_blocks()
+    heap = Heap()
     if signals.received:
         return 0
     try:
@@ -101,6 +101,7 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
         enable_collection_of_new_objects()
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
+            heap.trim()
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT))
         executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then
     finally:

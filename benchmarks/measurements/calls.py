@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,20 +50,27 @@ class Caller:
         self._node = rclpy.create_node(f"caller_{domain}", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._srv: Any = None
+        self._make_request: Callable[[], Any]
         self._client: Any = None
 
-    def use(self, srv: Any, name: str) -> None:
-        """Select the service to call, and wait until it answers."""
+    def use(self, srv: Any, name: str, request: Any = None, *, first_timeout: float = 0.2) -> None:
+        """Select the service to call, and wait until it answers.
+
+        Args:
+            srv: ROS type of the service.
+            name: Name of the service.
+            request: Request of all calls; None sends a new empty one with each call.
+            first_timeout: Time after which a call without an answer is made again, in seconds.
+        """
         if self._client is not None:
             self._node.destroy_client(self._client)
-        self._srv = srv
+        self._make_request = srv.Request if request is None else lambda: request
         self._client = self._node.create_client(
             srv, f"{NAMESPACE}/{name}", qos_profile=QoSProfile(depth=1000)
         )
         wait_until(self._client.service_is_ready, "the service", _CALL_TIMEOUT)
         # a service that is ready may not have discovered this client yet
-        wait_until(lambda: self._call(0.2), "the first answer", _CALL_TIMEOUT)
+        wait_until(lambda: self._call(first_timeout), "the first answer", _CALL_TIMEOUT)
 
     def warm_up(self, seconds: float) -> None:
         """Call for a while without recording, until discovery is over and caches are warm."""
@@ -84,7 +91,7 @@ class Caller:
     def _call(self, timeout: float) -> bool:
         """Call once; return True if the answer came in time."""
         deadline = time.monotonic() + timeout
-        future = self._client.call_async(self._srv.Request())
+        future = self._client.call_async(self._make_request())
         while not future.done() and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=timeout)
         return bool(future.done())
@@ -98,7 +105,7 @@ class Caller:
             nonlocal started
             if started < count:
                 started += 1
-                self._client.call_async(self._srv.Request()).add_done_callback(finish)
+                self._client.call_async(self._make_request()).add_done_callback(finish)
 
         def finish(_future: Any) -> None:
             nonlocal done

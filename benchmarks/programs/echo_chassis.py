@@ -1,14 +1,17 @@
 """A chassis that answers every request at once with the same message, and pushes PoseSpeed.
 
-    python -m benchmarks.programs.echo_chassis [--beams N] [--transport websocket|tcp]
+    python -m benchmarks.programs.echo_chassis [--beams N] [--map BYTES] [--transport websocket|tcp]
 
-It runs beside the measured program, so it does as little as it can: it encodes each answer
-and each push only once. It prints its port. Each line on stdin is a command:
+A map download is answered with a file of BYTES random bytes. The chassis runs beside the measured
+program, so it does as little as it can: it encodes each answer and each push only once. It prints
+its port. Each line on stdin is a command:
 
     delay SECONDS            from now on answer after SECONDS
     push RATE FIRST COUNT    push COUNT messages of PoseSpeed at RATE Hz to all subscribers, with
                              `mileage` counting from FIRST; then print, as JSON, the time of each
                              push (time.monotonic) and the CPU time of all of them, in seconds
+    velocities               print, as JSON, the linear velocity in each woosh.robot.Twist since the
+                             last such command, and the time of its arrival (time.monotonic)
 """
 
 from __future__ import annotations
@@ -16,9 +19,10 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import cache
 
 from google.protobuf.message import Message
@@ -29,8 +33,10 @@ from woosh_robot_agent.link.server.base import ServerTransport
 from woosh_robot_agent.link.server.tcp import serve_tcp
 from woosh_robot_agent.link.server.websocket import serve_websocket
 from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.pb.map.map_pack_pb2 import Download, DownloadResponse
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
-from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 from woosh_robot_agent.protos import full_name, message_type
 
 _PLACEHOLDER = 123456789
@@ -40,8 +46,10 @@ _BUSY_WAIT = 0.002
 resolution of only 1 ms."""
 _CATCH_UP = 0.005
 """Maximum delay that pushes may catch up on, in seconds. A longer one would cause a burst."""
-Answer = Callable[[int], "str | bytes"]
-"""Returns the frame that answers the request with a serial number."""
+_LARGE = 1024 * 1024
+"""Size from which an answer is written as its parts, without a copy of the whole, in bytes."""
+Send = Callable[[ServerTransport, int], Awaitable[None]]
+"""Sends the answer to the request with a serial number."""
 
 
 def pose_speed(number: int) -> PoseSpeed:
@@ -60,19 +68,29 @@ def scan(beams: int) -> ScannerData:
     return message
 
 
+def map_files(size: int) -> DownloadResponse:
+    """Return a scene with one file of the given size, which cannot be compressed."""
+    message = DownloadResponse()
+    message.file_datas.add(name="map.png", data=os.urandom(size))
+    return message
+
+
 class EchoChassis:
     """Answers every request with a constant message of the request's type.
 
     Attributes:
         delay: Time from a request to its answer, in seconds.
+        velocities: Linear velocity and time of arrival of each velocity command.
     """
 
-    def __init__(self, beams: int) -> None:
+    def __init__(self, beams: int, map_size: int) -> None:
         self.delay = 0.0
+        self.velocities: list[tuple[float, float]] = []
         self._subscribers: dict[ServerTransport, Codec] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         bodies: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
         self._bodies = {full_name(body): body for body in bodies}
+        self._bodies[full_name(Download)] = map_files(map_size)
         self._answer = cache(self._make_answer)
 
     async def serve(self, transport: ServerTransport) -> None:
@@ -90,28 +108,32 @@ class EchoChassis:
             if full_name(PoseSpeed) in codec.body(envelope, Subscription).topics:
                 self._subscribers[transport] = codec
             return
-        answer = self._answer(codec, envelope.type)(envelope.sn)
+        if envelope.type == full_name(Twist):
+            self.velocities.append((codec.body(envelope, Twist).linear, time.monotonic()))
+        send = self._answer(codec, envelope.type)
         if self.delay:
-            task = asyncio.ensure_future(self._send_later(transport, answer))
+            task = asyncio.ensure_future(self._send_later(send, transport, envelope.sn))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         else:
-            await transport.send(answer)
+            await send(transport, envelope.sn)
 
-    def _make_answer(self, codec: Codec, type_name: str) -> Answer:
+    def _make_answer(self, codec: Codec, type_name: str) -> Send:
         body = self._bodies.get(type_name) or message_type(type_name)()
 
         def encode(sn: int) -> str | bytes:
-            return codec.encode(type_name, body, sn=sn, ok=True, timestamp=1)
+            return codec.encode(full_name(body), body, sn=sn, ok=True, timestamp=1)
 
+        if body.ByteSize() >= _LARGE:
+            return _in_parts(codec, encode)
         if codec is PROTOBUF:
-            return encode
+            return lambda transport, sn: transport.send(encode(sn))
         before, after = str(encode(_PLACEHOLDER)).split(str(_PLACEHOLDER))
-        return lambda sn: f"{before}{sn}{after}"
+        return lambda transport, sn: transport.send(f"{before}{sn}{after}")
 
-    async def _send_later(self, transport: ServerTransport, answer: str | bytes) -> None:
+    async def _send_later(self, send: Send, transport: ServerTransport, sn: int) -> None:
         await asyncio.sleep(self.delay)
-        await transport.send(answer)
+        await send(transport, sn)
 
     async def push(self, rate: float, first: int, count: int) -> None:
         """Push PoseSpeed as the command `push` says, and print the report."""
@@ -138,6 +160,25 @@ class EchoChassis:
         print(json.dumps({"sent": sent, "cpu": time.process_time() - cpu}), flush=True)
 
 
+def _in_parts(codec: Codec, encode: Callable[[int], str | bytes]) -> Send:
+    """Return a function that sends a large answer without encoding or copying it again."""
+    if codec is PROTOBUF:
+        before, after = bytes(encode(0)), b""  # type: ignore[arg-type]  # protobuf frames are bytes
+    else:
+        text = str(encode(_PLACEHOLDER)).encode()
+        before, _, after = text.rpartition(str(_PLACEHOLDER).encode())
+
+    async def send(transport: ServerTransport, sn: int) -> None:
+        # protobuf merges the fields of two messages that follow each other
+        number = MessagePackJson(sn=sn).SerializeToString() if codec is PROTOBUF else b"%d" % sn
+        end = number + after
+        await transport.send_raw(transport.header(len(before) + len(end), text=codec is JSON))
+        await transport.send_raw(before)
+        await transport.send_raw(end)
+
+    return send
+
+
 def _push_frame(codec: Codec, number: int) -> bytes:
     frame = codec.encode(full_name(PoseSpeed), pose_speed(number), timestamp=1)
     return frame.encode() if isinstance(frame, str) else frame
@@ -146,9 +187,10 @@ def _push_frame(codec: Codec, number: int) -> bytes:
 async def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--beams", type=int, default=1080)
+    parser.add_argument("--map", type=int, default=0)
     parser.add_argument("--transport", default="websocket")
     options = parser.parse_args()
-    chassis = EchoChassis(options.beams)
+    chassis = EchoChassis(options.beams, options.map)
     serve = serve_tcp if options.transport == "tcp" else serve_websocket
     listener = await serve(chassis.serve, "127.0.0.1", 0, max_size=2**26)
     print(listener.port, flush=True)
@@ -159,6 +201,9 @@ async def main() -> None:
         command, *words = line.split()
         if command == b"delay":
             chassis.delay = float(words[0])
+        elif command == b"velocities":
+            print(json.dumps(chassis.velocities), flush=True)
+            chassis.velocities = []
         else:
             rate, first, count = words
             await chassis.push(float(rate), int(first), int(count))

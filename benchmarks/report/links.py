@@ -13,17 +13,12 @@ from collections.abc import Sequence
 
 from benchmarks.measurements.calls import POSE_SPEED, SCAN, call_repeatedly, calling
 from benchmarks.measurements.pushes import push_path
-from benchmarks.options import Options, make_parser, parse, repetitions, scale
+from benchmarks.options import LINKS, Options, make_parser, parse, repetitions, scale
 from benchmarks.report.machine import describe_machine
 from benchmarks.report.pages import write_part
 from benchmarks.report.table import markdown
 from woosh_robot_agent.testing import own_domain
 
-LINKS = {
-    "WebSocket, JSON": ("websocket", "json"),
-    "WebSocket, protobuf": ("websocket", "protobuf"),
-    "TCP, protobuf": ("tcp", "protobuf"),
-}
 FIGURES = {
     "service_rtt": "service call, median, µs",
     "service_rtt_p99": "service call, p99, µs",

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.measurements import calls, conversions, fleet, presence, pushes
+from benchmarks.measurements import calls, conversions, fleet, maps, presence, pushes
 from benchmarks.measurements.samples import Measured
 from benchmarks.options import Options, make_parser, parse, repetitions, scale
 from benchmarks.report.machine import describe_machine
@@ -66,6 +66,10 @@ TARGETS = {
     "convert_pose": Target(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
     "convert_scan": Target(1 / 15, 1 / 25, "the same for a scan of 1080 beams"),
     "convert_info": Target(1 / 6, 1 / 12, "the same for a full RobotInfo"),
+    "map_download": Target(
+        2.0, 1.5, "a map of 20 MiB, from the chassis to a client / bare service"
+    ),
+    "map_upload": Target(3.0, 2.0, "the same map, from a client to the chassis / bare service"),
     "idle_rss": Target(1.35, 1.15, "resident memory / a node with the same entities"),
     "idle_cpu": Target(1.0, 0.3, "percent of a core, connected and unused"),
     "startup": Target(
@@ -81,6 +85,7 @@ MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
     (calls.measure, ("service_rtt", "service_rtt_p99", "service_cpu", "concurrent")),
     (pushes.measure, ("push_latency", "push_cpu", "push_max")),
     (conversions.measure, ("convert_pose", "convert_scan", "convert_info")),
+    (maps.measure, ("map_download", "map_upload")),
     (presence.measure, ("idle_rss", "idle_cpu", "startup")),
     (fleet.measure, ("fleet",)),
 )

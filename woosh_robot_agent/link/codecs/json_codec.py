@@ -7,6 +7,13 @@ from typing import Any
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.codecs.base64_text import (
+    LONG_MESSAGE,
+    cut_out,
+    insert,
+    put_back,
+    take_out,
+)
 from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
 from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError
 from woosh_robot_agent.link.codecs.json_reader import from_json
@@ -49,10 +56,14 @@ class JsonCodec:
             frame["sn"] = sn
         if timestamp is not None:
             frame["timestamp"] = timestamp
-        return json.dumps(frame, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        long = body is not None and body.ByteSize() >= LONG_MESSAGE
+        texts = take_out(frame) if long else []
+        text = json.dumps(frame, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        return insert(text, texts) if texts else text
 
     def decode(self, data: str | bytes) -> Envelope:
         try:
+            data, texts = cut_out(data)
             text = data if isinstance(data, str) else data.decode()
             _check_parts(text)
             frame = json.loads(text)
@@ -62,6 +73,7 @@ class JsonCodec:
             raise FrameError("json", f"not JSON: {error}") from None
         if not isinstance(frame, dict):
             raise FrameError("envelope", f"not a JSON object but {type(frame).__name__}")
+        put_back(frame, texts)
         ok = frame.get("ok")
         try:
             sn = _integer(frame.get("sn")) or 0

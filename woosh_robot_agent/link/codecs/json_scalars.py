@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 import re
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 
+from woosh_robot_agent.link.codecs.base64_text import read_base64
 from woosh_robot_agent.link.codecs.json_fields import Field
 
 FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
@@ -92,5 +92,4 @@ def _read_string(value: Any) -> str:
 def _read_bytes(value: Any) -> bytes:
     if not isinstance(value, str):
         raise TypeError("not base64 text")
-    standard = value.replace("-", "+").replace("_", "/").rstrip("=")
-    return base64.b64decode(standard + "=" * (-len(standard) % 4), validate=True)
+    return read_base64(value)

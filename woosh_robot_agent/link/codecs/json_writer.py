@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Callable
 from ctypes import c_float
@@ -16,6 +15,7 @@ from google.protobuf import json_format
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.codecs.base64_text import write_base64
 from woosh_robot_agent.link.codecs.json_errors import FieldError
 from woosh_robot_agent.link.codecs.json_fields import (
     Field,
@@ -108,7 +108,7 @@ def _scalar_encoder(field: Field) -> Callable[[Any], Any]:
     if field.type in _INT64:
         return str
     if field.type == FieldDescriptor.TYPE_BYTES:
-        return lambda value: base64.b64encode(value).decode("ascii")
+        return write_base64
     if field.type == FieldDescriptor.TYPE_FLOAT:
         return _shortest_float32
     if field.type == FieldDescriptor.TYPE_DOUBLE:

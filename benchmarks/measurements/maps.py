@@ -1,0 +1,198 @@
+"""Transfers of a large map through the agent and through the floor."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from array import array
+from bisect import bisect_left
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.measurements.calls import CalledProgram, Caller, RoundTrips, calling
+from benchmarks.measurements.samples import Measured, Spread
+from benchmarks.options import TURNS, Options
+from benchmarks.processes import MIB, Program, running
+from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.programs.velocity_publisher import STEP
+from woosh_common_msgs.msg import FileData
+from woosh_map_msgs.srv import Download, Upload
+from woosh_robot_agent.testing import own_domain
+from woosh_robot_agent.testing.agents import NAMESPACE
+
+_CALLS = 25
+"""Number of transfers in each direction."""
+_FIRST_TIMEOUT = 5.0
+"""Time after which the first transfer is tried again, in seconds."""
+_VELOCITY_RATE = 50.0
+"""Rate of the velocities, in Hz."""
+_VELOCITIES = 1000
+"""Number of velocities, with downloads and without."""
+MILLISECONDS = 1e-3
+"""Milliseconds in a microsecond."""
+
+
+@dataclass(frozen=True)
+class Transfers:
+    """Cost of all transfers of one program in one direction.
+
+    Attributes:
+        trips: Round trips.
+        memory: Largest resident memory above that before the transfers, in sizes of the map.
+    """
+
+    trips: RoundTrips
+    memory: float
+
+
+class _Endpoint:
+    """A program that serves map transfers.
+
+    Args:
+        program: The program.
+        caller: Calls its services.
+        size: Size of the map, in bytes.
+    """
+
+    def __init__(self, program: Program, caller: Caller, size: int) -> None:
+        self._program = program
+        self._caller = caller
+        self._size = size
+        self._rss = 0
+        self._memory: dict[str, float] = {}
+        self._called: dict[str, CalledProgram] = {}
+        file = FileData(name="map.png", data=array("B", os.urandom(size)))
+        upload = Upload.Request()
+        upload.arg.file_datas = [file]
+        self._services: dict[str, tuple[Any, Any]] = {
+            "Download": (Download, None),
+            "Upload": (Upload, upload),
+        }
+
+    def use(self, direction: str) -> None:
+        """Select `Download` or `Upload`."""
+        srv, request = self._services[direction]
+        self._caller.use(srv, f"map/{direction}", request, first_timeout=_FIRST_TIMEOUT)
+
+    def transfer(self, direction: str, count: int) -> None:
+        """Make some transfers in the selected direction, and record their cost."""
+        self._rss = self._rss or self._program.rss  # the program has started by now
+        self._program.reset_peak_rss()
+        self._called.setdefault(direction, CalledProgram(self._program, self._caller)).call(count)
+        memory = (self._program.peak_rss - self._rss) / self._size
+        self._memory[direction] = max(memory, self._memory.get(direction, 0.0))
+
+    def transfers(self, direction: str) -> Transfers:
+        """Return the cost of all transfers in one direction."""
+        return Transfers(self._called[direction].round_trips, self._memory[direction])
+
+
+@dataclass(frozen=True)
+class MapCost:
+    """Cost of maps through one kind of link, and of the floor.
+
+    Attributes:
+        agent, floor: Transfers by direction, `Download` or `Upload`.
+        idle_velocities: Latency of velocities without transfers, from publisher to chassis.
+        velocities: Latency of velocities during downloads.
+    """
+
+    agent: dict[str, Transfers]
+    floor: dict[str, Transfers]
+    idle_velocities: Spread | None = None
+    velocities: Spread | None = None
+
+    def ratio(self, direction: str) -> float:
+        """Return the median time of the agent's transfers divided by the floor's."""
+        ours, floor = self.agent[direction].trips, self.floor[direction].trips
+        return ours.times.median / floor.times.median
+
+
+@contextlib.contextmanager
+def _both(
+    domain: int, options: Options, size: int
+) -> Iterator[tuple[_Endpoint, _Endpoint, Caller, Program]]:
+    """Run agent and floor; yield their endpoints, the agent's caller and the chassis."""
+    with (
+        calling(domain) as caller,
+        echo_chassis(domain, options.transport, "--map", str(size)) as (chassis, port),
+        agent(domain, port, options, cmd_vel_rate=100.0) as program,
+        own_domain() as floor_domain,
+        calling(floor_domain) as floor_caller,
+        running("benchmarks.floors.maps", str(size), domain=floor_domain) as floor,
+    ):
+        yield (
+            _Endpoint(program, caller, size),
+            _Endpoint(floor, floor_caller, size),
+            caller,
+            chassis,
+        )
+
+
+def measure_cost(domain: int, options: Options, *, velocities: bool = True) -> MapCost:
+    """Measure transfers of agent and floor in turn, then velocities with and without downloads."""
+    size = MIB if options.smoke else 20 * MIB
+    idle = busy = None
+    with _both(domain, options, size) as (ours, floor, caller, chassis):
+        for direction in ("Upload", "Download"):
+            for each in (ours, floor):
+                each.use(direction)
+            for _ in range(TURNS):
+                for each in (ours, floor):
+                    each.transfer(direction, options.samples(_CALLS // TURNS))
+        if velocities:
+            topic = f"{NAMESPACE}/cmd_vel"
+            program = ("benchmarks.programs.velocity_publisher", topic)
+            with running(*program, domain=domain) as publisher:
+                publisher.receive()
+                count = options.samples(_VELOCITIES)
+                _latency(publisher, chassis, options.samples(100), None)
+                idle = _latency(publisher, chassis, count, None)
+                busy = _latency(publisher, chassis, count, caller)
+    directions = ("Download", "Upload")
+    return MapCost(
+        {each: ours.transfers(each) for each in directions},
+        {each: floor.transfers(each) for each in directions},
+        idle,
+        busy,
+    )
+
+
+def _latency(publisher: Program, chassis: Program, count: int, caller: Caller | None) -> Spread:
+    """Return the latency of velocities; with a caller, it makes downloads at the same time.
+
+    A newer velocity takes the place of one that waits, so a velocity has arrived when it or a newer
+    one has.
+    """
+    chassis.send("velocities")
+    chassis.receive()
+    publisher.send("publish", _VELOCITY_RATE, count)
+    while caller is not None and not publisher.answered():
+        caller.calls(1)
+    sent = publisher.receive()
+    chassis.send("velocities")
+    arrivals = [(round(linear / STEP), at) for linear, at in chassis.receive() if linear]
+    numbers = [number for number, _ in arrivals]
+    latencies = []
+    for number, at in enumerate(sent, 1):
+        index = bisect_left(numbers, number)
+        if index < len(arrivals):
+            latencies.append(arrivals[index][1] - at)
+    return Spread.of(latencies)
+
+
+def measure(domain: int, options: Options) -> Measured:
+    """Measure transfers of agent and floor in turn."""
+    cost = measure_cost(domain, options, velocities=False)
+    return {
+        f"map_{direction.lower()}": (
+            cost.ratio(direction),
+            f"{_milliseconds(cost.agent[direction])} / {_milliseconds(cost.floor[direction])} ms",
+        )
+        for direction in ("Download", "Upload")
+    }
+
+
+def _milliseconds(transfers: Transfers) -> str:
+    return f"{transfers.trips.times.median * MILLISECONDS:.0f}"

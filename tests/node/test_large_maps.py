@@ -1,0 +1,77 @@
+"""Maps of many MiB pass unchanged, and hold up no other request."""
+
+from __future__ import annotations
+
+import random
+from array import array
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from tests.harness import Client, RunningAgent, wait_future
+from woosh_common_msgs.msg import FileData
+from woosh_map_msgs.msg import Download as DownloadMsg
+from woosh_map_msgs.msg import Upload as UploadMsg
+from woosh_map_msgs.srv import Download, Upload
+from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import Mode
+
+DOWNLOAD, UPLOAD = "woosh.map.Download", "woosh.map.Upload"
+SIZE = 20 * 1024 * 1024
+TIMEOUT = 120.0
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@pytest.fixture(params=[("websocket", "json"), ("websocket", "protobuf"), ("tcp", "protobuf")])
+def linked_agent(
+    request: pytest.FixtureRequest,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+) -> RunningAgent:
+    transport, encoding = request.param
+    port = simulator.port if transport == "websocket" else simulator.tcp_port
+    agent = start_agent(ip="127.0.0.1", port=port, transport=transport, encoding=encoding)
+    agent.wait_connected()
+    return agent
+
+
+def replace_answers(simulator: SimulatorThread, request: str, **changes: object) -> None:
+    simulator.refuse(request, "replaced")
+    simulator.intercept(
+        lambda out: [replace(out, **changes) if out.request == request else out]  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.usefixtures("linked_agent")
+def test_a_large_map_is_downloaded_unchanged(simulator: SimulatorThread, client: Client) -> None:
+    data = random.Random(1).randbytes(SIZE)
+    scene = DownloadResponse()
+    scene.file_datas.add(name="map.png", data=data)
+    scene.file_datas.add(name="marks.json", data=b"{}")
+    replace_answers(simulator, DOWNLOAD, ok=True, msg="", type=f"{DOWNLOAD}Response", body=scene)
+    download = client.call_async(Download, "map/Download", arg=DownloadMsg(scene_name="hall"))
+    assert client.call(Mode, "robot/Mode", timeout=TIMEOUT).info.ctrl.value == 1
+    response = wait_future(download, TIMEOUT)
+    assert response.ok, response.msg
+    assert [file.name for file in response.ret.file_datas] == ["map.png", "marks.json"]
+    assert response.ret.file_datas[0].data.tobytes() == data
+    assert response.ret.file_datas[1].data.tobytes() == b"{}"
+
+
+@pytest.mark.usefixtures("linked_agent")
+def test_a_large_map_is_uploaded_unchanged(simulator: SimulatorThread, client: Client) -> None:
+    data = random.Random(2).randbytes(SIZE)
+    replace_answers(simulator, UPLOAD, ok=True, msg="", type=UPLOAD, body=None)
+    scene = UploadMsg(
+        scene_name="hall", file_datas=[FileData(name="map.png", data=array("B", data))]
+    )
+    upload = client.call_async(Upload, "map/Upload", arg=scene)
+    assert client.call(Mode, "robot/Mode", timeout=TIMEOUT).info.ctrl.value == 1
+    response = wait_future(upload, TIMEOUT)
+    assert response.ok, response.msg
+    received = simulator.last(UPLOAD)
+    assert received is not None
+    assert received.file_datas[0].data == data  # type: ignore[attr-defined]
