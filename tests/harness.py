@@ -155,6 +155,10 @@ class Client:
         """
         return wait_future(self.executor.create_task(function))
 
+    def unsubscribe(self, subscription: Any) -> None:
+        """Remove a subscription in the executor's thread, because the executor may be using it."""
+        self.in_executor(lambda: self.node.destroy_subscription(subscription))
+
     def path(self, name: str) -> str:
         """Return a name in the agent's namespace, unless it is absolute."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
@@ -195,7 +199,7 @@ class Client:
             return done.wait(1.0)
 
         wait_until(answered, f"an answer from {path}")
-        self.node.destroy_client(probe)
+        self.in_executor(lambda: self.node.destroy_client(probe))
 
     def call(self, srv: Any, name: str, timeout: float = TIMEOUT, **fields: Any) -> Any:
         """Call a service; return its response."""

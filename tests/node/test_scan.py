@@ -35,7 +35,7 @@ def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, cl
         LaserScan, client.path("scan"), lambda _scan: None, qos_profile_sensor_data
     )
     simulator.wait_received(SCANNER, 3)
-    client.node.destroy_subscription(subscription)
+    client.unsubscribe(subscription)
     wait_until(lambda: not client.node.count_subscribers(client.path("scan")))
     seen = -1
 

@@ -71,7 +71,7 @@ def listen(client: Client, msg: Any, name: str) -> tuple[Collector, Callable[[],
     subscription = client.node.create_subscription(
         msg, client.path(name), collector.add, QoSProfile(depth=10)
     )
-    return collector, lambda: client.node.destroy_subscription(subscription)
+    return collector, lambda: client.unsubscribe(subscription)
 
 
 def test_topics_are_published_only_while_there_are_subscribers(
