@@ -156,7 +156,7 @@ class Client:
         return wait_future(self.executor.create_task(function))
 
     def unsubscribe(self, subscription: Any) -> None:
-        """Remove a subscription, in the executor's thread: elsewhere the executor may be using it."""
+        """Remove a subscription in the executor's thread, because the executor may be using it."""
         self.in_executor(lambda: self.node.destroy_subscription(subscription))
 
     def path(self, name: str) -> str:

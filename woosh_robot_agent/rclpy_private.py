@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionServer
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity
@@ -75,19 +76,24 @@ class DeferringActionServer(ActionServer):
     callback until the goal ends. Here `on_executing` is called instead, and `execute_later` runs a
     callback in the executor at the end of the goal.
 
-    Replaceable by: a goal handle whose result can be set from outside the execute callback, and the
-    number of pending result requests.
+    Each server has a clock of its own for the time for which results are kept. rclpy would use the
+    node's, and the EventsExecutor prints a warning if many timers belong to one clock.
+
+    Replaceable by: a goal handle whose result can be set from outside the execute callback, the
+    number of pending result requests, and an argument for the clock.
 
     Args:
-        arguments, options: those of `rclpy.action.ActionServer`.
+        node: owner of the server.
+        arguments, options: the further ones of `rclpy.action.ActionServer`.
 
     Attributes:
         pending_results: clients that asked for the result of a goal and have not received it.
     """
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
+    def __init__(self, node: Any, *arguments: Any, **options: Any) -> None:
         self.pending_results = 0
-        super().__init__(*arguments, **options)
+        super().__init__(_NodeWithOwnClock(node), *arguments, **options)
+        self._node = node
 
     def on_executing(self, goal_handle: Any) -> None:
         """Take over a goal whose state has become executing."""
@@ -108,6 +114,20 @@ class DeferringActionServer(ActionServer):
     def _send_result_response(self, request_header: Any, future: Any) -> None:
         self.pending_results -= 1
         super()._send_result_response(request_header, future)
+
+
+class _NodeWithOwnClock:
+    """A node as its action server sees it while it is created: with another clock."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+
+    def get_clock(self) -> Clock:
+        return self._clock
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._node, name)
 
 
 class WithMessageInfo:

@@ -27,7 +27,7 @@ def echo(client: Client, simulator: SimulatorThread) -> Collector:
 def stop_listening(client: Client) -> None:
     for subscription in list(client.node.subscriptions):
         if subscription.topic_name == client.path(NAME):
-            client.node.destroy_subscription(subscription)
+            client.unsubscribe(subscription)
 
 
 @pytest.mark.parametrize("topic", ON_DEMAND, ids=lambda topic: topic.name)
