@@ -80,7 +80,13 @@ STANDARD = (
         "enable_battery_state",
         "state of charge, and whether the battery is charging",
     ),
-    StandardEndpoint("map", "nav_msgs/OccupancyGrid", Kind.LATCHED, "enable_map", "current map"),
+    StandardEndpoint(
+        "map",
+        "nav_msgs/OccupancyGrid",
+        Kind.LATCHED,
+        "enable_map",
+        "current map, or the one that the robot is making",
+    ),
     StandardEndpoint(
         "plan", "nav_msgs/Path", Kind.LATCHED, "enable_plan", "path that the robot is following"
     ),
