@@ -53,6 +53,11 @@ def program(
     return started
 
 
+def test_rclpy_does_not_warn(program: Program) -> None:
+    program.end()
+    assert "warning" not in program.output.lower()
+
+
 def test_the_garbage_collector_ignores_objects_of_the_start(domain: int) -> None:
     run = subprocess.run(
         [sys.executable, "-c", LOOK],
