@@ -92,8 +92,10 @@ class DeferringActionServer(ActionServer):
 
     def __init__(self, node: Any, *arguments: Any, **options: Any) -> None:
         self.pending_results = 0
-        super().__init__(_NodeWithOwnClock(node), *arguments, **options)
+        creator = _NodeWithOwnClock(node)
+        super().__init__(creator, *arguments, **options)
         self._node = node
+        self._clock = creator.get_clock()  # the C library does not keep it alive
 
     def on_executing(self, goal_handle: Any) -> None:
         """Take over a goal whose state has become executing."""
