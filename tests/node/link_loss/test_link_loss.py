@@ -33,7 +33,7 @@ from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 
 pytestmark = pytest.mark.usefixtures("agent")
 
-WAITING = TaskOrder(6, task_pb2.kParking, dest="", jobs=[Wait(math.inf)])
+WAITING = TaskOrder(6, task_pb2.kParking, dest="", jobs=lambda: [Wait(math.inf)])
 """A task of the chassis that does not end."""
 
 
