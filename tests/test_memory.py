@@ -25,23 +25,19 @@ def block(size):
     return address
 
 def use_memory():
-    kept.append(block(4 * MIB))
-    blocks = [block(4 * MIB) for _ in range(10)]
-    kept.append(block(MIB))  # the memory before it is not at the end of the heap
-    for each in blocks:
+    for each in [block(4 * MIB) for _ in range(10)]:
         libc.free(each)
 
-kept = []
 heap = Heap()
 before = resident()
 thread = threading.Thread(target=use_memory)
 thread.start()
 thread.join()
-unused = (resident() - before) // MIB - 5
+unused = (resident() - before) // MIB
 real = time.monotonic
 time.monotonic = lambda: real() + float(sys.argv[1])
 heap.trim()
-print(unused, (resident() - before) // MIB - 5)
+print(unused, (resident() - before) // MIB)
 """
 
 

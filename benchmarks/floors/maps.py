@@ -3,6 +3,7 @@
     python -m benchmarks.floors.maps BYTES
 
 The answer to a download is made once: a file of the given size. An upload is accepted and dropped.
+The program prints `true` when its services exist.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ def main(size: int) -> None:
 
     node.create_service(Download, "map/Download", download)
     node.create_service(Upload, "map/Upload", upload)
+    print("true", flush=True)
     rclpy.spin(node, SingleThreadedExecutor())
 
 

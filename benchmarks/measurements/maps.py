@@ -59,7 +59,7 @@ class _Endpoint:
         self._program = program
         self._caller = caller
         self._size = size
-        self._rss = 0
+        self._rss = program.rss
         self._memory: dict[str, float] = {}
         self._called: dict[str, CalledProgram] = {}
         file = FileData(name="map.png", data=array("B", os.urandom(size)))
@@ -77,7 +77,6 @@ class _Endpoint:
 
     def transfer(self, direction: str, count: int) -> None:
         """Make some transfers in the selected direction, and record their cost."""
-        self._rss = self._rss or self._program.rss  # the program has started by now
         self._program.reset_peak_rss()
         self._called.setdefault(direction, CalledProgram(self._program, self._caller)).call(count)
         memory = (self._program.peak_rss - self._rss) / self._size
