@@ -114,6 +114,7 @@ class Terminal:
         parser.add_argument("--no-arr", action="store_true")
         parser.add_argument("--filter", default="True")
         parser.add_argument("topic")
+        parser.add_argument("type", nargs="?")
         options = parser.parse_args(words)
         seen = echo(self._client, options.topic.removeprefix(NAMESPACE))
         seen.wait(lambda m: eval(options.filter, {"m": m}))

@@ -62,6 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _name(text: str) -> str:
+    """Return the name of a scene or a map, unless it is blank, as from an unset shell variable."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the name is blank")
+    return text
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="maps",
@@ -94,17 +101,17 @@ def _parser() -> argparse.ArgumentParser:
     upload.add_argument(
         "folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a saved scene"
     )
-    upload.add_argument("--scene", default="", help="name of the scene on the robot")
+    upload.add_argument("--scene", type=_name, help="name of the scene on the robot")
     upload.add_argument("--force", action="store_true", help="replace scenes that the robot has")
 
     rename = subparsers.add_parser("rename", help="rename a scene, or with --map one of its maps")
     rename.add_argument("scene", metavar="SCENE")
-    rename.add_argument("new_name", metavar="NEW_NAME")
-    rename.add_argument("--map", default="", help="map of the scene to rename")
+    rename.add_argument("new_name", type=_name, metavar="NEW_NAME")
+    rename.add_argument("--map", type=_name, help="map of the scene to rename")
 
     delete = subparsers.add_parser("delete", help="delete a scene, or with --map one of its maps")
     delete.add_argument("scene", metavar="SCENE")
-    delete.add_argument("--map", default="", help="map of the scene to delete")
+    delete.add_argument("--map", type=_name, help="map of the scene to delete")
     for command in (listing, download, upload, rename, delete):
         add_link_options(command, again=True)
     return parser
@@ -121,7 +128,7 @@ def _command(robot: Robot, options: argparse.Namespace) -> Coroutine[Any, Any, N
     if options.command == "download":
         return commands.download(robot, options.names, options.output, force=options.force)
     if options.command == "upload":
-        return commands.upload(robot, options.folders, options.scene, force=options.force)
+        return commands.upload(robot, options.folders, options.scene or "", force=options.force)
     if options.command == "rename":
-        return commands.rename(robot, options.scene, options.map, options.new_name)
-    return commands.delete(robot, options.scene, options.map)
+        return commands.rename(robot, options.scene, options.map or "", options.new_name)
+    return commands.delete(robot, options.scene, options.map or "")
