@@ -18,13 +18,14 @@ from pathlib import Path
 import yaml
 from google.protobuf.message import DecodeError
 
+from woosh_robot_agent.map_image import MapError
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 from woosh_robot_agent.tools.maps.errors import MapsError
 from woosh_robot_agent.tools.maps.file_names import to_file_name
 from woosh_robot_agent.tools.maps.marks_file import read_marks, write_marks
-from woosh_robot_agent.tools.maps.nav2_map import map_files
+from woosh_robot_agent.tools.nav2_map import map_files
 
 _INDEX = "scene.yaml"
 """File that lists what is in the folder."""
@@ -97,7 +98,11 @@ def write_scene(target: Path, data: SceneData, files: Mapping[str, bytes], *, fo
     maps: list[dict[str, object]] = []
     for area in data.maps:
         stem = to_file_name(area.name)
-        for name, content in map_files(area, stem).items():
+        try:
+            nav2_files = map_files(area, stem)
+        except MapError as error:
+            raise MapsError(f"map {area.name} cannot be saved: {error}") from None
+        for name, content in nav2_files.items():
             contents[f"{_MAPS}/{name}"] = content
         contents[f"{_MARKS}/{stem}.yaml"] = write_marks(area.mark_info, area.name)
         maps.append({"name": area.name, "mark_file": _mark_file(area, files)})

@@ -8,7 +8,6 @@ import yaml
 
 from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, MapError, grey_png
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.tools.maps.errors import MapsError
 
 
 def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
@@ -21,16 +20,11 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
         stem: Names of the files without their suffixes.
 
     Raises:
-        MapsError: The robot has not sent a usable map.
+        MapError: The robot has not sent a usable map.
     """
-    try:
-        png = grey_png(area.map_png)
-    except MapError as error:
-        raise MapsError(f"map {area.name} cannot be saved: {error}") from None
+    png = grey_png(area.map_png)
     if not area.resolution > 0:  # NaN is not, either
-        raise MapsError(
-            f"map {area.name} cannot be saved: its resolution is invalid: {area.resolution:g}"
-        )
+        raise MapError(f"its resolution is invalid: {area.resolution:g}")
     origin = area.origin
     description = {
         "image": f"{stem}.png",
