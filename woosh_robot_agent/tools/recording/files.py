@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -73,6 +74,7 @@ class RecordingFiles:
         """Size of the files that are complete, in bytes."""
         self._closed_count: Counter[str] = Counter()
         """Number of messages in the files that are complete, by topic."""
+        self._split_after = limits.split_duration * _NANOSECONDS or math.inf
         self._file: McapFile | None = None
         self._begin_file()
 
@@ -158,27 +160,23 @@ class RecordingFiles:
         """Begin the next file or end the recording if a message would exceed a limit."""
         file, limits = self._file, self._limits
         assert file is not None
-        if self._is_over(file, channel, data) and file.pending:
+        room = file.room_for(channel, data)
+        if file.max_size + room > self._limit() and file.pending:
             file.flush()  # compressed, the chunk may be small enough
-        size = file.max_size + file.room_for(channel, data)
+        size = file.max_size + room
         if self._closed_size + size > limits.max_size:
             self._close_file()
             self._end_early(f"{self._path} has reached its size limit of {limits.max_size} bytes")
-            return
-        if file.start is None:
-            return
-        age = log_time - file.start
-        if (limits.split_size and size > limits.split_size) or (
-            limits.split_duration and age >= limits.split_duration * _NANOSECONDS
+        elif file.start is not None and (
+            size > self._limit() or log_time - file.start >= self._split_after
         ):
             self._close_file()
             self._begin_file()
 
-    def _is_over(self, file: McapFile, channel: Channel, data: bytes) -> bool:
-        size = file.max_size + file.room_for(channel, data)
-        return self._closed_size + size > self._limits.max_size or bool(
-            self._limits.split_size and size > self._limits.split_size
-        )
+    def _limit(self) -> int:
+        """Return the maximum size of the current file, in bytes."""
+        left = self._limits.max_size - self._closed_size
+        return min(left, self._limits.split_size) if self._limits.split_size else left
 
     def _begin_file(self) -> None:
         path = self._path

@@ -35,6 +35,7 @@ class McapFile:
         written: Number of messages in the file, by topic.
         pending: Number of messages in the chunk that is not written yet, by topic.
         start: Log time of the first message, in ns; None before it.
+        max_size: Maximum size that the complete file would have if it were closed now, in bytes.
 
     Raises:
         OSError: The file cannot be created.
@@ -50,6 +51,7 @@ class McapFile:
         self._writer.start(profile=profile, library=_LIBRARY)
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[Channel, int] = {}
+        self.max_size = 0
         self._pending_size = 0
         """Maximum size of the chunk that is not written yet, in bytes."""
         self._end_size = _END_OVERHEAD
@@ -57,11 +59,6 @@ class McapFile:
         self._size = 0
         """Size of the complete chunks, attachments and metadata, in bytes."""
         self.flush()
-
-    @property
-    def max_size(self) -> int:
-        """Maximum size that the complete file would have if it were closed now, in bytes."""
-        return self._size + self._pending_size + self._end_size + self._chunk_end_size()
 
     def add(self, channel: Channel, log_time: int, publish_time: int, data: bytes) -> None:
         """Add a message to the chunk; write the chunk if it is full.
@@ -82,7 +79,9 @@ class McapFile:
             number, log_time, data, publish_time, self.written[topic] + self.pending[topic]
         )
         self.pending[topic] += 1
-        self._pending_size += len(data) + _MESSAGE_OVERHEAD
+        size = len(data) + _MESSAGE_OVERHEAD
+        self._pending_size += size
+        self.max_size += size
         if self._pending_size > _CHUNK_SIZE:
             self.flush()
 
@@ -112,6 +111,7 @@ class McapFile:
         self._writer.flush()
         self._size = self._file.tell()
         self._pending_size = 0
+        self._update_max_size()
         self.written.update(self.pending)
         self.pending.clear()
 
@@ -141,7 +141,11 @@ class McapFile:
         size = _definition_size(channel)
         self._pending_size += size
         self._end_size += size
+        self._update_max_size()
         return number
+
+    def _update_max_size(self) -> None:
+        self.max_size = self._size + self._pending_size + self._end_size + self._chunk_end_size()
 
     def _chunk_end_size(self) -> int:
         """Return the maximum size that the indexes of the current chunk add, in bytes."""

@@ -6,13 +6,14 @@ import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.pb.robot.robot_pb2 import General, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import General, PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import (
     EVENTS,
@@ -30,6 +31,23 @@ from woosh_robot_agent.tools.recording.records import EventKind, Side
 from woosh_robot_agent.tools.recording.views import View, views_of
 
 _LOG = logging.getLogger(__name__)
+_THINNED = (PoseSpeed, ScannerData)
+"""Types whose views would be too many for an eye at the highest rates."""
+_VIEW_PERIOD = 20_000_000
+"""Minimum time between two views of such a type, in ns."""
+
+
+@dataclass
+class _Thinned:
+    """Views of one type that come too fast.
+
+    Attributes:
+        shown_at: Time of the last view, in ns.
+        waiting: Message without a view since then.
+    """
+
+    shown_at: int = 0
+    waiting: Message | None = None
 
 
 class RecordingWriter:
@@ -61,6 +79,7 @@ class RecordingWriter:
         self._decoder = MessageDecoder()
         self._finder = MapFinder()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
+        self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
         self._preparing: list[Future[PreparedMap | None]] = []
         self._maps: dict[str, PreparedMap] = {}
         """The last map with each name, which every file contains."""
@@ -121,6 +140,7 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
+        self._add_waiting()
         self._add_maps()
         if self._files.pending:
             self._files.flush()
@@ -128,6 +148,7 @@ class RecordingWriter:
     def close(self) -> None:
         """Complete and close the current file."""
         self._worker.shutdown()
+        self._add_waiting()
         self._add_maps()
         self._files.close()
 
@@ -153,6 +174,12 @@ class RecordingWriter:
             return None
 
     def _add_views(self, message: Message, now: int) -> None:
+        thinned = self._thinned.get(type(message))
+        if thinned is not None:
+            if now - thinned.shown_at < _VIEW_PERIOD:
+                thinned.waiting = message
+                return
+            thinned.shown_at, thinned.waiting = now, None
         for view in views_of(message, now):
             self._add_view(view, now)
         for picture in self._finder.pictures_of(message):
@@ -163,6 +190,13 @@ class RecordingWriter:
 
     def _add_view(self, view: View, now: int) -> None:
         self._files.add(view.channel, now, view.message.SerializeToString())
+
+    def _add_waiting(self) -> None:
+        """Write the views that were left out and were followed by none."""
+        now = self._now()
+        for thinned in self._thinned.values():
+            if thinned.waiting is not None:
+                self._guard("view", self._add_views, thinned.waiting, now)
 
     def _add_maps(self) -> None:
         """Write the maps that have been prepared."""
