@@ -188,6 +188,14 @@ setup(
         "scipy>=1.11",
         "pillow>=10.2",
     ],
+    extras_require={
+        # For record and replay; no distribution and no rosdep key has them.
+        "recording": [
+            "mcap>=1.6",
+            "mcap-protobuf-support>=0.3",
+            "foxglove-schemas-protobuf>=0.3",
+        ],
+    },
     zip_safe=False,
     author="woosh_robot_agent maintainers",
     author_email="maintainers@example.com",

@@ -6,6 +6,7 @@ import logging
 import os
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ class RosRecorder:
             `close`.
 
     Attributes:
-        lost: Number of messages that the middleware reports as lost.
+        lost: Number of messages that the middleware reports as lost, by topic.
 
     Raises:
         OSError: The file cannot be created.
@@ -60,7 +61,7 @@ class RosRecorder:
     def __init__(
         self, namespace: str, path: Path, limits: Limits, on_early_end: Callable[[str], None]
     ) -> None:
-        self.lost = 0
+        self.lost: Counter[str] = Counter()
         self._context = Context()
         rclpy.init(args=[], context=self._context)
         try:
@@ -158,7 +159,7 @@ class RosRecorder:
             self._files.add(channel, received, data, info["source_timestamp"] or received)
 
         def on_lost(event: Any) -> None:
-            self.lost += event.total_count_change
+            self.lost[topic] += event.total_count_change
 
         self._node.create_subscription(
             class_of(short),

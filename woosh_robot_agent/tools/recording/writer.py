@@ -180,13 +180,16 @@ class RecordingWriter:
                 thinned.waiting = message
                 return
             thinned.shown_at, thinned.waiting = now, None
-        for view in views_of(message, now):
-            self._add_view(view, now)
+        self._add_views_of(message, now)
         for picture in self._finder.pictures_of(message):
             self._preparing.append(self._worker.submit(prepare_map, picture, now))
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
             self._note_robot(general)
+
+    def _add_views_of(self, message: Message, now: int) -> None:
+        for view in views_of(message, now):
+            self._add_view(view, now)
 
     def _add_view(self, view: View, now: int) -> None:
         self._files.add(view.channel, now, view.message.SerializeToString())
@@ -195,8 +198,10 @@ class RecordingWriter:
         """Write the views that were left out and were followed by none."""
         now = self._now()
         for thinned in self._thinned.values():
-            if thinned.waiting is not None:
-                self._guard("view", self._add_views, thinned.waiting, now)
+            message, thinned.waiting = thinned.waiting, None
+            if message is not None:
+                thinned.shown_at = now
+                self._guard("view", self._add_views_of, message, now)
 
     def _add_maps(self) -> None:
         """Write the maps that have been prepared."""
