@@ -103,7 +103,7 @@ def test_a_file_that_is_cut_off_anywhere_is_read_up_to_there(tmp_path):
         except RecordingError:
             assert least == 0
             continue
-        assert found.damage
+        assert "has no end" in found.damage
         assert numbers(found) == list(range(len(found.records)))
         assert least <= len(found.records) <= least + 20
     assert read_recording(path).damage == ""

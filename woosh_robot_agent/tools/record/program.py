@@ -196,7 +196,12 @@ def _start_ros(
         raise RecordingError(f"--ros needs ROS, which is not sourced: {error}") from None
     output = options.output
     path = output.with_name(f"{output.stem}_ros{output.suffix}")
-    return RosRecorder(options.ros, path, limits, on_early_end)
+    try:
+        return RosRecorder(options.ros, path, limits, on_early_end)
+    except OSError:
+        raise
+    except Exception as error:  # rclpy has many for invalid names and arguments
+        raise RecordingError(f"--ros {options.ros}: {error}") from None
 
 
 def _report_frames(writer: RecordingWriter) -> bool:

@@ -74,6 +74,8 @@ class RosRecorder:
         """The topics that are recorded, and those that cannot be."""
         self._unreadable: set[str] = set()
         """Topics whose type is not installed."""
+        self._on_early_end = on_early_end
+        self._has_crashed = False
         self._stop = threading.Event()
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
@@ -88,7 +90,7 @@ class RosRecorder:
     @property
     def failed(self) -> bool:
         """True if the recording ended before `close`, or a file is not complete."""
-        return self._files.failed
+        return self._files.failed or self._has_crashed
 
     @property
     def messages(self) -> int:
@@ -113,6 +115,10 @@ class RosRecorder:
                 executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
         except ExternalShutdownException:
             pass
+        except Exception as error:  # the thread would end without a word
+            _LOG.exception("the recording of ROS topics failed")
+            self._has_crashed = True
+            self._on_early_end(f"internal error: {error!r}")
         finally:
             executor.shutdown()
 

@@ -25,8 +25,11 @@ _LOG = logging.getLogger(__name__)
 _GRID = protobuf_channel("/view/map", Grid)
 _COLOURS = ("red", "green", "blue", "alpha")
 """Fields of a cell: with these names, viewers show the colours without configuration."""
-_MAX_CELLS = 16_000_000
-"""Size of a map above which it has no view, in cells; it is attached all the same."""
+_MAX_CELLS = 9_000_000
+"""Size of a map above which it has no view, in cells; it is attached all the same.
+
+Compressing it would block the proxy for too long.
+"""
 
 
 class Picture(NamedTuple):

@@ -14,6 +14,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pb2 import General, PoseSpeed, RobotInfo, ScannerData
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import (
     EVENTS,
@@ -33,6 +34,8 @@ from woosh_robot_agent.tools.recording.views import View, views_of
 _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
 """Types whose views would be too many for an eye at the highest rates."""
+_MAX_MAPS = 100
+"""Maximum number of maps that every file contains, and of maps that wait to be prepared."""
 _VIEW_PERIOD = 20_000_000
 """Minimum time between two views of such a type, in ns."""
 
@@ -81,7 +84,7 @@ class RecordingWriter:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
         self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
         self._preparing: list[Future[PreparedMap | None]] = []
-        self._maps: dict[str, PreparedMap] = {}
+        self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
         """The last map with each name, which every file contains."""
         self._robot: dict[str, str] = {}
         self._start = time.time_ns()
@@ -182,6 +185,9 @@ class RecordingWriter:
             thinned.shown_at, thinned.waiting = now, None
         self._add_views_of(message, now)
         for picture in self._finder.pictures_of(message):
+            if len(self._preparing) >= _MAX_MAPS:
+                self._log.warn("maps", f"map {picture.name} is left out: too many maps at a time")
+                continue
             self._preparing.append(self._worker.submit(prepare_map, picture, now))
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
