@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-
 from woosh_robot_agent.tools.recording.errors import RecordingError
 
 PACKAGES = ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf")
 """Packages on PyPI that reading and writing recordings needs."""
-_MODULES = ("mcap.writer", "mcap_protobuf.schema", "foxglove_schemas_protobuf", "zstandard")
 
 
 def require_libraries() -> None:
@@ -18,12 +15,14 @@ def require_libraries() -> None:
         RecordingError: A library is missing or too old; the text says how to install it.
     """
     install = f"run: python3 -m pip install --upgrade {' '.join(PACKAGES)}"
-    for name in _MODULES:
-        try:
-            module = importlib.import_module(name)
-        except ImportError as error:
-            raise RecordingError(
-                f"recordings need Python packages that are not installed ({error}); {install}"
-            ) from None
-        if name == "mcap.writer" and not hasattr(module.Writer, "flush"):
-            raise RecordingError(f"the installed mcap is older than 1.6; {install}")
+    try:
+        import foxglove_schemas_protobuf.Pose_pb2  # noqa: F401
+        import mcap_protobuf.schema  # noqa: F401
+        import zstandard  # noqa: F401
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise RecordingError(
+            f"recordings need Python packages that are not installed ({error}); {install}"
+        ) from None
+    if not hasattr(Writer, "flush"):
+        raise RecordingError(f"the installed mcap is older than 1.6; {install}")
