@@ -188,8 +188,17 @@ setup(
         "scipy>=1.11",
         "pillow>=10.2",
     ],
-    # Without it, large maps in JSON take somewhat longer; it has no rosdep key.
-    extras_require={"fast-maps": ["pybase64>=1.3"]},
+    # No distribution and no rosdep key has these packages.
+    extras_require={
+        # for record and replay
+        "recording": [
+            "mcap>=1.6",
+            "mcap-protobuf-support>=0.3",
+            "foxglove-schemas-protobuf>=0.3",
+        ],
+        # without it, large maps in JSON take somewhat longer
+        "fast-maps": ["pybase64>=1.3"],
+    },
     zip_safe=False,
     author="woosh_robot_agent maintainers",
     author_email="maintainers@example.com",

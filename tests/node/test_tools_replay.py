@@ -66,7 +66,7 @@ def _of_task(message: Any) -> bool:
 def test_a_recorded_task_is_replayed_identically(
     tmp_path: Path, simulator: Any, start_agent: Any, client: Any, transport: str
 ) -> None:
-    path = tmp_path / "field.jsonl.gz"
+    path = tmp_path / "field.mcap"
     port = simulator.tcp_port if transport == "tcp" else simulator.port
     there = ["--ip", "127.0.0.1", "--port", str(port), "--transport", transport]
     with running("record", *there, "--listen", "127.0.0.1:0", "--output", str(path)) as proxy:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from mcap.writer import Writer
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
@@ -15,63 +19,117 @@ from woosh_robot_agent.tools.record.frame_parsers import (
     UnreadableError,
     WebSocketParser,
 )
-from woosh_robot_agent.tools.recording.reader import RecordingError, read_recording
-from woosh_robot_agent.tools.recording.records import Event, Frame
+from woosh_robot_agent.tools.recording.errors import RecordingError
+from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 HEAD = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 MIB = 2**20
 
 
-def writer(path: Path, max_size: int = MIB) -> tuple[RecordingWriter, list[str]]:
+def writer(path: Path, max_size: int = MIB, **split: Any) -> tuple[RecordingWriter, list[str]]:
     told: list[str] = []
-    return RecordingWriter(path, "ws://x:5480", max_size, told.append), told
+    return RecordingWriter(path, "ws://x:5480", Limits(max_size, **split), told.append), told
 
 
-@pytest.mark.parametrize("name", ["a.jsonl", "a.jsonl.gz"])
-def test_a_recording_is_read_as_it_was_written(tmp_path, name):
-    path = tmp_path / name
+def numbered(number: int) -> bytes:
+    """Return a frame that compresses badly."""
+    noise = hashlib.sha256(str(number).encode()).hexdigest()
+    return json.dumps({"type": "test", "number": number, "noise": noise}).encode()
+
+
+def numbers(recording: Recording) -> list[int]:
+    return [json.loads(each.data)["number"] for each in recording.records]
+
+
+def test_a_recording_is_read_as_it_was_written(tmp_path):
+    path = tmp_path / "a.mcap"
     file, told = writer(path)
     file.event(1, "open", "client", "peer")
     file.frame(1, "client", '{"ü":"\\n"}'.encode(), text=True)
     file.frame(1, "chassis", b"\x00\xff", text=False)
     file.frame(1, "chassis", b"\xff{}", text=True)
+    file.frame(2, "client", b"", text=True)
+    file.frame(2, "client", b"", text=False)
     file.event(1, "close", "chassis")
     file.close()
     found = read_recording(path)
     assert (found.address, found.damage, told) == ("ws://x:5480", "", [])
-    assert (file.frames, file.connections) == (3, 1)
+    assert (file.frames, file.lost, file.connections) == (5, 0, 1)
     times = [record.t for record in found.records]
     assert times == sorted(times)
-    opened, text, binary, invalid, closed = found.records
-    assert opened == Event(times[0], 1, "open", "client", "peer")
-    assert text == Frame(times[1], 1, "client", '{"ü":"\\n"}')
-    assert binary == Frame(times[2], 1, "chassis", b"\x00\xff")
-    assert invalid == Frame(times[3], 1, "chassis", b"\xff{}", invalid=True)
-    assert closed == Event(times[4], 1, "close", "chassis")
+    assert found.records == (
+        Event(times[0], 1, "open", "client", "peer"),
+        Frame(times[1], 1, "client", '{"ü":"\\n"}'),
+        Frame(times[2], 1, "chassis", b"\x00\xff"),
+        Frame(times[3], 1, "chassis", b"\xff{}", invalid=True),
+        Frame(times[4], 2, "client", ""),
+        Frame(times[5], 2, "client", b""),
+        Event(times[6], 1, "close", "chassis"),
+    )
 
 
-@pytest.mark.parametrize("name", ["a.jsonl", "a.jsonl.gz"])
-def test_a_crash_loses_only_the_end(tmp_path, name):
-    path = tmp_path / name
+def test_a_crash_loses_only_what_came_after_the_last_flush(tmp_path):
+    path = tmp_path / "a.mcap"
     file, _ = writer(path)
     for number in range(100):
-        file.frame(1, "client", str(number).encode(), text=True)
-    file.flush()
-    whole = path.read_bytes()  # as after a crash, because the file is not closed
-    assert [record.data for record in read_recording(path).records] == [str(n) for n in range(100)]
+        file.frame(1, "client", numbered(number), text=True)
+        if number == 89:
+            file.flush()
+    found = read_recording(path)  # as after a crash, because the file is not closed
+    assert numbers(found) == list(range(90))
+    assert "has no end" in found.damage
     file.close()
-    path.write_bytes(whole[:-7])
+
+
+def test_a_file_that_is_cut_off_anywhere_is_read_up_to_there(tmp_path):
+    path, cut = tmp_path / "a.mcap", tmp_path / "cut.mcap"
+    file, _ = writer(path)
+    flushed = []  # size of the file, and number of frames in it
+    for number in range(200):
+        file.frame(1, "client", numbered(number), text=True)
+        if number % 20 == 19:
+            file.flush()
+            flushed.append((path.stat().st_size, number + 1))
+    file.close()
+    whole = path.read_bytes()
+    for size in (*range(0, len(whole), 97), *range(len(whole) - 40, len(whole))):
+        cut.write_bytes(whole[:size])
+        least = max((count for end, count in flushed if end <= size), default=0)
+        try:
+            found = read_recording(cut)
+        except RecordingError:
+            assert least == 0
+            continue
+        assert "has no end" in found.damage
+        assert numbers(found) == list(range(len(found.records)))
+        assert least <= len(found.records) <= least + 20
+    assert read_recording(path).damage == ""
+
+
+def test_a_damaged_file_is_read_up_to_the_damage(tmp_path):
+    path = tmp_path / "a.mcap"
+    file, _ = writer(path)
+    ends = []
+    for number in range(100):
+        file.frame(1, "client", numbered(number), text=True)
+        if number % 50 == 49:
+            file.flush()
+            ends.append(path.stat().st_size)
+    file.close()
+    data = bytearray(path.read_bytes())
+    middle = sum(ends) // 2  # in the second chunk
+    data[middle : middle + 4] = bytes(255 - byte for byte in data[middle : middle + 4])
+    path.write_bytes(data)
     found = read_recording(path)
-    assert found.damage
-    assert 0 < len(found.records) <= 100
-    assert [record.data for record in found.records] == [
-        str(number) for number in range(len(found.records))
-    ]
+    assert "is damaged" in found.damage
+    assert numbers(found) == list(range(50))
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path):
-    path = tmp_path / "a.jsonl"
+    path = tmp_path / "a.mcap"
     path.write_text("mine")
     with pytest.raises(FileExistsError):
         writer(path)
@@ -79,57 +137,124 @@ def test_an_existing_file_is_not_overwritten(tmp_path):
 
 
 def test_the_size_limit_ends_the_recording(tmp_path):
-    file, told = writer(tmp_path / "a.jsonl", max_size=400)
-    for _ in range(50):
-        file.frame(1, "client", b"0123456789", text=True)
+    path = tmp_path / "a.mcap"
+    file, told = writer(path, max_size=50_000)
+    for number in range(2000):
+        file.frame(1, "client", numbered(number), text=True)
     assert len(told) == 1
     assert "size limit" in told[0]
-    found = read_recording(file.path)
-    assert 0 < len(found.records) == file.frames < 50
-    assert file.path.stat().st_size <= 400
     file.close()
     assert len(told) == 1
+    found = read_recording(path)
+    assert found.damage == ""
+    assert 200 < len(found.records) == file.frames < 2000
+    assert (file.frames + file.lost, file.failed) == (2000, True)
+    assert 40_000 < path.stat().st_size <= 50_000
+
+
+def test_a_recording_is_split_by_size(tmp_path):
+    file, told = writer(tmp_path / "a.mcap", split_size=40_000)
+    for number in range(2000):
+        file.frame(1, "client", numbered(number), text=True)
+    file.close()
+    assert len(file.paths) > 2
+    assert file.paths == [tmp_path / f"a_{index}.mcap" for index in range(len(file.paths))]
+    assert all(path.stat().st_size <= 40_000 for path in file.paths)
+    assert (told, file.frames, file.lost) == ([], 2000, 0)
+    found = read_recording(*reversed(file.paths))
+    assert (numbers(found), found.damage) == (list(range(2000)), "")
+    times = [record.t for record in found.records]
+    assert times == sorted(times)
+
+
+def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
+    clock = [10**9]
+    monkeypatch.setattr("time.monotonic_ns", lambda: clock[0])
+    file, _ = writer(tmp_path / "a.mcap", split_duration=5.0)
+    for number in range(30):
+        file.frame(1, "client", numbered(number), text=True)
+        clock[0] += 10**9
+    file.close()
+    assert [len(read_recording(path).records) for path in file.paths] == [5] * 6
+    assert [record.t for record in read_recording(*file.paths).records] == list(range(30))
+
+
+def test_the_size_limit_counts_all_files(tmp_path):
+    file, told = writer(tmp_path / "a.mcap", max_size=100_000, split_size=40_000)
+    for number in range(5000):
+        file.frame(1, "client", numbered(number), text=True)
+    file.close()
+    assert "size limit" in told[0]
+    assert sum(path.stat().st_size for path in file.paths) <= 100_000
+
+
+def test_files_of_different_recordings_are_refused(tmp_path):
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for path in paths:
+        writer(path)[0].close()
+    with pytest.raises(RecordingError, match="different recordings"):
+        read_recording(*paths)
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+from tests.tools.test_recording import numbered
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+file = RecordingWriter(Path(sys.argv[1]), "", Limits(2**30), print)
+for number in range(2000):
+    file.frame(1, "client", numbered(number), text=True)
+    if number % 50 == 49:
+        file.flush()
+file.close()
+print(file.frames, file.lost, file.failed)
+"""
 
 
 def test_a_full_disk_ends_the_recording(tmp_path):
-    file, told = writer(tmp_path / "a.jsonl")
-    file.frame(1, "client", b"x", text=True)
-    with open("/dev/full", "wb") as full:
-        os.dup2(full.fileno(), file._raw.fileno())
-    for _ in range(3):
-        file.frame(1, "client", b"x", text=True)
-    assert len(told) == 1
-    assert "No space left" in told[0]
-    file.close()
+    path = tmp_path / "a.mcap"
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(path)], capture_output=True, text=True, check=True
+    )
+    reason, result = done.stdout.splitlines()
+    assert reason == f"cannot write to {path}: File too large"
+    recorded, lost, failed = result.split()
+    found = read_recording(path)
+    assert numbers(found) == list(range(int(recorded)))
+    assert 0 < int(recorded) == 2000 - int(lost)
+    assert failed == "True"
+    assert "has no end" in found.damage
 
 
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        (b"", "no header"),
-        (b"hello\n", "line 1 is not JSON"),
-        (b'{"a":1}\n', "not a header"),
-        (b"[]\n", "not a JSON object"),
-        (b'{"format":"woosh_robot_agent recording","version":9}\n', "version 9"),
-        (b'{"format":"woosh_robot_agent recording","version":1}\n{"t":1}\n', "line 2"),
-        (
-            b'{"format":"woosh_robot_agent recording","version":1}\n'
-            b'{"t":1,"connection":1,"from":"dog","text":""}\n',
-            "unknown side 'dog'",
-        ),
+        (b"", "not a recording"),
+        (b"hello, this is a text", "no MCAP file"),
+        (b'{"format":"woosh_robot_agent recording","version":1}\n', "no MCAP file"),
     ],
 )
 def test_a_file_that_is_no_recording_is_refused(tmp_path, content, text):
-    path = tmp_path / "a.jsonl"
+    path = tmp_path / "a.mcap"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=text):
         read_recording(path)
 
 
-def test_a_file_that_is_not_gzip_is_refused(tmp_path):
-    path = tmp_path / "a.jsonl.gz"
-    path.write_bytes(json.dumps({}).encode())
-    with pytest.raises(RecordingError, match="not a gzip"):
+@pytest.mark.parametrize(
+    ("metadata", "text"), [(None, "not a recording made with"), ("9", "has version 9")]
+)
+def test_another_mcap_file_is_refused(tmp_path, metadata, text):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        other = Writer(file)
+        other.start()
+        if metadata:
+            other.add_metadata("woosh_robot_agent", {"version": metadata})
+        other.finish()
+    with pytest.raises(RecordingError, match=text):
         read_recording(path)
 
 

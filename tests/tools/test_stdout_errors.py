@@ -47,7 +47,7 @@ def run(command: str, stdout: int, unbuffered: str = "") -> tuple[int, str]:
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, object]]:
     """A chassis and a recording for the arguments of `PROGRAMS`."""
-    recording = tmp_path_factory.mktemp("recording") / "a.jsonl"
+    recording = tmp_path_factory.mktemp("recording") / "a.mcap"
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as chassis:
         places = {"port": chassis.port, "recording": recording}
         command = f"tools.record {ADDRESS} --output {{recording}} --duration 0.2"
@@ -64,7 +64,7 @@ class TestStdout:
     ) -> None:
         reader, writer = os.pipe()
         os.close(reader)
-        command = program.format(**places, new=tmp_path / "new.jsonl")
+        command = program.format(**places, new=tmp_path / "new.mcap")
         status, err = run(command, writer, unbuffered)
         os.close(writer)
         assert (status, err) == (1, "")
@@ -73,7 +73,7 @@ class TestStdout:
     def test_full_disk_ends_a_program_with_one_error(
         self, places: dict[str, object], tmp_path: Path, program: str, unbuffered: str
     ) -> None:
-        command = program.format(**places, new=tmp_path / "new.jsonl")
+        command = program.format(**places, new=tmp_path / "new.mcap")
         with open("/dev/full", "wb") as full:
             status, err = run(command, full.fileno(), unbuffered)
         assert (status, err) == (1, "error: cannot write to stdout: No space left on device\n")

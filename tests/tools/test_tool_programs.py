@@ -16,6 +16,7 @@ import pytest
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools import record, replay
+from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.records import Event
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
@@ -67,7 +68,7 @@ def test_the_programs_do_not_import_ros() -> None:
 
 
 def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl.gz"
+    path = tmp_path / "a.mcap"
     with start("record", *address(chassis), "--output", str(path)) as process:
         try:
             chassis.wait_received(QUERIES[-1].request, timeout=TIMEOUT)
@@ -84,14 +85,14 @@ def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path)
 
 
 def test_record_ends_after_its_duration(chassis: SimulatorThread, tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl"
+    path = tmp_path / "a.mcap"
     status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "0.5")
     assert status == 0
     assert read_recording(path).damage == ""
 
 
 def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl"
+    path = tmp_path / "a.mcap"
     arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path)]
     with start("record", *arguments) as process:
         try:
@@ -107,7 +108,7 @@ def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> No
 
 
 def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl"
+    path = tmp_path / "a.mcap"
     path.write_text("mine")
     status, _, err = run("record", "--ip", "127.0.0.1", "--output", str(path))
     assert status == 1
@@ -116,7 +117,7 @@ def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
 
 
 def test_record_at_a_port_in_use_fails(tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl"
+    path = tmp_path / "a.mcap"
     with socket.create_server(("127.0.0.1", 0)) as taken:
         there = f"127.0.0.1:{taken.getsockname()[1]}"
         status, _, err = run(
@@ -128,8 +129,8 @@ def test_record_at_a_port_in_use_fails(tmp_path: Path) -> None:
 
 
 def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl"
-    there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.0003"]
+    path = tmp_path / "a.mcap"
+    there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.04"]
     with start("record", *address(chassis), *there) as process:
         try:
             assert process.stdout is not None
@@ -146,7 +147,9 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
     assert process.returncode == 1
     assert "size limit" in err
     assert "the proxy keeps running" in err
-    assert path.stat().st_size <= 315
+    assert re.search(r"error: \d+ frames passed that are not recorded", err)
+    assert path.stat().st_size <= 0.04 * 2**20
+    assert read_recording(path).damage == ""
 
 
 def test_record_warns_if_other_machines_can_connect(
@@ -159,12 +162,11 @@ def test_record_warns_if_other_machines_can_connect(
 
 
 def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
-    path = tmp_path / "a.jsonl"
-    file = RecordingWriter(path, "ws://x", 10_000, lambda reason: None)
+    path = tmp_path / "a.mcap"
+    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
     file.event(1, "open", "client")
     file.close()
-    with path.open("ab") as more:
-        more.write(b'{"t": 1, "conn')
+    path.write_bytes(path.read_bytes()[:-20])
     with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
         try:
             assert process.stdout is not None
@@ -174,16 +176,16 @@ def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
         finally:
             process.kill()
     assert process.returncode == 0
-    assert "end of the recording is missing: the last line is not complete" in err
+    assert f"end of the recording is missing: {path} has no end" in err
 
 
 def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
-    assert replay.main([str(tmp_path / "nothing.jsonl")]) == 1
+    assert replay.main([str(tmp_path / "nothing.mcap")]) == 1
     assert "No such file" in capsys.readouterr().err
-    path = tmp_path / "a.jsonl"
-    path.write_text("hello\n")
+    path = tmp_path / "a.mcap"
+    path.write_text("hello, this is a text\n")
     assert replay.main([str(path)]) == 1
-    assert "line 1 is not JSON" in capsys.readouterr().err
+    assert "it is no MCAP file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -194,6 +196,8 @@ def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
         (record, ["--ip", "x", "--listen", "x:70000"]),
         (record, ["--ip", "x", "--max-size", "0"]),
         (record, ["--ip", "x", "--duration", "-1"]),
+        (record, ["--ip", "x", "--split-size", "0"]),
+        (record, ["--ip", "x", "--split-duration", "-1"]),
         (replay, []),
         (replay, ["f", "--speed", "0"]),
         (replay, ["f", "--port", "70000"]),

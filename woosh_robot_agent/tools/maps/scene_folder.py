@@ -25,7 +25,7 @@ from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 from woosh_robot_agent.tools.maps.errors import MapsError
 from woosh_robot_agent.tools.maps.file_names import to_file_name
 from woosh_robot_agent.tools.maps.marks_file import read_marks, write_marks
-from woosh_robot_agent.tools.maps.nav2_map import map_files
+from woosh_robot_agent.tools.nav2_map import map_files
 
 _INDEX = "scene.yaml"
 """File that lists what is in the folder."""

@@ -7,8 +7,10 @@ import logging
 
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.requests import RequestMaker
 
 _LOG = logging.getLogger(__name__)
@@ -21,12 +23,16 @@ class PassiveClient:
 
     Args:
         config: Address of the proxy.
+        with_large: Subscribe also to large pushes: laser scans and growing maps.
     """
 
-    def __init__(self, config: LinkConfig) -> None:
+    def __init__(self, config: LinkConfig, *, with_large: bool = True) -> None:
         self._chassis = ChassisClient(config=config)
+        self._chassis.on_snapshot(self._on_snapshot)
+        self._scene = ""
+        """Name of the scene, by which its map is requested."""
         for topic in TOPICS:
-            if not topic.on_demand:
+            if with_large or not topic.on_demand:
                 self._chassis.subscribe(message_type(topic.push), _discard)
         self._chassis.subscribe(Feedbacks, _discard)
         self._chassis.on_state(self._on_state)
@@ -46,18 +52,25 @@ class PassiveClient:
         if state is LinkState.READY:
             self._queries = asyncio.get_running_loop().create_task(self._query_all())
 
+    def _on_snapshot(self, info: RobotInfo) -> None:
+        self._scene = info.scene.scene_name
+
     def _cancel_queries(self) -> None:
         if self._queries is not None:
             self._queries.cancel()
 
     async def _query_all(self) -> None:
         """Send each query, so that the replayed chassis can answer it."""
-        requests = RequestMaker(self._chassis.config.robot_id)
-        for name in dict.fromkeys(query.request for query in QUERIES):
+        make = RequestMaker(self._chassis.config.robot_id)
+        names = dict.fromkeys(query.request for query in QUERIES)
+        requests = [make.empty(message_type(name)) for name in names]
+        if self._scene:
+            requests.append(make.address(SceneData(name=self._scene)))  # has the map
+        for request in requests:
             try:
-                await self._chassis.request(requests.empty(message_type(name)))
+                await self._chassis.request(request)
             except LinkError as error:
-                _LOG.info("query %s failed: %s", name, error)
+                _LOG.info("query %s failed: %s", full_name(request), error)
 
 
 def _discard(_message: object) -> None:

@@ -7,11 +7,13 @@ import asyncio
 import logging
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
@@ -21,10 +23,14 @@ from woosh_robot_agent.tools.options import (
     link_config,
     warn_if_not_local,
 )
-from woosh_robot_agent.tools.record.passive_client import PassiveClient
-from woosh_robot_agent.tools.record.proxy import RecordingProxy
-from woosh_robot_agent.tools.recording.writer import RecordingWriter
+from woosh_robot_agent.tools.recording.errors import RecordingError
+from woosh_robot_agent.tools.recording.libraries import require_libraries
 from woosh_robot_agent.tools.stop_event import stop_event
+
+if TYPE_CHECKING:  # needs the libraries, unlike --help
+    from woosh_robot_agent.tools.record.ros_recorder import RosRecorder
+    from woosh_robot_agent.tools.recording.files import Limits
+    from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _LOCALHOST = "127.0.0.1"
 _EPILOG = """\
@@ -32,6 +38,9 @@ With --listen, record is a proxy between the agent and the robot: connect the
 agent to it, and all traffic is recorded, commands included.
 Without --listen, record connects to the robot by itself, subscribes to
 everything and sends each query once. It never commands the robot.
+
+The file is MCAP, which Foxglove, Lichtblick and PlotJuggler open. With --ros,
+a second file has what the agent publishes; rosbag2 plays that one.
 
 Ctrl-C ends the recording."""
 
@@ -44,8 +53,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Arguments of the program; by default those of the command line.
 
     Returns:
-        The exit status: 0, or 1 if the program could not listen or the recording ended early.
+        The exit status: 0, or 1 if the program could not listen, the recording ended early, or
+        frames were lost.
     """
+    parser = _make_parser()
+    options = parser.parse_args(arguments)
+    config = link_config(parser, options)
+    if not options.max_size > 0:
+        parser.error(f"--max-size must be above 0: {options.max_size}")
+    for name in ("duration", "split_size", "split_duration"):
+        value = getattr(options, name)
+        if value is not None and not value > 0:
+            parser.error(f"--{name.replace('_', '-')} must be above 0: {value}")
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    try:
+        require_libraries()
+        return asyncio.run(_run(config, options))
+    except (OSError, RecordingError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+
+
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="record",
         description="Record all frames between a robot and its clients.",
@@ -62,47 +91,68 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--output",
         type=Path,
-        default=Path(time.strftime("recording-%Y%m%d-%H%M%S.jsonl.gz")),
-        help="file to create; it must not exist, and is compressed if its name ends in .gz "
-        "(default: recording-DATE-TIME.jsonl.gz)",
+        default=Path(time.strftime("recording-%Y%m%d-%H%M%S.mcap")),
+        help="file to create; it must not exist (default: recording-DATE-TIME.mcap)",
     )
     parser.add_argument(
         "--max-size",
         type=float,
         default=1024.0,
-        help="maximum size of the file, in MiB; reaching it ends the recording "
+        help="maximum size of all files together, in MiB; reaching it ends the recording "
         "(default: %(default)g)",
+    )
+    parser.add_argument(
+        "--split-size",
+        type=float,
+        help="size after which the next file begins, in MiB (default: one file)",
+    )
+    parser.add_argument(
+        "--split-duration",
+        type=float,
+        help="duration after which the next file begins, in seconds (default: one file)",
     )
     parser.add_argument(
         "--duration", type=float, help="duration of the recording, in seconds (default: no limit)"
     )
-    options = parser.parse_args(arguments)
-    config = link_config(parser, options)
-    if not options.max_size > 0:
-        parser.error(f"--max-size must be above 0: {options.max_size}")
-    if options.duration is not None and not options.duration > 0:
-        parser.error(f"--duration must be above 0: {options.duration}")
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        return asyncio.run(_run(config, options))
-    except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    parser.add_argument(
+        "--ros",
+        nargs="?",
+        const=NAMESPACE,
+        metavar="NAMESPACE",
+        help="also record what the agent in this namespace publishes, in a file of its own whose "
+        "name ends in _ros; the limits apply to it, too (default namespace: %(const)s)",
+    )
+    parser.add_argument(
+        "--no-large",
+        action="store_true",
+        help="without --listen: do not subscribe to laser scans and growing maps, which are large",
+    )
+    return parser
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
+    from woosh_robot_agent.tools.record.passive_client import PassiveClient
+    from woosh_robot_agent.tools.record.proxy import RecordingProxy
+    from woosh_robot_agent.tools.recording.files import Limits
+    from woosh_robot_agent.tools.recording.writer import RecordingWriter
+
     stop = stop_event()
+    loop = asyncio.get_running_loop()
 
     def on_early_end(reason: str) -> None:
         # An agent that is connected through the proxy needs it even without a recording.
         more = "; the proxy keeps running" if options.listen else ""
         print(f"error: the recording has ended: {reason}{more}", file=sys.stderr, flush=True)
         if not options.listen:
-            stop.set()
+            loop.call_soon_threadsafe(stop.set)
 
-    writer = RecordingWriter(
-        options.output, config.address, int(options.max_size * MIB), on_early_end
+    limits = Limits(
+        int(options.max_size * MIB),
+        int((options.split_size or 0) * MIB),
+        options.split_duration or 0.0,
     )
+    writer = RecordingWriter(options.output, config.address, limits, on_early_end)
+    ros_recorder = None
     try:
         proxy = RecordingProxy(config, writer)
         host, port = options.listen or (_LOCALHOST, 0)
@@ -110,22 +160,74 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             try:
                 port = await proxy.start(host, port)
             except OSError:
-                options.output.unlink()  # it is empty, and would block the next attempt
+                writer.discard()  # it is empty, and would block the next attempt
                 raise
             stack.push_async_callback(proxy.stop)
+            if options.ros:
+                ros_recorder = _start_ros(options, limits, on_early_end)
             if options.listen:
                 warn_if_not_local(host, "can command the robot")
-                _print_instructions(config, host, port, writer.path)
+                _print_instructions(config, host, port, writer.paths[0])
             else:
-                print(f"recording {config.address} to {writer.path}", flush=True)
-                client = PassiveClient(replace(config, ip=_LOCALHOST, port=port))
+                print(f"recording {config.address} to {writer.paths[0]}", flush=True)
+                own = replace(config, ip=_LOCALHOST, port=port)
+                # The client only discards, so what it misses is recorded all the same.
+                logging.getLogger("woosh_robot_agent.link.subscriptions").setLevel(logging.ERROR)
+                client = PassiveClient(own, with_large=not options.no_large)
                 stack.push_async_callback(client.close)
                 client.start()
             await _wait(stop, options.duration)
     finally:
         writer.close()
-    print(f"recorded {writer.frames} frames of {writer.connections} connections to {writer.path}")
-    return int(writer.failed)
+        if ros_recorder is not None:
+            ros_recorder.close()
+    failed = _report_frames(writer)
+    if ros_recorder is not None:
+        failed |= _report_ros(ros_recorder)
+    return int(failed)
+
+
+def _start_ros(
+    options: argparse.Namespace, limits: Limits, on_early_end: Callable[[str], None]
+) -> RosRecorder:
+    try:
+        from woosh_robot_agent.tools.record.ros_recorder import RosRecorder
+    except ImportError as error:
+        raise RecordingError(f"--ros needs ROS, which is not sourced: {error}") from None
+    output = options.output
+    path = output.with_name(f"{output.stem}_ros{output.suffix}")
+    try:
+        return RosRecorder(options.ros, path, limits, on_early_end)
+    except OSError:
+        raise
+    except Exception as error:  # rclpy has many for invalid names and arguments
+        raise RecordingError(f"--ros {options.ros}: {error}") from None
+
+
+def _report_frames(writer: RecordingWriter) -> bool:
+    """Print the result of a recording; return True if something is missing."""
+    print(
+        f"recorded {writer.frames} frames of {writer.connections} connections to "
+        f"{_names(writer.paths)}"
+    )
+    if writer.lost:
+        print(f"error: {writer.lost} frames passed that are not recorded", file=sys.stderr)
+    return writer.failed or bool(writer.lost)
+
+
+def _report_ros(recorder: RosRecorder) -> bool:
+    """Print the result of the recording of ROS topics; return True if something is missing."""
+    print(f"recorded {recorder.messages} ROS messages to {_names(recorder.paths)}")
+    for topic, lost in recorder.lost.items():
+        # A publisher with a short queue may have replaced them before they were sent.
+        print(f"warning: the middleware lost {lost} messages on {topic}", file=sys.stderr)
+    return recorder.failed
+
+
+def _names(paths: Sequence[Path]) -> str:
+    if len(paths) < 2:
+        return str(paths[0])
+    return f"{len(paths)} files, {paths[0]} to {paths[-1]}"
 
 
 def _print_instructions(config: LinkConfig, host: str, port: int, path: Path) -> None:

@@ -1,10 +1,7 @@
-r"""The file format of a recording: JSON lines, a header first, then frames and events in order.
+"""Recordings in MCAP files, which Foxglove, Lichtblick, PlotJuggler and others open.
 
-    {"format": "woosh_robot_agent recording", "version": 1, "started": 1700000000.0, "address": ...}
-    {"t": 0.01, "connection": 1, "event": "open", "by": "client", "text": "127.0.0.1:41234"}
-    {"t": 0.02, "connection": 1, "from": "client", "text": "{\"type\":\"woosh.robot.Mode\", ...}"}
-    {"t": 0.03, "connection": 1, "from": "chassis", "base64": "CgRieXRl"}
-
-`t` is in seconds since `started`, which is Unix time. A text frame is in `text`, a binary frame in
-`base64`. A text frame that is not valid UTF-8 is in `base64` too, with `"invalid": true`.
+`layout.py` defines the channels that `replay` needs: `/frames` with every frame byte for byte, and
+`/connections` with the begin and end of connections. All other channels are for looking at:
+`/chassis/...` and `/client/...` with the protobuf message in each frame (`messages.py`), and
+`/view/...` with the Foxglove schemas (`views.py`, `maps.py`).
 """

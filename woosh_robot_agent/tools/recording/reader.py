@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
-import json
-import zlib
+import struct
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from woosh_robot_agent.tools.recording.records import (
+import zstandard
+from google.protobuf.message import DecodeError
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.records import Channel, Message, Metadata
+from mcap.stream_reader import CRCValidationError, StreamReader
+
+from woosh_robot_agent.tools.recording.errors import RecordingError
+from woosh_robot_agent.tools.recording.layout import (
     EVENTS,
-    FORMAT,
-    SIDES,
+    FRAMES,
+    METADATA,
     VERSION,
+    EventMessage,
+    FrameMessage,
+)
+from woosh_robot_agent.tools.recording.records import (
+    EVENTS as EVENT_KINDS,
+)
+from woosh_robot_agent.tools.recording.records import (
+    SIDES,
     Event,
     Frame,
     Record,
@@ -21,87 +34,127 @@ from woosh_robot_agent.tools.recording.records import (
     Side,
 )
 
-_GZIP_WINDOW = 16 + zlib.MAX_WBITS
-"""Value of `wbits` with which zlib expects a gzip header."""
+_DAMAGE = (
+    McapError,
+    CRCValidationError,
+    zstandard.ZstdError,
+    DecodeError,
+    struct.error,
+    ValueError,
+    KeyError,
+    MemoryError,
+    OverflowError,
+)
+"""Errors that the library raises for damaged contents."""
 
 
-class RecordingError(Exception):
-    """The file is not a valid recording."""
+class _Stream:
+    """A file of which a read that meets the end is an error."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EndOfFile
+        return data
 
 
-def read_recording(path: Path) -> Recording:
-    """Read a recording; its end may be missing, as after a crash.
+class _Part:
+    """Contents of one file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.metadata: dict[str, str] = {}
+        self.messages: list[tuple[int, Any]] = []
+        """The messages on the channels that are replayed, with their log times."""
+        self.damage = ""
+
+    def read(self) -> None:
+        with self.path.open("rb") as file:
+            try:
+                self._read(StreamReader(_Stream(file), validate_crcs=True).records)  # type: ignore[arg-type]
+            except InvalidMagic:
+                raise RecordingError(
+                    f"{self.path} is not a recording: it is no MCAP file"
+                ) from None
+            except EndOfFile:
+                self.damage = f"{self.path} has no end"
+            except _DAMAGE as error:
+                self.damage = f"{self.path} is damaged: {error or type(error).__name__}"
+
+    def _read(self, records: Iterator[Any]) -> None:
+        classes: dict[int, Any] = {}
+        for record in records:
+            if isinstance(record, Channel):
+                cls = {FRAMES.topic: FrameMessage, EVENTS.topic: EventMessage}.get(record.topic)
+                if cls is not None:
+                    classes[record.id] = cls
+            elif isinstance(record, Metadata) and record.name == METADATA:
+                self.metadata = record.metadata
+            elif isinstance(record, Message) and record.channel_id in classes:
+                message = classes[record.channel_id].FromString(record.data)
+                self.messages.append((record.log_time, message))
+
+
+def read_recording(*paths: Path) -> Recording:
+    """Read a recording; the end of each file may be missing, as after a crash.
+
+    Args:
+        paths: The file, or all files of a split recording in any order.
 
     Raises:
-        OSError: The file cannot be read.
-        RecordingError: The file is not a valid recording.
+        OSError: A file cannot be read.
+        RecordingError: A file is not a recording, or the files are of different recordings.
     """
-    data, damage = _read(path)
-    *lines, rest = data.split(b"\n")
-    if rest:
-        damage = damage or "the last line is not complete"
-    if not lines:
-        raise RecordingError(f"{path} is not a recording: it has no header")
-    header = _parse_line(path, 1, lines[0])
-    if header.get("format") != FORMAT:
-        raise RecordingError(f"{path} is not a recording: its first line is not a header")
-    if header.get("version") != VERSION:
-        raise RecordingError(
-            f"{path} has version {header.get('version')} of the format, but this program reads "
-            f"version {VERSION}: use the release that recorded the file"
-        )
-    records = []
-    for number, line in enumerate(lines[1:], start=2):
-        try:
-            records.append(_make_record(_parse_line(path, number, line)))
-        except (KeyError, TypeError, ValueError, binascii.Error) as error:
-            raise RecordingError(
-                f"{path}: line {number} is not a valid record: {error!r}"
-            ) from None
-    return Recording(
-        str(header.get("address", "")), float(header.get("started", 0)), tuple(records), damage
+    parts = [_read_part(path) for path in paths]
+    parts.sort(key=lambda part: int(part.metadata["part"]))
+    started = parts[0].metadata["started"]
+    for part in parts[1:]:
+        if part.metadata["started"] != started:
+            raise RecordingError(f"{part.path} and {parts[0].path} are different recordings")
+    records = tuple(
+        _record((log_time - int(started)) / 1e9, message)
+        for part in parts
+        for log_time, message in part.messages
     )
+    damage = "; ".join(part.damage for part in parts if part.damage)
+    return Recording(parts[0].metadata.get("address", ""), int(started) / 1e9, records, damage)
 
 
-def _read(path: Path) -> tuple[bytes, str]:
-    """Return the uncompressed contents of a file, and what is wrong with its end."""
-    data = path.read_bytes()
-    if path.suffix != ".gz":
-        return data, ""
-    decompressor = zlib.decompressobj(_GZIP_WINDOW)
-    try:
-        data = decompressor.decompress(data)
-    except zlib.error as error:
-        raise RecordingError(f"{path} is not a gzip file: {error}") from None
-    return data, "" if decompressor.eof else "the compressed file is truncated"
+def _read_part(path: Path) -> _Part:
+    part = _Part(path)
+    part.read()
+    version = part.metadata.get("version")
+    if version is None:
+        raise RecordingError(
+            f"{path} is not a recording made with `record`: {part.damage or 'it has no frames'}"
+        )
+    if version != VERSION:
+        raise RecordingError(
+            f"{path} has version {version} of the layout, but this program reads version "
+            f"{VERSION}: use the release that recorded the file"
+        )
+    return part
 
 
-def _parse_line(path: Path, number: int, line: bytes) -> dict[str, Any]:
-    try:
-        found = json.loads(line)
-    except ValueError as error:
-        raise RecordingError(f"{path}: line {number} is not JSON: {error}") from None
-    if not isinstance(found, dict):
-        raise RecordingError(f"{path}: line {number} is not a JSON object")
-    return found
-
-
-def _make_record(line: dict[str, Any]) -> Record:
-    t, connection = float(line["t"]), int(line["connection"])
-    if "event" in line:
-        kind = line["event"]
-        if kind not in EVENTS:
-            raise ValueError(f"unknown event {kind!r}")
-        return Event(t, connection, kind, _side(line["by"]), str(line.get("text", "")))
-    sender = _side(line["from"])
-    if "text" in line:
-        return Frame(t, connection, sender, str(line["text"]))
-    data = base64.b64decode(line["base64"], validate=True)
-    return Frame(t, connection, sender, data, bool(line.get("invalid")))
+def _record(t: float, message: Any) -> Record:
+    if isinstance(message, EventMessage):
+        if message.kind not in EVENT_KINDS:
+            raise RecordingError(f"unknown event {message.kind!r}")
+        return Event(t, message.connection, message.kind, _side(message.by), message.text)
+    sender = _side(message.sender)
+    content = message.WhichOneof("content")
+    if content is None:
+        raise RecordingError("a frame has no content")
+    return Frame(
+        t, message.connection, sender, getattr(message, content), content == "invalid_text"
+    )
 
 
 def _side(name: str) -> Side:
     for side in SIDES:
         if name == side:
             return side
-    raise ValueError(f"unknown side {name!r}")
+    raise RecordingError(f"unknown side {name!r}")

@@ -1,14 +1,9 @@
-"""Contents of a recording."""
+"""Contents of a recording, as `replay` needs them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
-
-FORMAT = "woosh_robot_agent recording"
-"""Value of `format` in the header."""
-VERSION = 1
-"""Version of the format."""
 
 Side = Literal["client", "chassis", "recorder"]
 EventKind = Literal["open", "close", "refused", "unreadable"]
@@ -60,13 +55,13 @@ Record = Frame | Event
 
 @dataclass(frozen=True)
 class Recording:
-    """Contents of a file.
+    """Contents of a recording.
 
     Attributes:
         address: Address of the recorded chassis.
         started: Unix time of the start, in seconds.
         records: Frames and events, in order.
-        damage: Why the end of the file is missing; empty if the file is complete.
+        damage: Why the end of a file is missing; empty if all files are complete.
     """
 
     address: str

@@ -2,133 +2,251 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
-import json
+import logging
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from woosh_robot_agent.tools.recording.records import FORMAT, VERSION, EventKind, Side
+from google.protobuf.message import Message
 
-_FLUSH_PERIOD = 1.0
-"""Minimum time between two flushes of a compressed file, in seconds.
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.pb.robot.robot_pb2 import General, PoseSpeed, RobotInfo, ScannerData
+from woosh_robot_agent.recent_dict import RecentDict
+from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+from woosh_robot_agent.tools.recording.layout import (
+    EVENTS,
+    FRAMES,
+    METADATA,
+    ROBOT_METADATA,
+    VERSION,
+    EventMessage,
+    FrameMessage,
+)
+from woosh_robot_agent.tools.recording.maps import MapFinder, PreparedMap, prepare_map
+from woosh_robot_agent.tools.recording.mcap_file import McapFile
+from woosh_robot_agent.tools.recording.messages import MessageDecoder
+from woosh_robot_agent.tools.recording.records import EventKind, Side
+from woosh_robot_agent.tools.recording.views import View, views_of
 
-Frequent flushes make the compression worse.
-"""
+_LOG = logging.getLogger(__name__)
+_THINNED = (PoseSpeed, ScannerData)
+"""Types whose views would be too many for an eye at the highest rates."""
+_MAX_MAPS = 100
+"""Maximum number of maps that every file contains, and of maps that wait to be prepared."""
+_VIEW_PERIOD = 20_000_000
+"""Minimum time between two views of such a type, in ns."""
+
+
+@dataclass
+class _Thinned:
+    """Views of one type that come too fast.
+
+    Attributes:
+        shown_at: Time of the last view, in ns.
+        waiting: Message without a view since then.
+    """
+
+    shown_at: int = 0
+    waiting: Message | None = None
 
 
 class RecordingWriter:
-    """Writes a recording so that a crash loses little; compressed if the name ends in `.gz`.
+    """Writes frames and events, the messages in the frames, and views of them.
 
-    A file error ends the recording but is not raised, because the proxy must keep forwarding.
+    A crash loses what was written since the last `flush`. A file error ends the recording but is
+    not raised, because the proxy must keep forwarding.
 
     Args:
         path: Path of the new file; it must not exist.
-        address: Address of the chassis, for the header.
-        max_size: Maximum size of the file, in bytes; reaching it ends the recording.
+        address: Address of the chassis, for the metadata.
+        limits: Limits of size and duration.
         on_early_end: Called once with the reason if the recording ends before `close`.
 
     Attributes:
-        path: Path of the file.
-        frames: Number of frames written.
         connections: Number of connections seen.
-        failed: True if the recording ended before `close`, or the file is not complete.
 
     Raises:
         OSError: The file cannot be created.
     """
 
     def __init__(
-        self, path: Path, address: str, max_size: int, on_early_end: Callable[[str], None]
+        self, path: Path, address: str, limits: Limits, on_early_end: Callable[[str], None]
     ) -> None:
-        self.path = path
-        self.frames = 0
         self.connections = 0
-        self.failed = False
-        self._is_open = True
-        self._on_early_end = on_early_end
-        self._max_size = max_size
-        self._raw = path.open("xb")
-        self._file: IO[bytes] = (
-            gzip.GzipFile(fileobj=self._raw, mode="wb", filename="", mtime=0)  # type: ignore[assignment]
-            if path.suffix == ".gz"
-            else self._raw
-        )
-        self._start = self._flushed_at = time.monotonic()
-        self._write(
-            {"format": FORMAT, "version": VERSION, "started": time.time(), "address": address}
-        )
+        self._seen = 0
+        """Number of frames passed to `frame`."""
+        self._log = LogOnce(_LOG)
+        self._decoder = MessageDecoder()
+        self._finder = MapFinder()
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
+        self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
+        self._preparing: list[Future[PreparedMap | None]] = []
+        self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
+        """The last map with each name, which every file contains."""
+        self._robot: dict[str, str] = {}
+        self._start = time.time_ns()
+        self._clock_offset = self._start - time.monotonic_ns()
+        self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
+        self._file_count = 0
+        self._files = RecordingFiles(path, limits, self._begin_file, on_early_end)
+
+    @property
+    def paths(self) -> list[Path]:
+        """Paths of the files so far."""
+        return self._files.paths
+
+    @property
+    def failed(self) -> bool:
+        """True if the recording ended before `close`, or a file is not complete."""
+        return self._files.failed
+
+    @property
+    def frames(self) -> int:
+        """Number of frames in the files; complete after `flush` and `close`."""
+        return self._files.count(FRAMES.topic)
+
+    @property
+    def lost(self) -> int:
+        """Number of frames that are not in the files; exact after `flush` and `close`."""
+        return self._seen - self.frames
 
     def frame(self, connection: int, sender: Side, data: bytes, *, text: bool) -> None:
         """Write a frame that has just passed."""
-        line: dict[str, Any] = {"t": self._now(), "connection": connection, "from": sender}
-        try:
-            if not text:
-                raise UnicodeError
-            line["text"] = data.decode()
-        except UnicodeError:
-            line["base64"] = base64.b64encode(data).decode()
-            if text:
-                line["invalid"] = True
-        if self._write(line):
-            self.frames += 1
+        self._seen += 1
+        if not self._files.is_open:
+            return
+        frame: str | bytes | None = data
+        message = FrameMessage(connection=connection, sender=sender)
+        if not text:
+            message.binary = data
+        else:
+            try:
+                message.text = frame = data.decode()
+            except UnicodeDecodeError:
+                message.invalid_text, frame = data, None
+        now = self._now()
+        decoded = None if frame is None else self._decode(sender, frame)
+        sent = None if decoded is None else decoded.sent
+        if self._files.add(FRAMES, now, message.SerializeToString(), sent) and decoded is not None:
+            self._files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
+            if sender == "chassis":
+                self._guard("view", self._add_views, decoded.message, now)
 
     def event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
         """Write an event that has just happened."""
         self.connections = max(self.connections, connection)
-        line = {"t": self._now(), "connection": connection, "event": kind, "by": by}
-        self._write(line | ({"text": text} if text else {}))
+        message = EventMessage(connection=connection, kind=kind, by=by, text=text)
+        self._files.add(EVENTS, self._now(), message.SerializeToString())
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
-        if self._is_open:
-            self._flushed_at = time.monotonic()
-            self._try(self._file.flush)
+        self._add_waiting()
+        self._add_maps()
+        if self._files.pending:
+            self._files.flush()
 
     def close(self) -> None:
-        """Complete and close the file."""
-        if self._is_open and (error := self._close_files()):
-            self._fail(f"{self.path} is not complete: {error}")
+        """Complete and close the current file."""
+        self._worker.shutdown()
+        self._add_waiting()
+        self._add_maps()
+        self._files.close()
 
-    def _now(self) -> float:
-        return round(time.monotonic() - self._start, 6)
+    def discard(self) -> None:
+        """Close and delete the file."""
+        self.close()
+        for path in self.paths:
+            path.unlink()
 
-    def _write(self, line: dict[str, Any]) -> bool:
-        if not self._is_open:
-            return False
-        data = json.dumps(line, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
-        if self._raw.tell() + len(data) > self._max_size:
-            self._end_early(f"{self.path} has reached its size limit of {self._max_size} bytes")
-            return False
-        is_compressed = self._file is not self._raw
-        self._try(lambda: self._file.write(data))
-        if not is_compressed or time.monotonic() - self._flushed_at > _FLUSH_PERIOD:
-            self.flush()
-        return self._is_open
+    def _now(self) -> int:
+        """Return the Unix time in ns, by a monotonic clock."""
+        return time.monotonic_ns() + self._clock_offset
 
-    def _try(self, work: Callable[[], object]) -> None:
+    def _decode(self, sender: Side, frame: str | bytes) -> Any:
+        return self._guard("decode", self._decoder.decode, sender, frame)
+
+    def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function; log an error, because a bug in it must not cut the connection."""
         try:
-            work()
-        except OSError as error:
-            self._end_early(f"cannot write to {self.path}: {error.strerror or error}")
+            return work(*arguments)
+        except Exception as error:
+            self._log.warn(what, f"cannot {what} a frame, which is recorded as it is: {error!r}")
+            return None
 
-    def _end_early(self, reason: str) -> None:
-        self._close_files()  # further errors follow from the first one
-        self._fail(reason)
+    def _add_views(self, message: Message, now: int) -> None:
+        thinned = self._thinned.get(type(message))
+        if thinned is not None:
+            if now - thinned.shown_at < _VIEW_PERIOD:
+                thinned.waiting = message
+                return
+            thinned.shown_at, thinned.waiting = now, None
+        self._add_views_of(message, now)
+        for picture in self._finder.pictures_of(message):
+            if len(self._preparing) >= _MAX_MAPS:
+                self._log.warn("maps", f"map {picture.name} is left out: too many maps at a time")
+                continue
+            self._preparing.append(self._worker.submit(prepare_map, picture, now))
+        general = message.genral if isinstance(message, RobotInfo) else message
+        if isinstance(general, General):
+            self._note_robot(general)
 
-    def _close_files(self) -> OSError | None:
-        """Close the file; return the first error."""
-        self._is_open = False
-        first_error = None
-        for file in (self._file, self._raw):
-            try:
-                file.close()
-            except OSError as error:
-                first_error = first_error or error
-        return first_error
+    def _add_views_of(self, message: Message, now: int) -> None:
+        for view in views_of(message, now):
+            self._add_view(view, now)
 
-    def _fail(self, reason: str) -> None:
-        self.failed = True
-        self._on_early_end(reason)
+    def _add_view(self, view: View, now: int) -> None:
+        self._files.add(view.channel, now, view.message.SerializeToString())
+
+    def _add_waiting(self) -> None:
+        """Write the views that were left out and were followed by none."""
+        now = self._now()
+        for thinned in self._thinned.values():
+            message, thinned.waiting = thinned.waiting, None
+            if message is not None:
+                thinned.shown_at = now
+                self._guard("view", self._add_views_of, message, now)
+
+    def _add_maps(self) -> None:
+        """Write the maps that have been prepared."""
+        done = [each for each in self._preparing if each.done()]
+        self._preparing = [each for each in self._preparing if not each.done()]
+        for future in done:
+            prepared: PreparedMap | None = self._guard("view", future.result)
+            if prepared is None:
+                continue
+            known = self._maps.get(prepared.name)
+            now = self._now()
+            if known is None or known.files != prepared.files:
+                for attachment in prepared.attachments():
+                    self._files.attach(*attachment, now)
+            self._maps[prepared.name] = prepared
+            if prepared.view is not None:
+                self._add_view(prepared.view, now)
+
+    def _note_robot(self, general: General) -> None:
+        robot = {
+            "serial_number": str(general.serial_number),
+            "model": general.display_model or general.urdf_name,
+            "software": general.version.rc,
+            "system": general.version.system,
+        }
+        if robot != self._robot:
+            self._robot = robot
+            self._files.add_metadata(ROBOT_METADATA, robot)
+
+    def _begin_file(self, file: McapFile) -> None:
+        """Write what every file begins with."""
+        file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
+        self._file_count += 1
+        if self._robot:
+            file.add_metadata(ROBOT_METADATA, self._robot)
+        now = self._now()
+        for prepared in self._maps.values():
+            for attachment in prepared.attachments():
+                file.attach(*attachment, now)
+            if prepared.view is not None:
+                content = prepared.view.message.SerializeToString()
+                file.add(prepared.view.channel, now, now, content)

@@ -12,7 +12,8 @@ from pathlib import Path
 from woosh_robot_agent.link.config import DEFAULT_PORTS
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import warn_if_not_local
-from woosh_robot_agent.tools.recording.reader import RecordingError, read_recording
+from woosh_robot_agent.tools.recording.errors import RecordingError
+from woosh_robot_agent.tools.recording.libraries import require_libraries
 from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
 from woosh_robot_agent.tools.replay.playback import Playback, prepare
 from woosh_robot_agent.tools.stop_event import stop_event
@@ -41,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("file", type=Path, help="the recording")
+    parser.add_argument(
+        "file", type=Path, nargs="+", help="the recording; all files of one that was split"
+    )
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: %(default)s)"
     )
@@ -78,9 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The library logs each interrupted handshake; a recorded loss causes some of them.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
-        recording = read_recording(options.file)
+        require_libraries()
+        from woosh_robot_agent.tools.recording.reader import read_recording
+
+        recording = read_recording(*options.file)
         playback = prepare(recording)
-        _print_summary(options.file, playback, recording.damage)
+        _print_summary(options.file[0], playback, recording.damage)
         asyncio.run(_run(playback, options))
     except (OSError, RecordingError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -1,0 +1,307 @@
+"""What other programs find in a recording: the file is read with the public libraries alone."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Channel as McapChannel
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+from PIL import Image
+
+from tests.quick_chassis import quick_config
+from tests.tools.connections import link
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link.codecs.choice import JSON
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    NavPath,
+    PoseSpeed,
+    RobotInfo,
+    ScannerData,
+    TaskProc,
+)
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorThread
+from woosh_robot_agent.tools import record, replay
+from woosh_robot_agent.tools.record.proxy import RecordingProxy
+from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+
+READ = """
+import sys
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+with open(sys.argv[1], "rb") as file:
+    reader = make_reader(file, decoder_factories=[DecoderFactory()])
+    topics = ["/chassis/robot/PoseSpeed"]
+    for schema, _, message, decoded in reader.iter_decoded_messages(topics):
+        print(schema.name, decoded.pose.x, decoded.map_id, message.log_time, message.publish_time)
+assert not [name for name in sys.modules if name.startswith("woosh")]
+"""
+"""A program that has nothing of this project."""
+
+
+def in_recording(path: Path, *topics: str) -> list[Any]:
+    """Return the messages of some topics."""
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [each.decoded_message for each in reader.iter_decoded_messages(topics or None)]
+
+
+def written(path: Path, *messages: Any, sent: int = 0) -> Path:
+    """Write pushes of the chassis into a new recording."""
+    file = RecordingWriter(path, "ws://x", Limits(2**26), lambda reason: pytest.fail(reason))
+    for message in messages:
+        frame = JSON.encode(message.DESCRIPTOR.full_name, message, timestamp=sent)
+        assert isinstance(frame, str)
+        file.frame(1, "chassis", frame.encode(), text=True)
+    file.close()
+    assert file.lost == 0
+    return path
+
+
+def png(width: int, height: int) -> bytes:
+    image = Image.new("L", (width, height), 254)
+    image.putpixel((0, height - 1), 0)  # bottom left
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def test_the_numbers_are_found_without_this_project(tmp_path: Path) -> None:
+    report = PoseSpeed(map_id=7)
+    report.pose.x = 1.5
+    sent = 1_700_000_000_123
+    path = written(tmp_path / "a.mcap", report, sent=sent)
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", READ, str(path)], capture_output=True, text=True, check=True
+    )
+    name, x, map_id, logged, published = done.stdout.split()
+    assert (name, float(x), int(map_id)) == ("woosh.robot.PoseSpeed", 1.5, 7)
+    assert int(published) == sent * 1_000_000
+    assert abs(int(logged) / 1e9 - time.time()) < 3600  # ours, not the robot's
+
+
+@aio
+async def test_each_type_and_direction_has_a_channel(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    config = quick_config(port=0, tcp_port=0, speed=50, seed=1)
+    ends: list[Any] = []
+    async with SimulatedChassis(config) as chassis:
+        file = RecordingWriter(path, "ws://sim", Limits(2**26), lambda reason: pytest.fail(reason))
+        proxy = RecordingProxy(link(chassis.port), file)
+        client = ChassisClient(config=link(await proxy.start("127.0.0.1", 0)))
+        for cls in (TaskProc, PoseSpeed, ScannerData, NavPath):
+            client.subscribe(cls, lambda message: ends.append(message))
+        async with client:
+            assert (await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))).ok
+            scene = (await client.request(RobotInfo())).body.scene
+            assert (await client.request(SceneData(name=scene.scene_name))).ok
+            assert not (await client.request(ExecTask(task_id=8, mark_no="nowhere"))).ok
+            await eventually(
+                lambda: any(getattr(each, "state", 0) == task.kCompleted for each in ends)
+            )
+        await proxy.stop()
+        file.close()
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        schemas = {
+            each.topic: summary.schemas[each.schema_id] for each in summary.channels.values()
+        }
+        messages: dict[str, list[Any]] = {}
+        for each in reader.iter_decoded_messages():
+            messages.setdefault(each.channel.topic, []).append(each.decoded_message)
+        metadata = {each.name: each.metadata for each in reader.iter_metadata()}
+        attachments = {each.name: each.data for each in reader.iter_attachments()}
+    assert schemas["/client/robot/ExecTask"].name == "woosh.robot.ExecTask"
+    assert schemas["/chassis/robot/TaskProc"].encoding == "protobuf"
+    assert [each.task_id for each in messages["/client/robot/ExecTask"]] == [7, 8]
+    assert len(messages["/chassis/robot/ExecTask"]) == 1  # a refusal has no content
+    assert messages["/chassis/robot/TaskProc"][-1].robot_task_id == 7
+    # What is to look at agrees with what the robot reported.
+    assert schemas["/view/pose"].name == "foxglove.PoseInFrame"
+    assert schemas["/view/tf"].name == "foxglove.FrameTransform"
+    assert schemas["/view/path"].name == "foxglove.PosesInFrame"
+    assert schemas["/view/map"].name == "foxglove.Grid"
+    assert schemas["/view/scan"].name == "foxglove.LaserScan"
+    last = messages["/chassis/robot/PoseSpeed"][-1].pose
+    shown = messages["/view/pose"][-1].pose.position
+    assert (shown.x, shown.y) == (last.x, last.y)
+    moved = messages["/view/tf"][-1]
+    assert (moved.parent_frame_id, moved.child_frame_id) == ("map", "base_link")
+    assert (moved.translation.x, moved.translation.y) == (last.x, last.y)
+    assert "%" in messages["/view/robot"][0].entities[0].texts[0].text
+    # Who and where
+    assert metadata["woosh_robot_agent"]["address"] == "ws://sim"
+    assert metadata["robot"]["serial_number"] == "30001"
+    assert metadata["robot"]["software"]
+    # The map as map_server loads it
+    (description,) = (yaml.safe_load(attachments[name]) for name in attachments if "yaml" in name)
+    with Image.open(io.BytesIO(attachments[description["image"]])) as image:
+        grid = messages["/view/map"][0]
+        assert (image.width, image.height) == (
+            grid.column_count,
+            len(grid.data) // grid.row_stride,
+        )
+        assert round(grid.cell_size.x, 6) == description["resolution"]
+
+
+def test_the_map_lies_where_the_robot_says(tmp_path: Path) -> None:
+    data = SceneData(name="hall")
+    area = data.maps.add(name="a/b", id=3, resolution=0.5, map_png=png(4, 2))
+    area.origin.x, area.origin.y = -1.0, 2.0
+    (grid,) = in_recording(written(tmp_path / "a.mcap", data), "/view/map")
+    assert (grid.frame_id, grid.column_count, grid.cell_size.x) == ("map", 4, 0.5)
+    assert (grid.pose.position.x, grid.pose.position.y) == (-1.0, 2.0)
+    assert [field.name for field in grid.fields] == ["red", "green", "blue", "alpha"]
+    assert len(grid.data) == 4 * 2 * 4
+    assert list(grid.data[:8]) == [0, 0, 0, 255, 254, 254, 254, 255]  # begins bottom left
+    with (tmp_path / "a.mcap").open("rb") as file:
+        names = [each.name for each in make_reader(file).iter_attachments()]
+    assert sorted(names) == ["a_b.png", "a_b.yaml"]
+
+
+def test_views_show_what_was_reported(tmp_path: Path) -> None:
+    path = NavPath()
+    path.path.poses.add(x=1.0, y=2.0)
+    scan = ScannerData(angle_min=-1.0, angle_max=1.0, range_min=0.1, range_max=5.0)
+    scan.ranges.extend([0.0, 1.5, 9.0])
+    scan.offset.x = 0.25
+    code = StatusCode(code=1, msg="bumped", level=StatusCode.kFault)
+    battery = Battery(power=76, charge_state=Battery.kAuto)
+    file = written(tmp_path / "a.mcap", path, scan, code, battery)
+    (shown,) = in_recording(file, "/view/path")
+    assert [(each.position.x, each.position.y) for each in shown.poses] == [(1.0, 2.0)]
+    (laser,) = in_recording(file, "/view/scan")
+    assert list(laser.ranges) == [float("inf"), 1.5, float("inf")]
+    assert (laser.pose.position.x, laser.start_angle, laser.end_angle) == (0.25, -1.0, 1.0)
+    (log,) = in_recording(file, "/view/status_codes")
+    assert ("bumped" in log.message, log.level) == (True, 4)
+    (robot,) = in_recording(file, "/view/robot")
+    assert robot.entities[0].texts[0].text == "76 %, charging"
+
+
+def test_fast_reports_are_recorded_all_and_shown_at_an_eyes_rate(tmp_path: Path) -> None:
+    reports = []
+    for number in range(500):
+        report = PoseSpeed(map_id=1)
+        report.pose.x = number
+        reports.append(report)
+    path = written(tmp_path / "a.mcap", *reports)
+    assert [m.pose.x for m in in_recording(path, "/chassis/robot/PoseSpeed")] == list(range(500))
+    shown = [message.pose.position.x for message in in_recording(path, "/view/pose")]
+    assert len(shown) < 500
+    assert shown[-1] == 499
+
+
+def test_every_file_of_a_split_recording_has_robot_and_map(tmp_path: Path) -> None:
+    data = SceneData(name="hall")
+    data.maps.add(name="a", id=3, resolution=0.5, map_png=png(4, 2))
+    info = RobotInfo()
+    info.genral.serial_number = 5
+    limits = Limits(2**26, split_size=60_000)
+    file = RecordingWriter(tmp_path / "a.mcap", "ws://x", limits, pytest.fail)
+    for message in (info, data):
+        frame = JSON.encode(message.DESCRIPTOR.full_name, message)
+        assert isinstance(frame, str)
+        file.frame(1, "chassis", frame.encode(), text=True)
+    while "/view/map" not in topics_in(file.paths[0]):  # the map is prepared in a thread
+        file.flush()
+    for number in range(3000):
+        file.frame(1, "client", hashlib.sha256(b"%d" % number).digest(), text=False)
+    file.close()
+    assert len(file.paths) > 1
+    for path in file.paths[1:]:
+        with path.open("rb") as stream:
+            reader = make_reader(stream)
+            assert {each.name for each in reader.iter_metadata()} == {"woosh_robot_agent", "robot"}
+            assert {each.name for each in reader.iter_attachments()} == {"a.png", "a.yaml"}
+        assert len(in_recording(path, "/view/map")) == 1
+
+
+def test_frames_that_cannot_be_decoded_are_recorded_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = RecordingWriter(path, "", Limits(2**26), pytest.fail)
+    frames = [
+        b"{no json",
+        b'{"type":"woosh.robot.Mode","body":5}',
+        b'{"type":"no.such.Type","body":{}}',
+        b'{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":"NaN"}},"timestamp":-5}',
+        b'{"type":"woosh.robot.Mode","body":{"work":1},"timestamp":1e300}',
+        b'{"type":"woosh.map.SceneData","body":{"maps":[{"mapPng":"AAAA","resolution":0.1}]}}',
+    ]
+    for frame in frames:
+        file.frame(1, "chassis", frame, text=True)
+    file.close()
+    assert (file.frames, file.lost) == (len(frames), 0)
+    assert [each.data.encode() for each in read_recording(path).records] == frames  # type: ignore[union-attr]
+    assert in_recording(path, "/view/pose") == []
+
+
+def test_a_killed_recorder_leaves_a_readable_file(chassis: SimulatorThread, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "woosh_robot_agent.tools.record", "--ip", "127.0.0.1"]
+        + ["--port", str(chassis.port), "--output", str(path)],
+        stdout=subprocess.PIPE,
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while not path.exists() or len(topics_in(path)) < 10:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    finally:
+        process.kill()
+        process.communicate()
+    found = read_recording(path)
+    assert "has no end" in found.damage
+    assert len(found.records) > 10
+    assert "/chassis/robot/RobotInfo" in topics_in(path)
+
+
+def topics_in(path: Path) -> list[str]:
+    """Return the topics in a file without an end."""
+    topics = []
+    with path.open("rb") as file, contextlib.suppress(EndOfFile):
+        for each in StreamReader(file).records:
+            if isinstance(each, McapChannel):
+                topics.append(each.topic)
+    return topics
+
+
+def test_missing_libraries_are_named_with_the_remedy(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    monkeypatch.setitem(sys.modules, "mcap_protobuf.schema", None)
+    path = tmp_path / "a.mcap"
+    assert record.main(["--ip", "127.0.0.1", "--output", str(path)]) == 1
+    assert replay.main([str(path)]) == 1
+    out = capsys.readouterr()
+    install = (
+        "python3 -m pip install --upgrade mcap mcap-protobuf-support foxglove-schemas-protobuf"
+    )
+    assert out.err.count(install) == 2
+    assert not path.exists()

@@ -1,0 +1,203 @@
+"""Recording of what the agent publishes, as rosbag2 does it. Needs ROS."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, definition
+from woosh_robot_agent.tools.recording.channel import Channel
+from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+
+_LOG = logging.getLogger(__name__)
+_DISCOVERY_PERIOD = 0.5
+"""Time between two searches for topics, in seconds."""
+_FLUSH_PERIOD = 1.0
+"""Time between two flushes of the file, in seconds."""
+_SPIN_TIMEOUT = 0.1
+"""Maximum delay before the executor thread notices that it must stop, in seconds."""
+_DEPTH = 1000
+"""Number of messages of a topic that wait for the recorder; older ones are lost."""
+_AGENT_TOPIC = TOPICS[0].name
+"""Topic whose publisher is taken for the agent."""
+_INFINITE = "{sec: 9223372036, nsec: 854775807}"
+
+
+class RosRecorder:
+    """Records all topics that the agent publishes, in a thread of its own.
+
+    The messages are written as they come from the middleware, without being decoded.
+
+    Args:
+        namespace: Namespace of the agent.
+        path: Path of the new file; it must not exist.
+        limits: Limits of size and duration.
+        on_early_end: Called once, in the thread, with the reason if the recording ends before
+            `close`.
+
+    Attributes:
+        lost: Number of messages that the middleware reports as lost, by topic.
+
+    Raises:
+        OSError: The file cannot be created.
+        Exception: The namespace is invalid; the type is rclpy's.
+    """
+
+    def __init__(
+        self, namespace: str, path: Path, limits: Limits, on_early_end: Callable[[str], None]
+    ) -> None:
+        self.lost: Counter[str] = Counter()
+        self._context = Context()
+        rclpy.init(args=[], context=self._context)
+        try:
+            self._node = Node(f"record_{os.getpid()}", namespace=namespace, context=self._context)
+            self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, "ros2")
+        except BaseException:
+            rclpy.try_shutdown(context=self._context)
+            raise
+        self._channels: dict[str, Channel] = {}
+        """The topics that are recorded, and those that cannot be."""
+        self._unreadable: set[str] = set()
+        """Topics whose type is not installed."""
+        self._on_early_end = on_early_end
+        self._has_crashed = False
+        self._stop = threading.Event()
+        self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
+        self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
+        self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
+        self._thread.start()
+
+    @property
+    def paths(self) -> list[Path]:
+        """Paths of the files so far."""
+        return self._files.paths
+
+    @property
+    def failed(self) -> bool:
+        """True if the recording ended before `close`, or a file is not complete."""
+        return self._files.failed or self._has_crashed
+
+    @property
+    def messages(self) -> int:
+        """Number of messages in the files; complete after `close`."""
+        return sum(self._files.count(topic) for topic in self._channels)
+
+    def close(self) -> None:
+        """End the thread, and complete and close the file."""
+        self._stop.set()
+        self._thread.join()
+        self._files.close()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    # The methods below run in the thread.
+
+    def _spin(self) -> None:
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        try:
+            while not self._stop.is_set():
+                executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
+        except ExternalShutdownException:
+            pass
+        except Exception as error:  # the thread would end without a word
+            _LOG.exception("the recording of ROS topics failed")
+            self._has_crashed = True
+            self._on_early_end(f"internal error: {error!r}")
+        finally:
+            executor.shutdown()
+
+    def _discover(self) -> None:
+        """Subscribe to the topics that the agent has begun to publish."""
+        node = self._node
+        agents = {
+            (info.node_name, info.node_namespace)
+            for info in node.get_publishers_info_by_topic(node.resolve_topic_name(_AGENT_TOPIC))
+        }
+        for name, namespace in agents:
+            try:
+                published = node.get_publisher_names_and_types_by_node(name, namespace)
+            except rclpy.node.NodeNameNonExistentError:  # it has just ended, or is not known yet
+                continue
+            for topic, types in published:
+                is_hidden = any(part.startswith("_") for part in topic.split("/"))
+                if topic not in self._channels and topic not in self._unreadable and not is_hidden:
+                    self._subscribe(topic, types[0])
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
+        short = type_name.replace("/msg/", "/")
+        offered = self._node.get_publishers_info_by_topic(topic)
+        if not offered:  # the topic was found before its publisher
+            return
+        try:
+            schema = definition(short).encode()
+        except DefinitionError as error:
+            self._unreadable.add(topic)
+            _LOG.warning("%s is not recorded: %s", topic, error)
+            return
+        profiles = [info.qos_profile for info in offered]
+        channel = self._channels[topic] = Channel(
+            topic,
+            type_name,
+            schema,
+            "ros2msg",
+            "cdr",
+            {"offered_qos_profiles": "\n".join(map(_to_yaml, profiles))},
+        )
+
+        def on_message(data: bytes, info: dict[str, int]) -> None:
+            received = info["received_timestamp"] or time.time_ns()
+            self._files.add(channel, received, data, info["source_timestamp"] or received)
+
+        def on_lost(event: Any) -> None:
+            self.lost[topic] += event.total_count_change
+
+        self._node.create_subscription(
+            class_of(short),
+            topic,
+            on_message,
+            _fitting_all(profiles),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
+        )
+
+
+def _fitting_all(profiles: list[QoSProfile]) -> QoSProfile:
+    """Return the strictest profile that all publishers of a topic satisfy."""
+    reliable = all(each.reliability is ReliabilityPolicy.RELIABLE for each in profiles)
+    latched = all(each.durability is DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+    return QoSProfile(
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _to_yaml(profile: QoSProfile) -> str:
+    """Return a profile as rosbag2 stores it, so that `ros2 bag play` publishes alike."""
+    return (
+        "- history: keep_last\n"
+        f"  depth: {profile.depth or 1}\n"
+        f"  reliability: {profile.reliability.name.lower()}\n"
+        f"  durability: {profile.durability.name.lower()}\n"
+        f"  deadline: {_INFINITE}\n"
+        f"  lifespan: {_INFINITE}\n"
+        "  liveliness: automatic\n"
+        f"  liveliness_lease_duration: {_INFINITE}\n"
+        "  avoid_ros_namespace_conventions: false"
+    )

@@ -1,0 +1,208 @@
+"""The files of a recording, with limits of their size and duration."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from woosh_robot_agent.tools.recording.channel import Channel
+from woosh_robot_agent.tools.recording.mcap_file import McapFile
+
+_NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a recording.
+
+    Attributes:
+        max_size: Maximum size of all files together, in bytes; reaching it ends the recording.
+        split_size: Maximum size of one file, in bytes; reaching it begins the next one. 0 for no
+            limit.
+        split_duration: Duration after which the next file begins, in seconds; 0 for no limit.
+    """
+
+    max_size: int
+    split_size: int = 0
+    split_duration: float = 0.0
+
+    @property
+    def splits(self) -> bool:
+        """True if the recording may have several files."""
+        return bool(self.split_size or self.split_duration)
+
+
+class RecordingFiles:
+    """Writes messages into one file, or into one after the other.
+
+    An error ends the recording but is not raised, because the proxy must keep forwarding.
+
+    Args:
+        path: Path of the file; the files of a split recording have a number at the end of the name.
+        limits: Limits of size and duration.
+        on_new_file: Called with each new file, to write what every file has to begin with.
+        on_early_end: Called once with the reason if the recording ends before `close`.
+        profile: Profile in the header of the files.
+
+    Attributes:
+        paths: Paths of the files so far.
+        failed: True if the recording ended before `close`, or a file is not complete.
+
+    Raises:
+        OSError: The first file cannot be created.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        limits: Limits,
+        on_new_file: Callable[[McapFile], None],
+        on_early_end: Callable[[str], None],
+        profile: str = "",
+    ) -> None:
+        self.paths: list[Path] = []
+        self.failed = False
+        self._path = path
+        self._limits = limits
+        self._on_new_file = on_new_file
+        self._on_early_end = on_early_end
+        self._profile = profile
+        self._closed_size = 0
+        """Size of the files that are complete, in bytes."""
+        self._closed_count: Counter[str] = Counter()
+        """Number of messages in the files that are complete, by topic."""
+        self._split_after = limits.split_duration * _NANOSECONDS or math.inf
+        self._file: McapFile | None = None
+        self._begin_file()
+
+    @property
+    def is_open(self) -> bool:
+        """True until the end of the recording."""
+        return self._file is not None
+
+    @property
+    def pending(self) -> bool:
+        """True if messages have been added since the last flush."""
+        return self._file is not None and bool(self._file.pending)
+
+    def count(self, topic: str) -> int:
+        """Return the number of messages of a topic that are safely in the files."""
+        current = 0 if self._file is None else self._file.written[topic]
+        return self._closed_count[topic] + current
+
+    def add(
+        self, channel: Channel, log_time: int, data: bytes, publish_time: int | None = None
+    ) -> bool:
+        """Write a message.
+
+        Args:
+            channel: Channel of the message.
+            log_time: Time of recording, in ns.
+            data: The message.
+            publish_time: Time of sending by the sender's clock, in ns; None if unknown.
+
+        Returns:
+            False if the recording has ended.
+        """
+        if self._file is None:
+            return False
+        published = log_time if publish_time is None else publish_time
+        try:
+            self._make_room(channel, log_time, data)
+            if self._file is not None:
+                self._file.add(channel, log_time, published, data)
+        except OSError as error:
+            self._fail(error)
+        return self._file is not None
+
+    def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
+        """Write an attachment, unless it is too large for the limits."""
+        if self._file is None or self._closed_size + self._file.max_size + len(data) > (
+            self._limits.max_size
+        ):
+            return
+        try:
+            self._file.attach(name, media_type, data, log_time)
+        except OSError as error:
+            self._fail(error)
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write metadata."""
+        if self._file is None:
+            return
+        try:
+            self._file.add_metadata(name, values)
+        except OSError as error:
+            self._fail(error)
+
+    def flush(self) -> None:
+        """Pass everything written so far on to the operating system."""
+        if self._file is None:
+            return
+        try:
+            self._file.flush()
+        except OSError as error:
+            self._fail(error)
+
+    def close(self) -> None:
+        """Complete and close the current file."""
+        if self._file is None:
+            return
+        try:
+            self._close_file()
+        except OSError as error:
+            self._fail(error)
+
+    def _make_room(self, channel: Channel, log_time: int, data: bytes) -> None:
+        """Begin the next file or end the recording if a message would exceed a limit."""
+        file, limits = self._file, self._limits
+        assert file is not None
+        room = file.room_for(channel, data)
+        if file.max_size + room > self._limit() and file.pending:
+            file.flush()  # compressed, the chunk may be small enough
+        size = file.max_size + room
+        if self._closed_size + size > limits.max_size:
+            self._close_file()
+            self._end_early(f"{self._path} has reached its size limit of {limits.max_size} bytes")
+        elif file.start is not None and (
+            size > self._limit() or log_time - file.start >= self._split_after
+        ):
+            self._close_file()
+            self._begin_file()
+
+    def _limit(self) -> int:
+        """Return the maximum size of the current file, in bytes."""
+        left = self._limits.max_size - self._closed_size
+        return min(left, self._limits.split_size) if self._limits.split_size else left
+
+    def _begin_file(self) -> None:
+        path = self._path
+        if self._limits.splits:
+            path = path.with_name(f"{path.stem}_{len(self.paths)}{path.suffix}")
+        self._file = McapFile(path, self._profile)
+        self.paths.append(path)
+        self._on_new_file(self._file)
+
+    def _close_file(self) -> None:
+        file = self._file
+        assert file is not None
+        file.close()
+        self._file = None
+        self._closed_size += file.path.stat().st_size
+        self._closed_count.update(file.written)
+
+    def _fail(self, error: OSError) -> None:
+        path = self._path
+        if self._file is not None:
+            path = self._file.path
+            self._closed_count.update(self._file.written)
+            self._file.abandon()
+            self._file = None
+        self._end_early(f"cannot write to {error.filename or path}: {error.strerror or error}")
+
+    def _end_early(self, reason: str) -> None:
+        self.failed = True
+        self._on_early_end(reason)

@@ -1,0 +1,85 @@
+"""Layout of a recording: the names in the file, and the channels that `replay` reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from google.protobuf import message_factory
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorProto,
+)
+from google.protobuf.descriptor_pool import DescriptorPool
+
+from woosh_robot_agent.tools.recording.channel import protobuf_channel
+
+METADATA = "woosh_robot_agent"
+"""Name of the metadata with the version of the layout, the robot's address and the start."""
+ROBOT_METADATA = "robot"
+"""Name of the metadata with the robot's number, model and software."""
+VERSION = "2"
+"""Version of the layout."""
+_PACKAGE = "woosh_robot_agent.recording"
+_TYPES = {
+    "uint32": FieldDescriptorProto.TYPE_UINT32,
+    "string": FieldDescriptorProto.TYPE_STRING,
+    "bytes": FieldDescriptorProto.TYPE_BYTES,
+}
+_MESSAGES = {
+    # One of text, binary and invalid_text is present: a text frame, a binary frame, or a text frame
+    # that is not valid UTF-8.
+    "Frame": "uint32 connection, string sender, string text, bytes binary, bytes invalid_text",
+    "ConnectionEvent": "uint32 connection, string kind, string by, string text",
+}
+"""Fields of the messages, numbered from 1."""
+_ONE_OF = {"Frame": ("content", ("text", "binary", "invalid_text"))}
+
+
+def _compile() -> dict[str, Any]:
+    """Return the message classes by name.
+
+    They are not in the default pool of descriptors, and not in `pb`, which holds only what the
+    chassis defines.
+    """
+    file = FileDescriptorProto(name=f"{_PACKAGE}.proto", package=_PACKAGE, syntax="proto3")
+    for name, fields in _MESSAGES.items():
+        message = file.message_type.add(name=name)
+        _add_fields(message, fields)
+        if name in _ONE_OF:
+            one_of, members = _ONE_OF[name]
+            message.oneof_decl.add(name=one_of)
+            for field in message.field:
+                if field.name in members:
+                    field.oneof_index = 0
+    pool = DescriptorPool()
+    pool.Add(file)
+    found = {name: pool.FindMessageTypeByName(f"{_PACKAGE}.{name}") for name in _MESSAGES}
+    # protobuf before 4.22 has only the latter
+    make: Any = getattr(message_factory, "GetMessageClass", None) or (
+        message_factory.MessageFactory(pool).GetPrototype  # type: ignore[attr-defined]
+    )
+    return {name: make(descriptor) for name, descriptor in found.items()}
+
+
+def _add_fields(message: DescriptorProto, fields: str) -> None:
+    for number, field in enumerate(fields.split(", "), start=1):
+        type_name, name = field.split()
+        message.field.add(
+            name=name,
+            json_name=name,
+            number=number,
+            type=_TYPES[type_name],
+            label=FieldDescriptorProto.LABEL_OPTIONAL,
+        )
+
+
+_CLASSES = _compile()
+FrameMessage = _CLASSES["Frame"]
+"""Message on `FRAMES`."""
+EventMessage = _CLASSES["ConnectionEvent"]
+"""Message on `EVENTS`."""
+FRAMES = protobuf_channel("/frames", FrameMessage)
+"""All frames, byte for byte and in order."""
+EVENTS = protobuf_channel("/connections", EventMessage)
+"""Begin and end of the connections, in order with the frames."""

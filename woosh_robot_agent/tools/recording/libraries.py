@@ -1,0 +1,28 @@
+"""Check that the libraries of MCAP recordings are installed."""
+
+from __future__ import annotations
+
+from woosh_robot_agent.tools.recording.errors import RecordingError
+
+PACKAGES = ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf")
+"""Packages on PyPI that reading and writing recordings needs."""
+
+
+def require_libraries() -> None:
+    """Check that all libraries are installed and recent enough.
+
+    Raises:
+        RecordingError: A library is missing or too old; the text says how to install it.
+    """
+    install = f"run: python3 -m pip install --upgrade {' '.join(PACKAGES)}"
+    try:
+        import foxglove_schemas_protobuf.Pose_pb2  # noqa: F401
+        import mcap_protobuf.schema  # noqa: F401
+        import zstandard  # noqa: F401
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise RecordingError(
+            f"recordings need Python packages that are not installed ({error}); {install}"
+        ) from None
+    if not hasattr(Writer, "flush"):
+        raise RecordingError(f"the installed mcap is older than 1.6; {install}")
