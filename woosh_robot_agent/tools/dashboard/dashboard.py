@@ -6,24 +6,27 @@ import asyncio
 import json
 import logging
 import mimetypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib import resources
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 from websockets.exceptions import ConnectionClosed
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access
+from woosh_robot_agent.tools.dashboard.control import STOP, Control
 from woosh_robot_agent.tools.dashboard.http import Request, Response, serve_http
-from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
 from woosh_robot_agent.tools.dashboard.viewer import POLICY_VIOLATION, TooFastError, Viewer
 
 _LOG = logging.getLogger(__name__)
 _MAX_MESSAGE = 4096
 """Largest message that is read from a page, in bytes."""
+_MAX_COMMANDS = 8
+"""Maximum number of commands of one viewer that wait for their answer; a stop is never too many."""
 _TRY_AGAIN_LATER = 1013
 """Code with which a WebSocket is closed if there are too many viewers."""
 _SOCKET_PATH = "/live"
@@ -39,6 +42,8 @@ class DashboardConfig:
         host: address to listen on.
         port: port to listen on; 0 takes a free one.
         control: the page may command the robots.
+        max_linear: maximum speed of the stick, in m/s.
+        max_angular: maximum turning speed of the stick, in rad/s.
         scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
         max_viewers: maximum number of viewers.
     """
@@ -46,8 +51,24 @@ class DashboardConfig:
     host: str = "127.0.0.1"
     port: int = 8480
     control: bool = False
+    max_linear: float = 0.5
+    max_angular: float = 0.8
     scan_rate: float = 10.0
     max_viewers: int = 20
+
+
+class Extras(Protocol):
+    """Commands of the page that are not for the robot, such as those for a simulator."""
+
+    @property
+    def names(self) -> Set[str]:
+        """Names of the commands."""
+
+    def data(self) -> Any:
+        """Return the part `simulator` of the page."""
+
+    async def run(self, name: str, args: Mapping[str, Any]) -> tuple[bool, str]:
+        """Execute a command; return its success and a text for the viewer."""
 
 
 class Dashboard:
@@ -56,18 +77,31 @@ class Dashboard:
     Args:
         robots: address and timeouts of each robot.
         config: the options.
+        extras: further commands, which belong to the first robot.
 
     Attributes:
         robots: the robots.
     """
 
-    def __init__(self, robots: Sequence[LinkConfig], config: DashboardConfig) -> None:
+    def __init__(
+        self,
+        robots: Sequence[LinkConfig],
+        config: DashboardConfig,
+        extras: Extras | None = None,
+    ) -> None:
         self._config = config
+        self._extras = extras
         self._access = Access(config.host)
         self._files = _page_files()
         self.robots = [
             Robot(each, control=config.control, scan_rate=config.scan_rate) for each in robots
         ]
+        self._controls: dict[Robot, Control] = {}
+        if config.control:
+            limits = config.max_linear, config.max_angular
+            self._controls = {each: Control(each, *limits) for each in self.robots}
+        if extras is not None:
+            self.robots[0].add_slow_part("simulator", extras.data)
         self._viewers: set[Viewer] = set()
         self._count = 0
         """Number of viewers so far."""
@@ -98,9 +132,18 @@ class Dashboard:
         self._access.port = self._server.sockets[0].getsockname()[1]
         for robot in self.robots:
             robot.start()
+        for control in self._controls.values():
+            control.start()
 
     async def close(self) -> None:
-        """Stop listening, and close the links."""
+        """Stop listening, stop each robot that a stick drives, and close the links."""
+        for robot, control in self._controls.items():
+            if reason := await control.close():
+                _LOG.error(
+                    "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
+                    robot.chassis.config.address,
+                    reason,
+                )
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()
@@ -157,6 +200,7 @@ class Dashboard:
         try:
             await self._receive(socket, viewer)
         finally:
+            self._release(viewer)
             viewer.unwatch()
             self._viewers.discard(viewer)
             sending.cancel()
@@ -185,6 +229,32 @@ class Dashboard:
             "robots": [robot.chassis.config.address for robot in self.robots],
         }
 
+    def _release(self, viewer: Viewer) -> None:
+        for control in self._controls.values():
+            control.release(viewer)
+
+    async def _command(self, viewer: Viewer, id_: int, name: str, args: dict[str, Any]) -> None:
+        """Execute a command of a viewer, and reply."""
+        robot = viewer.robot
+        control = self._controls.get(robot) if robot is not None else None
+        if self._extras is not None and name in self._extras.names:
+            ok, text = await self._extras.run(name, args)
+            self.robots[0].changed()
+        elif control is None:
+            ok, text = False, READ_ONLY
+        else:
+            ok, text = await control.run(viewer, name, args)
+        viewer.note(part="reply", id=id_, ok=ok, text=text)
+
+    def _start_command(self, viewer: Viewer, id_: int, name: str, args: dict[str, Any]) -> None:
+        if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
+            viewer.note(part="reply", id=id_, ok=False, text="wait for the other commands")
+            return
+        work = self._command(viewer, id_, name, args)
+        task = asyncio.get_running_loop().create_task(work, name=name)
+        viewer.commands.add(task)
+        task.add_done_callback(viewer.commands.discard)
+
     def _handle(self, viewer: Viewer, message: dict[str, Any]) -> None:
         """Handle one message.
 
@@ -193,9 +263,18 @@ class Dashboard:
         """
         match message:
             case {"do": "watch", "robot": int(index)} if 0 <= index < len(self.robots):
+                self._release(viewer)
                 self._watch(viewer, index)
             case {"do": "visible", "visible": bool(visible)}:
+                if not visible:
+                    self._release(viewer)
                 viewer.set_visible(visible)
+            case {"do": "release"}:
+                self._release(viewer)
+            case {"do": "drive"} if viewer.robot in self._controls:
+                self._controls[viewer.robot].drive(viewer, message)
+            case {"do": "command", "id": int(id_), "name": str(name), "args": dict(args)}:
+                self._start_command(viewer, id_, name, args)
             case _:
                 raise ValueError("not a message of the page")
 

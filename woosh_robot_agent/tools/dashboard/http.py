@@ -17,7 +17,7 @@ _OPEN_TIMEOUT = 5.0
 """Time in which a browser must have sent its request, in seconds."""
 _PING_INTERVAL = 3.0
 """Time between two pings of a browser, in seconds."""
-_PING_TIMEOUT = 5.0
+_PING_TIMEOUT = 10.0
 """Time without the answer to a ping after which the browser counts as gone, in seconds."""
 
 

@@ -54,6 +54,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--control", action="store_true", help="allow the page to command and drive the robots"
     )
+    for name, unit in (("linear", "m/s"), ("angular", "rad/s")):
+        parser.add_argument(
+            f"--max-{name}",
+            type=float,
+            default=getattr(default, f"max_{name}"),
+            help=f"maximum {name} speed of the stick, in {unit} (default: %(default)g)",
+        )
     parser.add_argument(
         "--scan-rate",
         type=float,
@@ -71,12 +78,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--page-port must be within 0 to 65535: {options.page_port}")
     if not 0.1 <= options.scan_rate <= 50.0:
         parser.error(f"--scan-rate must be within 0.1 to 50: {options.scan_rate:g}")
+    for name in ("max_linear", "max_angular"):
+        if not 0.0 < getattr(options, name) <= 10.0:
+            option = name.replace("_", "-")
+            parser.error(f"--{option} must be above 0, and at most 10: {getattr(options, name):g}")
     if options.max_viewers < 1:
         parser.error(f"--max-viewers must be at least 1: {options.max_viewers}")
     config = DashboardConfig(
         host=options.host,
         port=options.page_port,
         control=options.control,
+        max_linear=options.max_linear,
+        max_angular=options.max_angular,
         scan_rate=options.scan_rate,
         max_viewers=options.max_viewers,
     )

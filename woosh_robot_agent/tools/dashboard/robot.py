@@ -31,7 +31,8 @@ _UPDATE_PERIOD = 0.1
 """Shortest time between two updates of the viewers, in seconds."""
 _SLOW_PERIOD = 1.0
 """Time between two updates of what changes all the time, such as counters, in seconds."""
-_READ_ONLY = "the dashboard only shows: start it with --control to command the robot"
+READ_ONLY = "the dashboard only shows: start it with --control to command the robot"
+"""Reason for which commands are refused."""
 
 SCAN = "scan"
 """Name of the part that holds the laser scan, which is binary; the others are JSON."""
@@ -62,7 +63,7 @@ class Robot:
             config=replace(config, backoff_max=_MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
         )
         if not control:
-            self.chassis.permit_only(only_reads, _READ_ONLY)
+            self.chassis.permit_only(only_reads, READ_ONLY)
         self.view = RobotView()
         self.requests = RequestMaker(config.robot_id)
         self.map = MapSource(self.chassis, self.changed)
@@ -115,6 +116,11 @@ class Robot:
         """
         self._sources[name] = source
         self.changed()
+
+    def add_slow_part(self, name: str, source: Callable[[], Any]) -> None:
+        """Add a part that also changes without a call of `changed`; see `add_part`."""
+        self._slow_sources[name] = source
+        self.add_part(name, source)
 
     def changed(self) -> None:
         """Send the parts that have changed, within `_UPDATE_PERIOD`."""

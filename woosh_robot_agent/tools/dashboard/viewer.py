@@ -38,6 +38,7 @@ class Viewer:
         name: name of the viewer, for other viewers.
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
+        commands: tasks of the commands that wait for their answer.
     """
 
     def __init__(self, socket: Any, number: int) -> None:
@@ -46,6 +47,7 @@ class Viewer:
         self.name = f"viewer {number} at {address[0]}" if address else f"viewer {number}"
         self.robot: Robot | None = None
         self.visible = True
+        self.commands: set[asyncio.Task[None]] = set()
         self._stale: dict[str, None] = {}
         """Names of the parts to send, in the order in which they changed."""
         self._notes: list[str] = []

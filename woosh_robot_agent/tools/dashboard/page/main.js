@@ -56,7 +56,7 @@ const parts = {
   stick: (text) => showMessage(false, text),
   simulator: (data) => {
     simulator.show(data);
-    view.set("obstacles", data.faults.filter((fault) => fault.name === "obstacle"));
+    view.set("obstacles", data.faults.filter((fault) => fault.x !== undefined));
     if (!toolChosen) chooseTool("go");
   },
 };
