@@ -56,12 +56,12 @@ async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> N
 
 
 def is_driving(chassis: SimulatorThread) -> bool:
-    return chassis.state.velocity.linear > 0.1
+    return chassis.state.velocity.forward > 0.1
 
 
 def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
     sent = last(chassis, Twist)
-    return sent == Twist() and chassis.state.velocity.linear == 0.0
+    return sent == Twist() and chassis.state.velocity.forward == 0.0
 
 
 @aio
@@ -286,7 +286,7 @@ async def test_stop_stops_what_the_stick_drives(chassis: SimulatorThread) -> Non
         await hold(viewer, lambda: is_driving(chassis))
         ok, text = await viewer.command("stop")
         assert ok, text
-        await eventually(lambda: chassis.state.velocity.linear == 0.0)
+        await eventually(lambda: chassis.state.velocity.forward == 0.0)
         # the stick is still held, and must not drive again
         await hold(viewer, lambda: "was stopped" in viewer.parts.get("stick", ""))
-        assert chassis.state.velocity.linear == 0.0
+        assert chassis.state.velocity.forward == 0.0

@@ -70,7 +70,7 @@ class Control:
         self._offset_at = -math.inf
         """Loop time at which `_clock_offset` was determined."""
         self._stick_task: asyncio.Task[None] | None = None
-        robot.add_part("control", self._data)
+        robot.add_slow_part("control", self._data)
 
     def start(self) -> None:
         """Start sending the velocities of the stick."""
@@ -137,14 +137,14 @@ class Control:
             self._clock_offset = math.inf
             self._robot.changed()
 
-    def release_idle(self) -> None:
+    def _release_idle(self) -> None:
         """Take the control from a viewer that has not used it for long."""
         if self._owner and asyncio.get_running_loop().time() > self._used_at + _IDLE_TIMEOUT:
             self.release(self._owner)
 
     def _claim(self, viewer: Viewer) -> str:
         """Give the control to a viewer; return the reason why not, or an empty text."""
-        self.release_idle()
+        self._release_idle()
         if self._owner not in (None, viewer):
             return f"{self._owner.name} has control: wait until it is released"
         if not viewer.visible:
@@ -177,6 +177,7 @@ class Control:
             self._owner.note(part="stick", data=reason)
 
     def _data(self) -> dict[str, Any]:
+        self._release_idle()
         limits = {"linear": self._limits.max_linear, "angular": self._limits.max_angular}
         return {"owner": self._owner.name if self._owner else None, "limits": limits}
 

@@ -13,6 +13,7 @@ if (new URLSearchParams(location.search).has("token")) {
 }
 
 const view = new MapView(find("#map"));
+globalThis.mapView = view; // for the console of the browser, and for tests
 let you = "";
 let open = false;
 let link = {good: false, text: "connecting", detail: ""};
