@@ -27,7 +27,9 @@ except ImportError:  # before websockets 13
 
 @asynccontextmanager
 async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[Dashboard]:
-    configs = [LinkConfig("127.0.0.1", robot.port) for robot in robots]
+    # on a busy machine, everything may take long
+    patience = {"request_timeout": TIMEOUT, "liveness_timeout": TIMEOUT}
+    configs = [LinkConfig("127.0.0.1", robot.port, **patience) for robot in robots]
     async with Dashboard(configs, DashboardConfig(**{"port": 0, **options})) as running:
         yield running
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
@@ -39,8 +40,9 @@ def last(chassis: SimulatorThread, cls: Any) -> Any:
     return chassis.last(full_name(cls))
 
 
-async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> None:
-    """Hold the stick until a condition is true."""
+@asynccontextmanager
+async def held(viewer: Page, linear: float = 0.3) -> AsyncIterator[None]:
+    """Hold the stick."""
     loop = asyncio.get_running_loop()
 
     async def repeat() -> None:
@@ -50,9 +52,15 @@ async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> N
 
     holding = asyncio.ensure_future(repeat())
     try:
-        await eventually(until)
+        yield
     finally:
         holding.cancel()
+
+
+async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> None:
+    """Hold the stick until a condition is true."""
+    async with held(viewer, linear):
+        await eventually(until)
 
 
 def is_driving(chassis: SimulatorThread) -> bool:
@@ -205,8 +213,11 @@ async def test_a_driver_that_goes_away_stops_the_robot(chassis: SimulatorThread,
                 await viewer.send(do="watch", robot=1)
             elif end == "released":
                 await viewer.send(do="release")
-            await eventually(lambda: is_stopped_by_zero(chassis))
-            if end != "silent":
+            if end == "silent":
+                # on a busy machine, the chassis has stopped by itself before the watchdog runs
+                await eventually(lambda: chassis.state.velocity.forward == 0.0)
+            else:
+                await eventually(lambda: is_stopped_by_zero(chassis))
                 await watcher.until(lambda parts: parts["control"]["owner"] is None)
 
 
@@ -283,10 +294,11 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
 async def test_stop_stops_what_the_stick_drives(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        await hold(viewer, lambda: is_driving(chassis))
-        ok, text = await viewer.command("stop")
-        assert ok, text
-        await eventually(lambda: chassis.state.velocity.forward == 0.0)
-        # the stick is still held, and must not drive again
-        await hold(viewer, lambda: "was stopped" in viewer.parts.get("stick", ""))
-        assert chassis.state.velocity.forward == 0.0
+        async with held(viewer):
+            await eventually(lambda: is_driving(chassis))
+            ok, text = await viewer.command("stop")
+            assert ok, text
+            # the stick is still held, and must not drive again
+            await viewer.until(lambda parts: "was stopped" in parts["stick"])
+            await eventually(lambda: chassis.state.velocity.forward == 0.0)
+            assert is_stopped_by_zero(chassis)
