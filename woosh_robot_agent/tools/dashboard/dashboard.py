@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 import mimetypes
+import socket
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -152,7 +153,7 @@ class Dashboard:
     @property
     def url(self) -> str:
         """Address of the page, with the token if it needs one."""
-        host = self._config.host
+        host = _reachable(self._config.host)
         shown = f"[{host}]" if ":" in host else host
         token = f"?token={self._access.token}" if self._access.token else ""
         return f"http://{shown}:{self._access.port}/{token}"
@@ -187,34 +188,34 @@ class Dashboard:
 
     # WebSockets
 
-    async def _serve(self, socket: Any) -> None:
+    async def _serve(self, connection: Any) -> None:
         if len(self._viewers) >= self._config.max_viewers:
-            await socket.close(_TRY_AGAIN_LATER, "too many viewers")
+            await connection.close(_TRY_AGAIN_LATER, "too many viewers")
             return
         self._count += 1
-        viewer = Viewer(socket, self._count)
+        viewer = Viewer(connection, self._count)
         self._viewers.add(viewer)
         viewer.note(part="hello", data=self._hello(viewer))
         self._watch(viewer, 0)
         sending = asyncio.get_running_loop().create_task(viewer.send(), name="viewer")
         try:
-            await self._receive(socket, viewer)
+            await self._receive(connection, viewer)
         finally:
             self._release(viewer)
             viewer.unwatch()
             self._viewers.discard(viewer)
             sending.cancel()
 
-    async def _receive(self, socket: Any, viewer: Viewer) -> None:
+    async def _receive(self, connection: Any, viewer: Viewer) -> None:
         """Handle the messages of a viewer until it leaves."""
         try:
             while True:
-                text = await socket.recv()
+                text = await connection.recv()
                 viewer.count_message()
                 self._handle(viewer, _parse(text))
         except (TooFastError, ValueError) as error:
             _LOG.debug("%s is disconnected: %s", viewer.name, error)
-            await socket.close(POLICY_VIOLATION, str(error)[:100] or "too many messages")
+            await connection.close(POLICY_VIOLATION, str(error)[:100] or "too many messages")
         except ConnectionClosed:
             return
 
@@ -277,6 +278,23 @@ class Dashboard:
                 self._start_command(viewer, id_, name, args)
             case _:
                 raise ValueError("not a message of the page")
+
+
+def _reachable(host: str) -> str:
+    """Return an address at which other machines reach what listens on `host`.
+
+    For the wildcard address, that is the address of this machine in its default network.
+    """
+    elsewhere = {"0.0.0.0": "192.0.2.1", "::": "2001:db8::1"}  # reserved for documentation
+    if host not in elsewhere:
+        return host
+    family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((elsewhere[host], 9))  # sends nothing
+        except OSError:  # there is no such network
+            return socket.gethostname()
+        return str(probe.getsockname()[0])
 
 
 def _parse(text: str | bytes) -> dict[str, Any]:

@@ -19,12 +19,14 @@ let open = false;
 let link = {good: false, text: "connecting", detail: ""};
 let robotIndex = 0;
 let toolChosen = false;
+let shownMap = ""; // address of the map picture
 
 let watching = 0; // the robot whose parts arrive
 
 const parts = {
   hello: ({you: name, control, robots}) => {
     you = name;
+    shownMap = ""; // another process may use the same number for another map
     if (control) controls.enable();
     const list = find("#robots");
     list.hidden = robots.length < 2;
@@ -46,7 +48,9 @@ const parts = {
   map: (map) => {
     find("#map-error").hidden = !map.error;
     find("#map-error").textContent = map.error ? `no map: ${map.error}` : "";
-    view.setMap(map, `map/${robotIndex}/${map.number}.png`);
+    const url = `map/${robotIndex}/${map.number}.png`;
+    if (url !== shownMap) view.setMap(map, url);
+    shownMap = url;
   },
   control: ({owner, limits}) => {
     controls.limits = limits;
