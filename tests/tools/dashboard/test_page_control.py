@@ -86,7 +86,7 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
             assert last(chassis, ActionOrder).order == order
         ok, text = await viewer.command("cancel")
         assert ok, text
-        await viewer.until(lambda parts: not parts["robot"]["task"])
+        await viewer.until(lambda parts: not parts["robot"]["task"]["running"])
         ok, text = await viewer.command("goMark", mark="A2")
         assert ok, text
         assert last(chassis, ExecTask).mark_no == "A2"
