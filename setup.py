@@ -170,7 +170,11 @@ setup(
     packages=find_packages(
         str(ROOT), include=[PACKAGE, f"{PACKAGE}.*"], exclude=[f"{PACKAGE}.pb", f"{PACKAGE}.pb.*"]
     ),
-    package_data={PACKAGE: ["py.typed", "status_codes.json"], f"{PACKAGE}.simulator": ["data/*/*"]},
+    package_data={
+        PACKAGE: ["py.typed", "status_codes.json"],
+        f"{PACKAGE}.simulator": ["data/*/*"],
+        f"{PACKAGE}.tools.dashboard": ["page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -210,6 +214,7 @@ setup(
         "console_scripts": [
             "agent = woosh_robot_agent.agent:main",
             "simulator = woosh_robot_agent.simulator.__main__:main",
+            "dashboard = woosh_robot_agent.tools.dashboard:main",
             "monitor = woosh_robot_agent.tools.monitor:main",
             "doctor = woosh_robot_agent.tools.doctor:main",
             "record = woosh_robot_agent.tools.record:main",

@@ -8,6 +8,10 @@ import sys
 from collections.abc import Sequence
 
 BENCHMARKS = {
+    "dashboard": (
+        "benchmarks.report.dashboard",
+        "cost of the page in the browser, by number of viewers",
+    ),
     "faults": ("tests.robustness.faults", "every fault, alone and in pairs, amid traffic"),
     "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
     "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processes import running
-from benchmarks.report import links, maps, odom, pages, real, scale, speed
+from benchmarks.report import dashboard, links, maps, odom, pages, real, scale, speed
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -64,6 +64,15 @@ def test_odom_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(capsys.readouterr().out)
     assert list(found) == [odom.ODOM, odom.REPORTS, odom.LAST, "times"]
     for figures in found.values():
+        assert all(value > 0 for value in figures.values()), found
+
+
+def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert dashboard.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == ["1", "10"]
+    for figures in found.values():
+        assert list(figures) == ["cpu", "traffic", "scans"]
         assert all(value > 0 for value in figures.values()), found
 
 

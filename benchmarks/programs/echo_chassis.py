@@ -120,6 +120,11 @@ class EchoChassis:
 
     def _make_answer(self, codec: Codec, type_name: str) -> Send:
         body = self._bodies.get(type_name) or message_type(type_name)()
+        return self.answer_with(codec, type_name, body)
+
+    @staticmethod
+    def answer_with(codec: Codec, type_name: str, body: Message) -> Answer:
+        """Return a function that makes answers with a body."""
 
         def encode(sn: int) -> str | bytes:
             return codec.encode(full_name(body), body, sn=sn, ok=True, timestamp=1)

@@ -25,12 +25,12 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.testing import AgentProcess
+from woosh_robot_agent.tools.link_report import LinkReport
 from woosh_robot_agent.tools.monitor import ros_source
 from woosh_robot_agent.tools.monitor.program import print_once
-from woosh_robot_agent.tools.monitor.robot_view import RobotView
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.monitor.screen import draw
-from woosh_robot_agent.tools.monitor.source import LinkReport
+from woosh_robot_agent.tools.robot_view import RobotView
 
 TIMEOUT = 60.0
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]

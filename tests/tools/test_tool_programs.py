@@ -24,7 +24,7 @@ from woosh_robot_agent.tools.replay.playback import prepare
 
 TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
-TOOLS = ("monitor", "doctor", "record", "replay", "maps")
+TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
 
 
 def start(tool: str, *arguments: str) -> subprocess.Popen[str]:

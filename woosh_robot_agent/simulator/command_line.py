@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import functools
+import importlib
 import logging
 import os
 import sys
 from collections.abc import Coroutine, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,14 @@ _DISCONNECT_TIMEOUT = 1.0
 
 The same Ctrl-C may end an agent, which stops the robot before it disconnects.
 """
+
+_DASHBOARD = "woosh_robot_agent.tools.dashboard.beside_simulator"
+"""Module that serves the page of `--dashboard`.
+
+It is imported by its name and only on demand, because it belongs to a layer above the simulator."""
+
+_DASHBOARD_PORT = 8480
+"""Default port of the page of `--dashboard`."""
 
 _REPEAT_TIME = 0.3
 """Time within which further signals count as repeats of the first one, in seconds.
@@ -72,8 +82,11 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
             file=sys.stderr,
         )
     try:
-        asyncio.run(_serve(config, signals))
+        asyncio.run(_serve(config, signals, options.dashboard))
     except DataFileError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except _DashboardError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
@@ -107,7 +120,11 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
     )
 
 
-async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
+class _DashboardError(Exception):
+    """The page cannot be served."""
+
+
+async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
 
     def on_signal() -> None:
@@ -121,12 +138,23 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
             return
         async with simulator:
             host = f"[{config.host}]" if ":" in config.host else config.host
-            print(
-                f"simulated chassis ready on ws://{host}:{simulator.port} "
-                f"and tcp://{host}:{simulator.tcp_port}",
-                flush=True,
-            )
-            await stopping.wait()
+            async with AsyncExitStack() as stack:
+                if dashboard_port is not None:
+                    page = _dashboard(simulator, dashboard_port)
+                    try:
+                        url = await stack.enter_async_context(page)
+                    except OSError as error:
+                        raise _DashboardError(
+                            f"cannot serve the page on port {dashboard_port}: "
+                            f"{error.strerror or error}; choose another one: --dashboard PORT"
+                        ) from None
+                    print(f"dashboard ready at {url}", flush=True)
+                print(
+                    f"simulated chassis ready on ws://{host}:{simulator.port} "
+                    f"and tcp://{host}:{simulator.tcp_port}",
+                    flush=True,
+                )
+                await stopping.wait()
             await _wait_first(
                 _wait_second(stopping),
                 simulator.wait_disconnected(),
@@ -134,6 +162,21 @@ async def _serve(config: SimulatorConfig, signals: StopSignals) -> None:
             )
     finally:
         loop.remove_reader(signals.fd)
+
+
+def _dashboard(simulator: SimulatedChassis, port: int) -> AbstractAsyncContextManager[str]:
+    """Return the context in which the page is served; it yields the address of the page."""
+    module = importlib.import_module(_DASHBOARD)
+    context: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
+    return context
+
+
+def _port(text: str) -> int:
+    """Parse a port; argparse reports the ValueError."""
+    port = int(text)
+    if not 0 <= port < 2**16:
+        raise ValueError
+    return port
 
 
 async def _wait_second(signal: asyncio.Event) -> None:
@@ -214,6 +257,15 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="folder with scene.yaml, or YAML file of a nav2 map; can be repeated, the robot "
         "starts in the first one",
+    )
+    parser.add_argument(
+        "--dashboard",
+        type=_port,
+        nargs="?",
+        const=_DASHBOARD_PORT,
+        metavar="PORT",
+        help="also serve a page that shows and drives the robot, for browsers on this machine, on "
+        f"this port; 0: any free one; without a port: {_DASHBOARD_PORT}",
     )
     parser.add_argument(
         "--robot-id", type=int, default=default.robot_id, help="number of the robot"

@@ -11,8 +11,8 @@ from nav_msgs.msg import OccupancyGrid
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.map_image import MapError, cells_of
-from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
+from woosh_robot_agent.scene_map import scene_map
 from woosh_robot_agent.standard.growing_map import GrowingMap
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
@@ -109,8 +109,7 @@ class Map(Part):
         assert wanted is not None
         scene_name, map_id, map_name, _ = wanted
         try:
-            data = await self._request(scene_name)
-            area = _find(data, map_id, map_name)
+            area = await scene_map(self._context.robot.chassis, scene_name, map_id, map_name)
             origin = Pose2D.from_message(area.origin)
             message = await self._grid(area.map_png, area.resolution, origin)
         except (LinkError, MapError) as error:
@@ -123,14 +122,6 @@ class Map(Part):
         self._publisher.publish(message)
         self._published = wanted
         self._shows_growing = False
-
-    async def _request(self, scene_name: str) -> SceneData:
-        answer = await self._context.robot.chassis.request(SceneData(name=scene_name))
-        if not answer.ok:
-            raise MapError(f"the chassis refused SceneData of {scene_name}: {answer.msg}")
-        if not isinstance(answer.body, SceneData):
-            raise MapError(f"the chassis sent no SceneData: {answer.defect or answer.type}")
-        return answer.body
 
     async def _grid(self, image: bytes, resolution: float, origin: Pose2D) -> OccupancyGrid:
         """Return the message for a map.
@@ -151,19 +142,3 @@ class Map(Part):
         message.info.width, message.info.height = width, height
         message.info.origin = to_pose(origin)
         return message
-
-
-def _find(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
-    """Return the current map.
-
-    Raises:
-        MapError: it is missing, or has no image.
-    """
-    found = [each for each in data.maps if each.name == map_name] or [
-        each for each in data.maps if each.id == map_id
-    ]
-    if not found:
-        raise MapError(f"SceneData of {data.name} has no map {map_name} ({map_id})")
-    if not found[0].map_png:
-        raise MapError(f"map {found[0].name} has no image")
-    return found[0]

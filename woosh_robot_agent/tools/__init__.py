@@ -1,5 +1,5 @@
-"""Programs for one robot: `monitor`, `doctor`, `record`, `replay` and `maps`.
+"""Programs for robots: `dashboard`, `monitor`, `doctor`, `record`, `replay` and `maps`.
 
-Only `maps` changes something on the robot. Only `monitor.ros_source` and `record.ros_recorder`
-need ROS.
+Only `maps` and `dashboard --control` change something on the robot. Only `monitor.ros_source` and
+`record.ros_recorder` need ROS.
 """

@@ -15,7 +15,11 @@ _LOCALHOST = "127.0.0.1"
 
 
 def add_link_options(
-    parser: argparse.ArgumentParser, *, ip_required: bool = True, again: bool = False
+    parser: argparse.ArgumentParser,
+    *,
+    ip_required: bool = True,
+    again: bool = False,
+    several: bool = False,
 ) -> None:
     """Add `--ip` and the other options of the link to a parser.
 
@@ -24,6 +28,7 @@ def add_link_options(
         ip_required: `--ip` must be given.
         again: This is a subparser of a parser that has the options too. They may come before or
             after the command, so the subparser has no defaults and no help for them.
+        several: `--ip` can be repeated, and its value is a list.
     """
     default = LinkConfig()
 
@@ -32,7 +37,8 @@ def add_link_options(
             keywords |= {"default": argparse.SUPPRESS, "help": argparse.SUPPRESS, "required": False}
         parser.add_argument(name, **keywords)
 
-    add("--ip", required=ip_required, help="address or host name of the robot")
+    repeated = {"action": "append"} if several else {}
+    add("--ip", required=ip_required, help="address or host name of the robot", **repeated)
     add(
         "--port",
         type=int,

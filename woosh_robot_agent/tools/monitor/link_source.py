@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
+from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.tools.monitor.robot_view import RobotView
-from woosh_robot_agent.tools.monitor.source import LinkReport
+from woosh_robot_agent.tools.link_report import LinkReport, link_report
+from woosh_robot_agent.tools.robot_view import RobotView
 
 _MAX_BACKOFF = 3.0
 """Longest pause between attempts to connect, in seconds; short, because a user is watching."""
@@ -49,19 +48,4 @@ class LinkSource:
         return self.view.has_robot_info
 
     def link(self) -> LinkReport:
-        chassis, stats = self._chassis, self._chassis.stats
-        since = time.strftime("%H:%M:%S", time.localtime(chassis.since))
-        if chassis.state is LinkState.READY:
-            bad, dropped = stats.bad_frames.total(), stats.dropped_pushes.total()
-            counts = (
-                f"frames: {stats.rx} received, {stats.tx} sent, {bad} invalid; "
-                f"{dropped} pushes dropped"
-            )
-            ping = (
-                "" if stats.round_trip is None else f"round trip {stats.round_trip * 1000:.0f} ms; "
-            )
-            return LinkReport(True, f"connected since {since}", ping + counts)
-        state = "connection lost" if stats.connects else "not connected"
-        reason = f": {chassis.last_error}" if chassis.last_error else ""
-        remedy = f"run `doctor --ip {chassis.config.ip}` to find the cause"
-        return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)
+        return link_report(self._chassis)

@@ -24,8 +24,8 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.tools.monitor.robot_view import RobotView
-from woosh_robot_agent.tools.monitor.source import LinkReport
+from woosh_robot_agent.tools.link_report import LinkReport
+from woosh_robot_agent.tools.robot_view import RobotView
 
 _DISCOVERY_PERIOD = 0.5
 """Time between two searches for the agent, in seconds."""

@@ -19,8 +19,8 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.readiness import NO_MAP, has_map, is_taskable, objections
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
-from woosh_robot_agent.tools.monitor.robot_view import RobotView
-from woosh_robot_agent.tools.monitor.source import LinkReport
+from woosh_robot_agent.tools.link_report import LinkReport
+from woosh_robot_agent.tools.robot_view import RobotView
 
 _GOOD, _BAD, _WARNING, _FAINT = "green", "bold red", "yellow", "dim"
 _MAX_CODES = 8

@@ -2,25 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
-from woosh_robot_agent.tools.monitor.robot_view import RobotView
-
-
-@dataclass(frozen=True)
-class LinkReport:
-    """State of the connection from the robot to the monitor.
-
-    Attributes:
-        good: True if the view is up to date.
-        text: State of the link in words.
-        detail: Counters, times or advice; may be empty.
-    """
-
-    good: bool
-    text: str
-    detail: str = ""
+from woosh_robot_agent.tools.link_report import LinkReport
+from woosh_robot_agent.tools.robot_view import RobotView
 
 
 class Source(Protocol):

@@ -1,4 +1,4 @@
-"""State of a robot as known to the monitor, independent of ROS and of the terminal."""
+"""State of a robot as known to a program that shows it, independent of ROS and of the display."""
 
 from __future__ import annotations
 
@@ -24,21 +24,29 @@ class RobotView:
         has_robot_info: True once a RobotInfo, which holds the whole state, has been received.
         codes: Status codes, the newest last.
         actions: Last feedback of each action of `woosh.ros`, by the action's name.
+        values: Last value of each message type.
     """
 
     def __init__(self) -> None:
-        self.is_empty = True
-        self.has_robot_info = False
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: dict[str, Feedback] = {}
-        self._values = LastKnown(None)
+        self.values = LastKnown(None)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget everything: the next messages come from another robot."""
+        self.is_empty = True
+        self.has_robot_info = False
+        self.codes.clear()
+        self.actions.clear()
+        self.values.forget()
         # An empty one, because its parts can arrive before it.
-        self._values.remember(RobotInfo())
+        self.values.remember(RobotInfo())
 
     @property
     def info(self) -> RobotInfo:
         """The robot's state, with the latest value of each part; absent fields are unknown."""
-        info = self._values.value(RobotInfo)
+        info = self.values.value(RobotInfo)
         assert info is not None
         return info
 
@@ -53,7 +61,7 @@ class RobotView:
         elif isinstance(message, Feedback):
             self._set_feedback(message)
         else:
-            self._values.remember(message)
+            self.values.remember(message)
             if isinstance(message, RobotInfo):
                 self.has_robot_info = True
                 self._add_codes(message.status_codes.scs)

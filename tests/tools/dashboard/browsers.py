@@ -1,0 +1,140 @@
+"""Chromium from the distribution, headless, and a simulated robot with a page for it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.waiting import TIMEOUT
+from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
+
+T = TypeVar("T")
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+_OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--force-device-scale-factor=1",
+)
+
+
+def skip_without_browser() -> Any:
+    """Import selenium; skip the test if there is no browser."""
+    if not (CHROMIUM and DRIVER):
+        pytest.skip("no Chromium: run apt-get install chromium chromium-driver (Debian)")
+    return pytest.importorskip("selenium.webdriver", reason="pip install selenium")
+
+
+class SimulatedPage:
+    """A simulated robot and its page, in a thread."""
+
+    def __init__(self) -> None:
+        self._ready: Future[str] = Future()
+        self._loop: asyncio.AbstractEventLoop
+        self._simulator: SimulatedChassis
+        self._stopping = asyncio.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
+        self._thread.start()
+        self.url = self._ready.result(TIMEOUT)
+
+    async def _run(self) -> None:
+        try:
+            self._loop = asyncio.get_running_loop()
+            async with (
+                SimulatedChassis(quick_config(port=0, tcp_port=0)) as self._simulator,
+                dashboard_beside(self._simulator, 0) as url,
+            ):
+                self._ready.set_result(url)
+                await self._stopping.wait()
+        except BaseException as error:
+            if self._ready.done():
+                raise
+            self._ready.set_exception(error)
+
+    def call(self, do: Callable[[SimulatedChassis], T]) -> T:
+        """Call `do` in the thread of the simulator; return the result."""
+
+        async def run() -> T:
+            return do(self._simulator)
+
+        return asyncio.run_coroutine_threadsafe(run(), self._loop).result(TIMEOUT)
+
+    def close(self) -> None:
+        self._loop.call_soon_threadsafe(self._stopping.set)
+        self._thread.join(TIMEOUT)
+
+
+@contextmanager
+def chromium(width: int = 1280, height: int = 800) -> Iterator[Any]:
+    """Start a browser; yield its driver."""
+    webdriver = skip_without_browser()
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for option in (*_OPTIONS, f"--window-size={width},{height}"):
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    service = webdriver.ChromeService(executable_path=DRIVER)
+    driver = webdriver.Chrome(options=options, service=service)
+    try:
+        driver.set_page_load_timeout(TIMEOUT)
+        driver.set_script_timeout(TIMEOUT)
+        yield driver
+    finally:
+        with contextlib.suppress(Exception):  # a killed browser cannot be asked to quit
+            driver.quit()
+        service.stop()
+
+
+def eventually(condition: Callable[[], Any], what: str) -> Any:
+    """Poll a condition until it is true; return its value."""
+    deadline = time.monotonic() + TIMEOUT
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"timed out waiting for {what}"
+        time.sleep(0.02)
+    return value
+
+
+def requested_urls(driver: Any) -> set[str]:
+    """Return the addresses of everything that the page has requested since the last call."""
+    urls = set()
+    for entry in driver.get_log("performance"):
+        message = json.loads(entry["message"])["message"]
+        if message["method"] == "Network.requestWillBeSent":
+            urls.add(message["params"]["request"]["url"])
+        elif message["method"] == "Network.webSocketCreated":
+            urls.add(message["params"]["url"])
+    return urls
+
+
+def kill_browser(driver: Any) -> None:
+    """Kill the browser with all its processes, and its driver, as a crash would."""
+    root = driver.service.process.pid
+    for pid in (*_descendants(root), root):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _descendants(pid: int) -> list[int]:
+    found = []
+    for children in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, children.read_text().split()):
+            found += [child, *_descendants(child)]
+    return found

@@ -1,0 +1,125 @@
+"""A dashboard in the event loop of a test, and a page without a browser that is connected to it."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+from tests.tools.waiting import TIMEOUT
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.transport.websockets_compat import Connect
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+
+try:
+    from websockets.asyncio.client import ClientConnection as Socket
+
+    _HEADERS_OPTION = "additional_headers"
+except ImportError:  # before websockets 13
+    from websockets.legacy.client import WebSocketClientProtocol as Socket
+
+    _HEADERS_OPTION = "extra_headers"
+
+
+@asynccontextmanager
+async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[Dashboard]:
+    # on a busy machine, everything may take long
+    patience = {"request_timeout": TIMEOUT, "liveness_timeout": TIMEOUT}
+    configs = [LinkConfig("127.0.0.1", robot.port, **patience) for robot in robots]
+    async with Dashboard(configs, DashboardConfig(**{"port": 0, **options})) as running:
+        yield running
+
+
+def place(running: Dashboard) -> str:
+    """Return host and port of a dashboard."""
+    return running.url.removeprefix("http://").partition("/")[0]
+
+
+async def fetch(
+    running: Dashboard, path: str, headers: dict[str, str] | None = None
+) -> tuple[int, dict[str, str], bytes]:
+    """Return status, headers and body of a page."""
+
+    def get() -> tuple[int, dict[str, str], bytes]:
+        connection = http.client.HTTPConnection(place(running), timeout=TIMEOUT)
+        connection.request("GET", path, headers=headers or {})
+        response = connection.getresponse()
+        found = {name.lower(): value for name, value in response.getheaders()}
+        return response.status, found, response.read()
+
+    return await asyncio.to_thread(get)
+
+
+class Page:
+    """A page without a browser: the last data of each part, and what it was told."""
+
+    def __init__(self, socket: Any) -> None:
+        self.socket = socket
+        self.parts: dict[str, Any] = {}
+        self.replies: dict[int, tuple[bool, str]] = {}
+        self.scans = 0
+        self.size = 0
+        self._changed = asyncio.Event()
+        self._reader = asyncio.ensure_future(self._read())
+
+    async def _read(self) -> None:
+        async for message in self.socket:
+            self.size += len(message)
+            if isinstance(message, bytes):
+                self.parts["scan"] = message
+                self.scans += 1
+            else:
+                content = json.loads(message)
+                if content["part"] == "reply":
+                    self.replies[content["id"]] = content["ok"], content["text"]
+                else:
+                    self.parts[content["part"]] = content["data"]
+            self._changed.set()
+
+    async def until(self, wanted: Callable[[dict[str, Any]], Any]) -> Any:
+        """Wait until `wanted` returns something for the parts; return that."""
+
+        async def wait() -> Any:
+            while True:
+                try:
+                    if found := wanted(self.parts):
+                        return found
+                except (KeyError, TypeError):
+                    pass  # the part has not come yet, or is None
+                self._changed.clear()
+                await self._changed.wait()
+
+        return await asyncio.wait_for(wait(), TIMEOUT)
+
+    async def send(self, **message: Any) -> None:
+        await self.socket.send(json.dumps(message))
+
+    async def command(self, name: str, **args: Any) -> tuple[bool, str]:
+        """Send a command, and wait for the reply."""
+        number = len(self.replies) + 1
+        await self.send(do="command", id=number, name=name, args=args)
+        return await self.until(lambda _: self.replies.get(number))
+
+    async def closed(self) -> int:
+        """Wait until the dashboard has closed the connection; return the code."""
+        await asyncio.wait_for(self.socket.wait_closed(), TIMEOUT)
+        return int(self.socket.close_code)
+
+
+@asynccontextmanager
+async def page(running: Dashboard, **headers: str) -> AsyncIterator[Page]:
+    """Open a page; `headers` replace those that a browser sends."""
+    sent = {"Origin": f"http://{place(running)}", **headers}
+    connect = Connect(
+        f"ws://{place(running)}/live", factory=Socket, compression=None, **{_HEADERS_OPTION: sent}
+    )
+    async with connect as socket:
+        opened = Page(socket)
+        try:
+            yield opened
+        finally:
+            opened._reader.cancel()

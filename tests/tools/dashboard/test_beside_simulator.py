@@ -1,0 +1,135 @@
+"""The page beside the simulator: obstacles and faults, and the option `--dashboard`."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import Page, page
+from tests.tools.waiting import TIMEOUT, aio
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.tools.dashboard.beside_simulator import SimulatorExtras
+from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+
+
+@asynccontextmanager
+async def page_beside() -> AsyncIterator[tuple[SimulatedChassis, Page]]:
+    """A simulated chassis and a page that knows its state."""
+    async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
+        config = DashboardConfig(port=0, control=True)
+        robots = [LinkConfig("127.0.0.1", simulator.port)]
+        async with (
+            Dashboard(robots, config, SimulatorExtras(simulator)) as running,
+            page(running) as viewer,
+        ):
+            await viewer.until(lambda parts: parts["robot"]["known"] and parts["simulator"])
+            yield simulator, viewer
+
+
+@aio
+async def test_an_obstacle_is_put_and_removed() -> None:
+    async with page_beside() as (simulator, viewer):
+        ok, text = await viewer.command("fault", text="obstacle x=1.0 y=-6.0 radius=0.4")
+        assert ok, text
+        assert simulator.chassis.obstacles.clearance(1.0, -6.0) == 0.0
+        (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
+        assert (fault["name"], fault["x"], fault["y"]) == ("obstacle", 1.0, -6.0)
+        assert fault["radius"] == 0.4
+        assert (await viewer.command("endFault", id=fault["id"]))[0]
+        assert simulator.chassis.obstacles.names == ()
+        assert await viewer.command("endFault", id=fault["id"]) == (
+            False,
+            "this fault has ended already",
+        )
+
+
+@aio
+async def test_faults_begin_and_end() -> None:
+    async with page_beside() as (simulator, viewer):
+        assert (await viewer.command("fault", text="emergency_stop"))[0]
+        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+        assert (await viewer.command("fault", text="key_switch"))[0]
+        await viewer.until(lambda parts: parts["robot"]["control"] == "manual")
+        assert (await viewer.command("clearFaults"))[0]
+        await viewer.until(lambda parts: not parts["robot"]["emergencyStop"])
+        assert simulator.faults == []
+        assert (await viewer.command("fault", text="emergency_stop for=0.2"))[0]
+        await viewer.until(lambda parts: parts["simulator"]["faults"])
+        await viewer.until(lambda parts: not parts["simulator"]["faults"])
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "unknown fault"),
+        ("explode", "unknown fault 'explode'"),
+        ("obstacle x=1", "give both x and y"),
+        ("obstacle x=nan y=0", "is not a number"),
+        ("emergency_stop at=5", "leave out `at`"),
+        ("emergency_stop '", "No closing quotation"),
+        ("x" * 301, "at most 300 characters"),
+        (7, "at most 300 characters"),
+    ],
+)
+@aio
+async def test_an_invalid_fault_is_refused(text: object, reason: str) -> None:
+    async with page_beside() as (simulator, viewer):
+        ok, answer = await viewer.command("fault", text=text)
+        assert not ok
+        assert reason in answer
+        assert simulator.faults == []
+
+
+@aio
+async def test_the_number_of_faults_is_limited() -> None:
+    async with page_beside() as (simulator, viewer):
+        for _ in range(100):
+            simulator.inject("delay", seconds=0.001)
+        ok, text = await viewer.command("fault", text="emergency_stop")
+        assert (ok, text) == (False, "there are 100 faults already: end some of them")
+
+
+def start_simulator(*arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "woosh_robot_agent.simulator", "--port", "0"]
+    return subprocess.Popen(
+        [*command, "--tcp-port", "0", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_the_simulator_serves_the_page() -> None:
+    with start_simulator("--dashboard", "0") as process:
+        try:
+            assert process.stdout is not None
+            found = re.fullmatch(r"dashboard ready at (\S+)\n", process.stdout.readline())
+            assert found
+            assert process.stdout.readline().startswith("simulated chassis ready on ")
+            with urllib.request.urlopen(found[1], timeout=TIMEOUT) as response:
+                assert b"<canvas" in response.read()
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert (process.returncode, err) == (0, "")
+
+
+def test_a_port_in_use_is_reported() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with start_simulator("--dashboard", str(port)) as process:
+            _, err = process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 1
+    assert f"cannot serve the page on port {port}: " in err
+    assert "--dashboard PORT" in err

@@ -1,0 +1,249 @@
+"""The page in a real browser, against a simulated robot.
+
+With WOOSH_SCREENSHOTS=docs, the pictures of the documentation are made anew.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from tests.tools.dashboard.browsers import (
+    SimulatedPage,
+    chromium,
+    eventually,
+    kill_browser,
+    requested_urls,
+)
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.protos import full_name
+
+pytestmark = pytest.mark.timeout(300)
+_SCREENSHOTS = os.environ.get("WOOSH_SCREENSHOTS")
+_PLACE = (1.0, -6.0)
+"""A place on the map where the robot can stand, in metres."""
+
+
+@pytest.fixture
+def robot() -> Iterator[SimulatedPage]:
+    """A simulated robot with its page."""
+    running = SimulatedPage()
+    yield running
+    running.close()
+
+
+@pytest.fixture
+def browser(robot: SimulatedPage) -> Iterator[Any]:
+    """A browser that shows the page; at the end, its console and its requests are checked."""
+    with chromium() as driver:
+        driver.get(robot.url)
+        eventually(lambda: script(driver, "mapView.image !== null && mapView.scan !== null"), "map")
+        yield driver
+        if driver.service.process.poll() is None:
+            check_console_and_requests(driver, robot)
+
+
+def check_console_and_requests(driver: Any, robot: SimulatedPage) -> None:
+    assert [entry["message"] for entry in driver.get_log("browser")] == []
+    host = urlsplit(robot.url).netloc
+    urls = requested_urls(driver)
+    assert f"ws://{host}/live" in urls
+    others = {url for url in urls if urlsplit(url).netloc != host}
+    assert {url for url in others if not url.startswith(("data:", "chrome:"))} == set()
+
+
+def script(driver: Any, expression: str) -> Any:
+    return driver.execute_script(f"return {expression}")
+
+
+def element(driver: Any, selector: str) -> Any:
+    return driver.find_element("css selector", selector)
+
+
+def text(driver: Any, selector: str) -> str:
+    return str(element(driver, selector).text)
+
+
+def actions(driver: Any) -> Any:
+    from selenium.webdriver import ActionChains
+
+    return ActionChains(driver, duration=50)
+
+
+def click_at(driver: Any, x: float, y: float, drag: tuple[int, int] | None = None) -> None:
+    """Click a place of the map, in metres; or press there and release elsewhere, in pixels."""
+    at = script(driver, f"mapView.toScreen({x}, {y})")
+    size = script(driver, "[mapView.width, mapView.height]")
+    offset = round(at["x"] - size[0] / 2), round(at["y"] - size[1] / 2)
+    chain = actions(driver).move_to_element_with_offset(element(driver, "#map"), *offset)
+    if drag is None:
+        chain.click().perform()
+    else:
+        chain.click_and_hold().move_by_offset(*drag).release().perform()
+
+
+def choose(driver: Any, tool: str) -> None:
+    element(driver, f"[name=tool][value={tool}]").click()
+
+
+def hold_stick(driver: Any) -> None:
+    """Push the stick ahead and keep it there."""
+    stick = element(driver, "#stick")
+    actions(driver).move_to_element(stick).click_and_hold().move_by_offset(0, -50).perform()
+
+
+def is_driving(robot: SimulatedPage) -> bool:
+    return robot.call(lambda simulator: simulator.state.velocity.forward) > 0.05
+
+
+def is_stopped_by_zero(robot: SimulatedPage) -> bool:
+    def stopped(simulator: Any) -> bool:
+        zero = simulator.last(full_name(Twist)) == Twist()
+        return zero and simulator.state.velocity.forward == 0.0
+
+    return robot.call(stopped)
+
+
+def take_picture(driver: Any, name: str, tmp_path: Path) -> None:
+    folder = Path(_SCREENSHOTS) if _SCREENSHOTS else tmp_path
+    path = folder / name
+    assert driver.save_screenshot(str(path))
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_page_shows_the_robot_where_the_simulator_has_it(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    pose = robot.call(lambda simulator: simulator.state.pose)
+    shown = eventually(lambda: script(browser, "mapView.pose"), "the pose")
+    assert math.dist((shown["x"], shown["y"]), (pose.x, pose.y)) < 0.01
+    # the pixels at this place have the colour of the robot
+    at = script(browser, "mapView.toScreen(mapView.pose.x, mapView.pose.y)")
+    pixel = script(
+        browser,
+        f"[...mapView.context.getImageData({round(at['x']) - 4}, {round(at['y'])}, 1, 1).data]",
+    )
+    assert pixel[2] > pixel[0] + 40, pixel
+    assert text(browser, "#link").startswith("connected since ")
+    assert "Robase200" in text(browser, "#title")
+    assert "would be accepted" in text(browser, "#state")
+    assert "93 %" in text(browser, "#state")
+
+
+def test_a_click_sends_the_robot_there(robot: SimulatedPage, browser: Any, tmp_path: Path) -> None:
+    choose(browser, "go")
+    click_at(browser, *_PLACE, drag=(0, -60))  # with the direction up
+    eventually(lambda: script(browser, "mapView.path.length > 1"), "the path")
+    eventually(lambda: "executing" in text(browser, "#state"), "the task")
+    eventually(lambda: script(browser, "mapView.trail.length > 8"), "the trail")
+    take_picture(browser, "dashboard.png", tmp_path)
+
+    def is_there() -> bool:
+        pose = robot.call(lambda simulator: simulator.state.pose)
+        return math.dist((pose.x, pose.y), _PLACE) < 0.15 and abs(pose.theta - math.pi / 2) < 0.15
+
+    eventually(is_there, "the robot to be there")
+    assert "you have control" in text(browser, "#owner")
+
+
+def test_a_click_on_a_mark_goes_there(robot: SimulatedPage, browser: Any) -> None:
+    mark = script(browser, "mapView.marks.find((mark) => mark.number === 'A2')")
+    choose(browser, "go")
+    click_at(browser, mark["x"], mark["y"])
+    eventually(lambda: "to A2" in text(browser, "#state"), "the task")
+
+
+@pytest.mark.parametrize("end", ["let go", "hidden", "killed"])
+def test_the_stick_drives_until_the_driver_goes_away(
+    robot: SimulatedPage, browser: Any, end: str
+) -> None:
+    hold_stick(browser)
+    eventually(lambda: is_driving(robot), "the robot to drive")
+    if end == "let go":
+        actions(browser).release().perform()
+    elif end == "hidden":
+        browser.switch_to.new_window("tab")
+    else:
+        kill_browser(browser)
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+
+
+def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
+    hold_stick(browser)
+    eventually(lambda: is_driving(robot), "the robot to drive")
+    actions(browser).send_keys(" ").perform()
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+    eventually(lambda: text(browser, "#message").startswith("stopped"), "the answer")
+    # the stick is still held, and a space in a text is a space
+    assert not is_driving(robot)
+    actions(browser).release().perform()
+    field = element(browser, "#speak-text")
+    field.send_keys("hello you")
+    assert field.get_property("value") == "hello you"
+
+
+def test_an_obstacle_appears_and_disappears_by_a_click(
+    robot: SimulatedPage, browser: Any, tmp_path: Path
+) -> None:
+    choose(browser, "obstacle")
+    click_at(browser, *_PLACE)
+    eventually(lambda: robot.call(lambda s: len(s.chassis.obstacles.names)) == 1, "the obstacle")
+    assert robot.call(lambda s: s.chassis.obstacles.clearance(*_PLACE)) == 0.0
+    eventually(lambda: script(browser, "mapView.obstacles.length") == 1, "its picture")
+    take_picture(browser, "dashboard_obstacle.png", tmp_path)
+    click_at(browser, *_PLACE)
+    eventually(lambda: robot.call(lambda s: not s.chassis.obstacles.names), "the end")
+    eventually(lambda: script(browser, "mapView.obstacles.length") == 0, "the end of its picture")
+
+
+def test_emergency_stop_key_and_faults(robot: SimulatedPage, browser: Any) -> None:
+    element(browser, "#emergency-stop").click()
+    eventually(lambda: robot.call(lambda s: s.chassis.readiness.emergency_stop), "the stop")
+    eventually(lambda: "the emergency stop is pressed" in text(browser, "#state"), "its display")
+    element(browser, "#emergency-stop").click()
+    eventually(lambda: not robot.call(lambda s: s.chassis.readiness.emergency_stop), "the release")
+    element(browser, "#key-switch").click()
+    eventually(lambda: robot.call(lambda s: s.chassis.readiness.key_manual), "the key")
+    element(browser, "#clear-faults").click()
+    eventually(lambda: not robot.call(lambda s: s.chassis.readiness.key_manual), "the key's end")
+    element(browser, "#fault-name").send_keys("lost_localisation")
+    element(browser, "#fault button").click()
+    eventually(lambda: robot.call(lambda s: s.faults), "the fault")
+    eventually(lambda: "lost its localisation" in text(browser, "#state"), "its display")
+    element(browser, "#faults button").click()
+    eventually(lambda: not robot.call(lambda s: s.faults), "its end")
+
+
+def test_the_page_comes_back_after_a_lost_link(robot: SimulatedPage, browser: Any) -> None:
+    element(browser, "#fault-name").send_keys("off")
+    element(browser, "#fault-arguments").send_keys("for=1")
+    element(browser, "#fault button").click()
+    eventually(lambda: element(browser, "#outdated").is_displayed(), "the warning")
+    eventually(lambda: not element(browser, "#outdated").is_displayed(), "the link")
+
+
+def test_the_page_fits_a_phone(robot: SimulatedPage, tmp_path: Path) -> None:
+    with chromium(500, 860) as driver:
+        driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": True},
+        )
+        driver.execute_cdp_cmd(
+            "Emulation.setEmulatedMedia",
+            {"features": [{"name": "prefers-color-scheme", "value": "dark"}]},
+        )
+        driver.get(robot.url)
+        eventually(lambda: script(driver, "mapView.scan !== null && mapView.image !== null"), "map")
+        assert script(driver, "document.documentElement.scrollWidth") <= 390
+        for selector in ("#stop", "#stick", "#tools", "#fit"):
+            box = element(driver, selector).rect
+            assert 0 <= box["x"] <= 390 - box["width"], selector
+            assert box["y"] + box["height"] <= 800, selector
+        take_picture(driver, "dashboard_phone.png", tmp_path)
+        check_console_and_requests(driver, robot)

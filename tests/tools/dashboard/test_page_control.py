@@ -1,0 +1,304 @@
+"""Commands and driving from the page, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import Page, dashboard, page
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
+    ExecTask,
+    InitRobot,
+    SetRobotPose,
+    Speak,
+    SwitchControlMode,
+    SwitchWorkMode,
+    Twist,
+)
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
+
+TWIST = full_name(Twist)
+
+
+async def ready(viewer: Page) -> None:
+    """Wait until the dashboard knows the robot."""
+    await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+
+
+def last(chassis: SimulatorThread, cls: Any) -> Any:
+    return chassis.last(full_name(cls))
+
+
+@asynccontextmanager
+async def held(viewer: Page, linear: float = 0.3) -> AsyncIterator[None]:
+    """Hold the stick."""
+    loop = asyncio.get_running_loop()
+
+    async def repeat() -> None:
+        while True:
+            await viewer.send(do="drive", linear=linear, angular=0.0, at=loop.time() * 1000.0)
+            await asyncio.sleep(0.05)
+
+    holding = asyncio.ensure_future(repeat())
+    try:
+        yield
+    finally:
+        holding.cancel()
+
+
+async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> None:
+    """Hold the stick until a condition is true."""
+    async with held(viewer, linear):
+        await eventually(until)
+
+
+def is_driving(chassis: SimulatorThread) -> bool:
+    return chassis.state.velocity.forward > 0.1
+
+
+def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
+    sent = last(chassis, Twist)
+    return sent == Twist() and chassis.state.velocity.forward == 0.0
+
+
+@aio
+async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert await viewer.command("go", x=3.0, y=-5.0, theta=0.5) == (True, "go: accepted")
+        pose = last(chassis, ExecTask).pose
+        assert (pose.x, pose.y, pose.theta) == (3.0, -5.0, 0.5)
+        await viewer.until(lambda parts: parts["robot"]["task"]["running"])
+        for name, order in (("pause", action.kPause), ("continue", action.kContinue)):
+            ok, text = await viewer.command(name)
+            assert ok, text
+            assert last(chassis, ActionOrder).order == order
+        ok, text = await viewer.command("cancel")
+        assert ok, text
+        await viewer.until(lambda parts: not parts["robot"]["task"]["running"])
+        ok, text = await viewer.command("goMark", mark="A2")
+        assert ok, text
+        assert last(chassis, ExecTask).mark_no == "A2"
+
+
+@aio
+async def test_modes_pose_and_speech(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        here = chassis.state.pose
+        assert (await viewer.command("setPose", x=here.x, y=here.y, theta=here.theta))[0]
+        assert math.isclose(last(chassis, SetRobotPose).pose.x, here.x)
+        assert (await viewer.command("speak", text="hello"))[0]
+        assert last(chassis, Speak).text == "hello"
+        assert (await viewer.command("workMode", mode=1))[0]
+        assert last(chassis, SwitchWorkMode).mode == robot.kDeployMode
+        await viewer.until(lambda parts: parts["robot"]["work"] == "deploy")
+        assert (await viewer.command("controlMode", mode=2))[0]
+        assert last(chassis, SwitchControlMode).mode == robot.kManual
+
+
+@aio
+async def test_the_pose_of_a_robot_that_has_none_initialises_it() -> None:
+    config = quick_config(port=0, tcp_port=0, initialised=False)
+    with SimulatorThread(config) as chassis:
+        async with dashboard(chassis, control=True) as running, page(running) as viewer:
+            await viewer.until(lambda parts: parts["robot"]["state"] == "uninit")
+            here = chassis.state.pose
+            ok, text = await viewer.command("setPose", x=here.x, y=here.y, theta=here.theta)
+            assert ok, text
+            assert chassis.counts[full_name(InitRobot)] == 1
+            assert chassis.counts[full_name(SetRobotPose)] == 0
+
+
+@aio
+async def test_a_refusal_says_why(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        chassis.set_emergency_stop(True)
+        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+        ok, text = await viewer.command("goMark", mark="A2")
+        assert not ok
+        assert "the emergency stop is pressed" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "args"),
+    [
+        ("fly", {}),
+        ("stopp", {}),
+        ("go", {}),
+        ("go", {"x": "1", "y": 0, "theta": 0}),
+        ("go", {"x": True, "y": 0, "theta": 0}),
+        ("go", {"x": math.nan, "y": 0, "theta": 0}),
+        ("go", {"x": math.inf, "y": 0, "theta": 0}),
+        ("go", {"x": 1e9, "y": 0, "theta": 0}),
+        ("go", {"x": 0, "y": 0, "theta": 10}),
+        ("goMark", {"mark": 7}),
+        ("speak", {"text": "x" * 201}),
+        ("speak", {"text": "\x00"}),
+        ("workMode", {"mode": 9}),
+        ("controlMode", {"mode": True}),
+        ("fault", {"text": "emergency_stop"}),
+    ],
+)
+@aio
+async def test_an_invalid_command_is_refused(
+    chassis: SimulatorThread, name: str, args: dict[str, Any]
+) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        before = chassis.counts
+        ok, text = await viewer.command(name, **args)
+        assert not ok
+        assert text
+        assert chassis.counts[full_name(ExecTask)] == before[full_name(ExecTask)]
+
+
+@aio
+async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await ready(viewer)
+        for name in ("stop", "go", "goMark", "setPose", "cancel", "workMode", "speak", "fault"):
+            ok, text = await viewer.command(name, x=0, y=0, theta=0, mark="A2", mode=1, text="x")
+            assert not ok
+            assert "--control" in text
+        reads = {
+            *("woosh.Subscription", "woosh.robot.RobotInfo", "woosh.robot.RobotState"),
+            *("woosh.robot.ScannerData", "woosh.map.SceneData"),
+        }
+        assert set(chassis.counts) <= reads
+        await viewer.send(do="drive", linear=0.3, angular=0.0, at=0.0)
+        assert await viewer.closed() == 1008
+        assert set(chassis.counts) <= reads
+
+
+@aio
+async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        await hold(viewer, lambda: is_driving(chassis))
+        await viewer.send(do="drive", linear=0.0, angular=0.0, at=0.0)
+        await eventually(lambda: is_stopped_by_zero(chassis))
+
+
+@pytest.mark.parametrize("end", ["hidden", "closed", "aborted", "silent", "switched", "released"])
+@aio
+async def test_a_driver_that_goes_away_stops_the_robot(chassis: SimulatorThread, end: str) -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
+        async with (
+            dashboard(chassis, other, control=True) as running,
+            page(running) as watcher,
+            page(running) as viewer,
+        ):
+            await ready(viewer)
+            await hold(viewer, lambda: is_driving(chassis))
+            if end == "hidden":
+                await viewer.send(do="visible", visible=False)
+            elif end == "closed":
+                await viewer.socket.close()
+            elif end == "aborted":
+                viewer.socket.transport.abort()
+            elif end == "switched":
+                await viewer.send(do="watch", robot=1)
+            elif end == "released":
+                await viewer.send(do="release")
+            if end == "silent":
+                # on a busy machine, the chassis has stopped by itself before the watchdog runs
+                await eventually(lambda: chassis.state.velocity.forward == 0.0)
+            else:
+                await eventually(lambda: is_stopped_by_zero(chassis))
+                await watcher.until(lambda parts: parts["control"]["owner"] is None)
+
+
+@aio
+async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
+    async with (
+        dashboard(chassis, control=True, max_linear=0.2) as running,
+        page(running) as viewer,
+    ):
+        await ready(viewer)
+        await hold(viewer, lambda: last(chassis, Twist), linear=5.0)
+        assert math.isclose(last(chassis, Twist).linear, 0.2, abs_tol=1e-6)
+
+
+@aio
+async def test_the_end_of_the_dashboard_stops_the_robot(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        await hold(viewer, lambda: is_driving(chassis))
+        await running.close()
+        await eventually(lambda: is_stopped_by_zero(chassis))
+
+
+@aio
+async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.until(lambda parts: parts["robot"]["task"]["running"])
+        await hold(viewer, lambda: viewer.parts.get("stick"))
+        assert "is running: cancel it to drive by hand" in viewer.parts["stick"]
+        assert chassis.counts[TWIST] == 0
+
+
+@aio
+async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        await viewer.send(do="drive", linear=0.0, angular=0.1, at=100_000.0)
+        await eventually(lambda: chassis.counts[TWIST])
+        await viewer.send(do="drive", linear=0.4, angular=0.0, at=90_000.0)
+        text = await viewer.until(lambda parts: parts["stick"])
+        assert text == "the connection is too slow to drive"
+        assert all(each.message.linear == 0.0 for each in chassis.received if each.type == TWIST)
+
+
+@aio
+async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread) -> None:
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as driver,
+        page(running) as other,
+    ):
+        await ready(driver)
+        await ready(other)
+        assert (await driver.command("goMark", mark="A2"))[0]
+        name = driver.parts["hello"]["you"]
+        await other.until(lambda parts: parts["control"]["owner"] == name)
+        ok, text = await other.command("cancel")
+        assert (ok, text) == (False, f"{name} has control: wait until it is released")
+        await other.send(do="drive", linear=0.3, angular=0.0, at=0.0)
+        await other.until(lambda parts: parts["stick"].startswith(name))
+        assert chassis.counts[TWIST] == 0
+        ok, text = await other.command("stop")  # everybody may
+        assert ok, text
+        assert "task cancelled" in text
+        await driver.socket.close()
+        await other.until(lambda parts: parts["control"]["owner"] is None)
+        ok, text = await other.command("goMark", mark="A2")
+        assert ok, text
+
+
+@aio
+async def test_stop_stops_what_the_stick_drives(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        async with held(viewer):
+            await eventually(lambda: is_driving(chassis))
+            ok, text = await viewer.command("stop")
+            assert ok, text
+            # the stick is still held, and must not drive again
+            await viewer.until(lambda parts: "was stopped" in parts["stick"])
+            await eventually(lambda: chassis.state.velocity.forward == 0.0)
+            assert is_stopped_by_zero(chassis)

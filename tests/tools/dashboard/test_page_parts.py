@@ -1,0 +1,175 @@
+"""What the dashboard sends to a page: the state of the robot, live."""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+
+from PIL import Image
+
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import dashboard, fetch, page
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, ScannerData
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.scan_frame import scan_frame
+
+
+@aio
+async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        pose = await viewer.until(lambda parts: parts["pose"])
+        actual = chassis.state.pose
+        assert math.isclose(pose["x"], actual.x, abs_tol=0.01)
+        assert math.isclose(pose["y"], actual.y, abs_tol=0.01)
+        robot = await viewer.until(lambda parts: parts["robot"]["known"] and parts["robot"])
+        assert (robot["id"], robot["control"], robot["work"]) == (30001, "auto", "task")
+        assert robot["battery"] == {"power": 93, "charging": False}
+        assert (robot["taskable"], robot["objections"], robot["task"]) == (True, [], None)
+        assert len(await viewer.until(lambda parts: parts["outline"])) > 2
+        link = await viewer.until(lambda parts: parts["link"]["good"] and parts["link"])
+        assert link["text"].startswith("connected since ")
+
+
+@aio
+async def test_the_map_is_a_picture_with_marks(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        area = await viewer.until(lambda parts: parts["map"].get("resolution") and parts["map"])
+        assert math.isclose(area["resolution"], 0.05, abs_tol=1e-6)
+        assert "A2" in {mark["number"] for mark in area["marks"]}
+        status, headers, body = await fetch(running, f"/map/0/{area['number']}.png")
+        assert (status, headers["content-type"]) == (200, "image/png")
+        with Image.open(io.BytesIO(body)) as image:
+            assert image.format == "PNG"
+            assert image.width > 100
+
+
+@aio
+async def test_a_page_sees_an_emergency_stop_and_its_remedy(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["robot"]["known"])
+        chassis.set_emergency_stop(True)
+        robot = await viewer.until(lambda parts: parts["robot"]["emergencyStop"] and parts["robot"])
+        reason, remedy = robot["objections"][0]
+        assert reason == "the emergency stop is pressed"
+        assert "release the button" in remedy
+        codes = await viewer.until(lambda parts: parts["codes"])
+        assert codes[0]["text"]
+
+
+@aio
+async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
+    config = LinkConfig("127.0.0.1", chassis.port)
+    async with (
+        dashboard(chassis) as running,
+        page(running) as viewer,
+        ChassisClient(config=config) as client,
+    ):
+        before = await viewer.until(lambda parts: parts["pose"])
+        await client.request(ExecTask(task_id=7, type=task_pb2.kPick, mark_no="A2"))
+        task = await viewer.until(lambda parts: parts["robot"]["task"])
+        assert (task["id"], task["running"]) == ("7", True)
+        assert len(await viewer.until(lambda parts: parts["path"])) > 1
+        await viewer.until(
+            lambda parts: (
+                math.dist((parts["pose"]["x"], parts["pose"]["y"]), (before["x"], before["y"]))
+                > 0.3
+            )
+        )
+
+
+@aio
+async def test_scans_are_requested_only_while_somebody_watches(chassis: SimulatorThread) -> None:
+    scanner = full_name(ScannerData)
+    async with dashboard(chassis, scan_rate=50.0) as running:
+        await eventually(lambda: running.robots[0].view.has_robot_info)
+        assert chassis.counts[scanner] == 0
+        async with page(running) as viewer:
+            frame = await viewer.until(lambda parts: parts["scan"])
+            assert len(frame) > 1000
+            await viewer.send(do="visible", visible=False)
+            robot = running.robots[0]
+            await eventually(lambda: not robot.watched)
+            await eventually(lambda: chassis.counts[scanner] > 0)
+            # the last one may be in flight; then there are no more, however long one waits
+            count = await _settled(chassis, scanner)
+            await viewer.send(do="visible", visible=True)
+            await eventually(lambda: chassis.counts[scanner] > count + 2)
+
+
+async def _settled(chassis: SimulatorThread, name: str) -> int:
+    """Return the number of requests once two other requests have found the same number."""
+    counts: list[int] = []
+    config = LinkConfig("127.0.0.1", chassis.port)
+    async with ChassisClient(config=config) as client:
+        while len(counts) < 12 or counts[-1] != counts[-12]:
+            await client.request(PoseSpeed())
+            counts.append(chassis.counts[name])
+    return counts[-1]
+
+
+def test_a_scan_is_a_tenth_of_its_json() -> None:
+    ranges = [1.0, 65.0, math.nan, math.inf, 0.01, 12.345]
+    scan = ScannerData(
+        angle_min=-1.0, angle_increment=0.5, range_min=0.05, range_max=30.0, ranges=ranges
+    )
+    scan.pose.x, scan.pose.y, scan.pose.theta = 1.0, 2.0, 0.5
+    scan.offset.x = 0.25
+    frame = scan_frame(scan, (0.0, 0.0, 0.0))
+    assert frame is not None
+    assert struct.unpack("<4x7f", frame[:32]) == (1.0, 2.0, 0.5, 0.25, 0.0, -1.0, 0.5)
+    assert struct.unpack("<6H", frame[32:]) == (1000, 0, 0, 0, 0, 12345)
+    scan.angle_increment = math.nan
+    assert scan_frame(scan, (0.0, 0.0, 0.0)) is None
+
+
+@aio
+async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        chassis.stop_listening()
+        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
+        assert link["text"].startswith("connection lost since ")
+        assert "doctor" in link["detail"]
+        assert viewer.parts["robot"]["id"] == 30001
+        chassis.listen()
+        await viewer.until(lambda parts: parts["link"]["good"])
+
+
+@aio
+async def test_a_page_switches_between_robots(chassis: SimulatorThread) -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=7)) as other:
+        async with dashboard(chassis, other) as running, page(running) as viewer:
+            hello = await viewer.until(lambda parts: parts["hello"])
+            assert len(hello["robots"]) == 2
+            await viewer.until(lambda parts: parts["robot"]["id"] == 30001)
+            await viewer.send(do="watch", robot=1)
+            await viewer.until(lambda parts: parts["watching"] == 1 and parts["robot"]["id"] == 7)
+            assert running.robots[0].watched is False
+
+
+@aio
+async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
+    chassis: SimulatorThread,
+) -> None:
+    async with (
+        dashboard(chassis, scan_rate=50.0) as running,
+        page(running) as slow,
+        page(running) as quick,
+    ):
+        await slow.until(lambda parts: parts["pose"])
+        slow.socket.transport.pause_reading()
+        begin = quick.scans
+        pose = PoseSpeed()
+        pose.pose.x = 1.0
+        await quick.until(lambda _: quick.scans > begin + 20)
+        pose.pose.x = 2.5
+        chassis.push(pose)
+        await quick.until(lambda parts: parts["pose"]["x"] == 2.5)
+        slow.socket.transport.resume_reading()
+        await slow.until(lambda parts: parts["pose"]["x"] == 2.5)

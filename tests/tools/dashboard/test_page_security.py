@@ -1,0 +1,174 @@
+"""Who may open the page, and what may come in."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from tests.tools.dashboard.pages import dashboard, fetch, page, place
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.dashboard import Dashboard
+
+_POLICY_VIOLATION, _TOO_BIG, _TRY_AGAIN_LATER = 1008, 1009, 1013
+
+
+async def refused_socket(running: Dashboard, **headers: str) -> int:
+    """Try to open a WebSocket; return the status of the refusal."""
+    with pytest.raises(InvalidStatus) as caught:
+        async with page(running, **headers):
+            pass
+    return caught.value.response.status_code
+
+
+@aio
+async def test_every_response_has_the_security_headers(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running:
+        for path in ("/", "/main.js", "/nothing"):
+            _, headers, _ = await fetch(running, path)
+            policy = headers["content-security-policy"]
+            assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'")
+            assert headers["x-content-type-options"] == "nosniff"
+            assert headers["cross-origin-resource-policy"] == "same-origin"
+            assert headers["cache-control"] == "no-store"
+        status, headers, _ = await fetch(running, "/", {"Host": "example.com"})
+        assert status == 403
+        assert "content-security-policy" in headers
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../program.py",
+        "/%2e%2e/program.py",
+        "//etc/passwd",
+        "/page/main.js",
+        "/map/0/1.png/../../x",
+        "/map/9/1.png",
+        "/map/-1/1.png",
+        f"/map/{'9' * 5000}/1.png",
+        "/map/",
+        "/[",
+        "//[",
+    ],
+)
+@aio
+async def test_there_is_nothing_else_to_read(chassis: SimulatorThread, path: str) -> None:
+    async with dashboard(chassis) as running:
+        status, _, _ = await fetch(running, path)
+        assert status == 404
+
+
+@aio
+async def test_another_name_for_this_machine_is_refused(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running:
+        port = place(running).rpartition(":")[2]
+        for host in ("evil.example", f"evil.example:{port}", "10.0.0.1", "[", ""):
+            status, _, body = await fetch(running, "/", {"Host": host})
+            assert status == 403, host
+        assert b"no Host header" in body
+        for host in ("localhost", f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}"):
+            status, _, _ = await fetch(running, "/", {"Host": host})
+            assert status == 200, host
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "", "http://127.0.0.1:1"])
+@aio
+async def test_pages_of_other_sites_cannot_connect(chassis: SimulatorThread, origin: str) -> None:
+    async with dashboard(chassis) as running:
+        assert await refused_socket(running, Origin=origin) == 403
+
+
+@aio
+async def test_other_machines_need_the_token(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, host="0.0.0.0") as running:
+        token = running.url.partition("?token=")[2]
+        assert len(token) >= 20
+        local = f"127.0.0.1:{place(running).rpartition(':')[2]}"
+        for path in ("/", "/main.js", "/map/0/1.png", "/?token=wrong", "/?token=%C3%A4"):
+            assert (await fetch(running, path))[0] == 403, path
+        assert await refused_socket(running) == 403
+        status, headers, _ = await fetch(running, f"/?token={token}", {"Host": local})
+        assert status == 200
+        cookie = headers["set-cookie"]
+        assert cookie.endswith("; Path=/; HttpOnly; SameSite=Strict")
+        sent = {"Cookie": cookie.partition(";")[0]}
+        assert (await fetch(running, "/main.js", sent))[0] == 200
+        assert await refused_socket(running, **sent, Origin="http://evil.example") == 403
+        async with page(running, **sent) as viewer:
+            await viewer.until(lambda parts: parts["hello"])
+
+
+@aio
+async def test_on_this_machine_no_token_is_needed(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running:
+        assert "token" not in running.url
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "hello",
+        "[]",
+        "null",
+        "[" * 4000,
+        '{"do": "watch"}',
+        '{"do": "watch", "robot": 1}',
+        '{"do": "watch", "robot": -1}',
+        '{"do": "watch", "robot": "0"}',
+        '{"do": "visible", "visible": 1}',
+        '{"do": "format the disk"}',
+        b"{}",
+        b"\xff\xfe",
+    ],
+)
+@aio
+async def test_a_message_that_the_page_never_sends_ends_the_connection(
+    chassis: SimulatorThread, message: Any
+) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.socket.send(message)
+        assert await viewer.closed() == _POLICY_VIOLATION
+
+
+@aio
+async def test_a_large_message_ends_the_connection(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.send(do="watch", robot=0, more="x" * 5000)
+        assert await viewer.closed() == _TOO_BIG
+
+
+@aio
+async def test_too_many_messages_end_the_connection(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        message = json.dumps({"do": "visible", "visible": True})
+        for _ in range(1000):
+            if viewer.socket.close_code is not None:
+                break
+            await viewer.socket.send(message)
+        assert await viewer.closed() == _POLICY_VIOLATION
+
+
+@aio
+async def test_the_number_of_viewers_is_limited(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, max_viewers=2) as running:
+        async with page(running), page(running) as second, page(running) as third:
+            await second.until(lambda parts: parts["hello"])
+            assert await third.closed() == _TRY_AGAIN_LATER
+        await eventually(lambda: not running.robots[0].watched)
+        async with page(running) as again:
+            await again.until(lambda parts: parts["hello"])
+
+
+@aio
+async def test_nothing_is_sent_to_a_robot_that_changes_it(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["link"]["good"])
+        client = running.robots[0].chassis
+        assert "--control" in client.refusal(Speak(text="hello"))
+        assert chassis.counts[full_name(Speak)] == 0

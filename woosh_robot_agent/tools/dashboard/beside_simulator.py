@@ -1,0 +1,111 @@
+"""A dashboard in the process of a simulated chassis, which can also change the simulated world.
+
+The simulator imports this module by its name, because it belongs to a lower layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator.faults import FAULTS, FaultError, Injection, parse_fault
+from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+
+_MAX_FAULTS = 100
+"""Maximum number of faults that are active at the same time, obstacles included."""
+_MAX_TEXT = 300
+"""Maximum length of the text of a fault."""
+
+
+@asynccontextmanager
+async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncIterator[str]:
+    """Serve the page for a simulated chassis, with control, on this machine.
+
+    Args:
+        simulator: the chassis, which listens.
+        port: port of the page; 0 takes a free one.
+
+    Yields:
+        The address of the page.
+
+    Raises:
+        OSError: the port is in use.
+    """
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(simulator.config.host, simulator.config.host)
+    robot = LinkConfig(host, simulator.port)
+    config = DashboardConfig(port=port, control=True)
+    async with Dashboard([robot], config, SimulatorExtras(simulator)) as dashboard:
+        yield dashboard.url
+
+
+class SimulatorExtras:
+    """Commands that begin and end faults; an obstacle is a fault, too.
+
+    Args:
+        simulator: the chassis, in the same event loop.
+    """
+
+    names = frozenset({"fault", "endFault", "clearFaults"})
+
+    def __init__(self, simulator: SimulatedChassis) -> None:
+        self._simulator = simulator
+        self._known = [
+            {
+                "name": fault.name,
+                "description": fault.description,
+                "arguments": ", ".join(argument.name for argument in fault.takes),
+            }
+            for fault in FAULTS.values()
+        ]
+
+    def data(self) -> dict[str, Any]:
+        """Return the faults that exist, and those that are active."""
+        return {"known": self._known, "faults": [_entry(each) for each in self._simulator.faults]}
+
+    async def run(self, name: str, args: Mapping[str, Any]) -> tuple[bool, str]:
+        """Begin or end faults; return the success and a text for the viewer."""
+        if name == "clearFaults":
+            self._simulator.clear_faults()
+            return True, "all faults are ended"
+        if name == "endFault":
+            return self._end(args.get("id"))
+        return self._begin(args.get("text"))
+
+    def _begin(self, text: object) -> tuple[bool, str]:
+        if not isinstance(text, str) or len(text) > _MAX_TEXT:
+            return False, f"a fault is a text of at most {_MAX_TEXT} characters"
+        if len(self._simulator.faults) >= _MAX_FAULTS:
+            return False, f"there are {_MAX_FAULTS} faults already: end some of them"
+        try:
+            step = parse_fault(text)
+            if step.at:
+                return False, "leave out `at`: a fault of the page begins at once"
+            injection = self._simulator.inject(step.name, **step.arguments)
+        except FaultError as error:
+            return False, str(error)
+        return True, f"{injection}: begun"
+
+    def _end(self, id_: object) -> tuple[bool, str]:
+        for injection in self._simulator.faults:
+            if _id(injection) == id_:
+                injection.clear()
+                return True, f"{injection}: ended"
+        return False, "this fault has ended already"
+
+
+def _id(injection: Injection) -> str:
+    return f"{injection.name} {injection.number}"
+
+
+def _entry(injection: Injection) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "id": _id(injection),
+        "name": injection.name,
+        "text": str(injection),
+    }
+    if injection.name == "obstacle" and injection["x"] is not None:
+        entry |= {name: injection[name] for name in ("x", "y", "radius")}
+    return entry

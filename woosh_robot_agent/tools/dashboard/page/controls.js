@@ -1,0 +1,128 @@
+// Buttons and stick that command the robot.
+
+const PERIOD = 100; // milliseconds between two velocities while the stick is held
+const DEAD_ZONE = 0.12; // share of the stick's radius
+
+export class Controls {
+  /**
+   * @param {import("./connection.js").Connection} connection
+   * @param {(ok: boolean, text: string) => void} show shows the result of a command
+   */
+  constructor(connection, show) {
+    this.connection = connection;
+    this.show = show;
+    this.limits = {linear: 0, angular: 0};
+    this.stick = document.querySelector("#stick");
+    this.knob = document.querySelector("#knob");
+    this.turn = document.querySelector("#turn");
+    this.velocity = null; // {linear, angular} while the stick or the slider is held
+    this.enabled = false;
+    this.bind();
+  }
+
+  enable() {
+    this.enabled = true;
+    for (const each of document.querySelectorAll(".control, #stop, #stick")) each.hidden = false;
+    document.querySelector("#tools").hidden = false;
+  }
+
+  async run(name, args = {}) {
+    const {ok, text} = await this.connection.command(name, args);
+    this.show(ok, text);
+  }
+
+  stop() {
+    this.letGo();
+    this.run("stop");
+  }
+
+  bind() {
+    const on = (selector, event, call) =>
+      document.querySelector(selector).addEventListener(event, call);
+    on("#stop", "click", () => this.stop());
+    on("#release", "click", () => this.connection.send({do: "release"}));
+    for (const button of document.querySelectorAll("[data-command]")) {
+      button.addEventListener("click", () => this.run(button.dataset.command));
+    }
+    on("#set-control-mode", "click", () =>
+      this.run("controlMode", {mode: Number(document.querySelector("#control-mode").value)}));
+    on("#set-work-mode", "click", () =>
+      this.run("workMode", {mode: Number(document.querySelector("#work-mode").value)}));
+    on("#speak", "submit", (event) => {
+      event.preventDefault();
+      this.run("speak", {text: document.querySelector("#speak-text").value});
+    });
+    addEventListener("keydown", (event) => {
+      if (event.code !== "Space" || !this.enabled || isText(event.target)) return;
+      event.preventDefault();
+      if (!event.repeat) this.stop();
+    }, {capture: true});
+    this.stick.addEventListener("pointerdown", (event) => {
+      this.stick.setPointerCapture(event.pointerId);
+      this.moveStick(event);
+    });
+    this.stick.addEventListener("pointermove", (event) => {
+      if (this.stick.hasPointerCapture(event.pointerId)) this.moveStick(event);
+    });
+    for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      this.stick.addEventListener(name, () => this.letGo());
+    }
+    this.turn.addEventListener("pointerdown", () => this.hold({linear: 0, angular: 0}));
+    this.turn.addEventListener("input", () => {
+      if (this.velocity) {
+        this.velocity = {linear: 0, angular: -Number(this.turn.value) * this.limits.angular};
+      } else {
+        this.turn.value = "0"; // not held: a key or a tool moved it
+      }
+    });
+    for (const name of ["pointerup", "pointercancel", "lostpointercapture", "change", "blur"]) {
+      this.turn.addEventListener(name, () => this.letGo());
+    }
+    document.addEventListener("visibilitychange", () => document.hidden && this.letGo());
+    addEventListener("blur", () => this.letGo());
+    addEventListener("pagehide", () => this.letGo());
+  }
+
+  moveStick(event) {
+    const box = this.stick.getBoundingClientRect();
+    const radius = box.width / 2;
+    let x = (event.clientX - box.left) / radius - 1;
+    let y = 1 - (event.clientY - box.top) / radius;
+    const length = Math.hypot(x, y);
+    if (length > 1) [x, y] = [x / length, y / length];
+    this.knob.style.transform = `translate(${x * radius}px, ${-y * radius}px)`;
+    const dead = (value) => Math.abs(value) < DEAD_ZONE ? 0 : value;
+    this.hold({
+      linear: dead(y) * this.limits.linear,
+      // backwards, the stick's side is still the side to which the robot goes
+      angular: -dead(x) * this.limits.angular * (y < -DEAD_ZONE ? -1 : 1),
+    });
+  }
+
+  hold(velocity) {
+    const begins = !this.velocity;
+    this.velocity = velocity;
+    if (begins) {
+      this.sendVelocity();
+      this.timer = setInterval(() => this.sendVelocity(), PERIOD);
+    }
+  }
+
+  letGo() {
+    this.knob.style.transform = "";
+    this.turn.value = "0";
+    if (!this.velocity) return;
+    clearInterval(this.timer);
+    this.velocity = {linear: 0, angular: 0};
+    this.sendVelocity();
+    this.velocity = null;
+  }
+
+  sendVelocity() {
+    this.connection.send({do: "drive", ...this.velocity, at: performance.now()});
+  }
+}
+
+function isText(target) {
+  return target instanceof HTMLInputElement && !["checkbox", "radio", "range"].includes(target.type);
+}

@@ -1,0 +1,157 @@
+"""State of a robot as data for the page: texts, numbers and lists, ready for JSON."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, DeviceState, NavPath, RobotInfo
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.readiness import has_map, is_running, is_taskable, objections
+from woosh_robot_agent.status_codes import explained
+from woosh_robot_agent.tools.enum_names import enum_name
+from woosh_robot_agent.tools.robot_view import RobotView
+
+MAX_CODES = 20
+"""Number of status codes on the page, the newest first."""
+_MAX_POINTS = 2000
+"""Number of points of a path on the page."""
+_MAX_MARKS = 2000
+"""Number of marks on the page."""
+
+
+def pose_data(info: RobotInfo) -> dict[str, Any] | None:
+    """Return pose and speed; None if the robot has not reported a finite pose."""
+    if not info.pose_speed.HasField("pose"):
+        return None
+    pose, twist = info.pose_speed.pose, info.pose_speed.twist
+    if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
+        return None
+    return {
+        "x": round(pose.x, 4),
+        "y": round(pose.y, 4),
+        "theta": round(pose.theta, 4),
+        "linear": _number(twist.linear),
+        "angular": _number(twist.angular),
+        "hasMap": has_map(info),
+    }
+
+
+def robot_data(view: RobotView) -> dict[str, Any]:
+    """Return everything that the page shows as text, except pose and status codes."""
+    info = view.info
+    return {
+        "known": view.has_robot_info,
+        "id": info.robot_id or info.genral.serial_number,
+        "name": info.setting.identity.name,
+        "model": info.genral.display_model,
+        "scene": info.scene.scene_name,
+        "map": info.scene.map_name,
+        "state": enum_name(robot.State, info.state),
+        "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
+        "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
+        "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
+        "taskable": is_taskable(info),
+        "objections": [[each.reason, each.remedy] for each in objections(info)],
+        "battery": _battery(info),
+        "task": _task(info),
+        "actions": [_action(view, name) for name in sorted(view.actions)],
+        "problems": [
+            explained(code.code, code.msg) for code in info.abnormal_codes.scs[:MAX_CODES]
+        ],
+    }
+
+
+def codes_data(view: RobotView) -> list[dict[str, Any]]:
+    """Return the last status codes, the newest first."""
+    return [
+        {
+            "time": time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000)),
+            "level": enum_name(StatusCode.Level, code.level),
+            "text": explained(code.code, code.msg),
+        }
+        for code in list(view.codes)[: -MAX_CODES - 1 : -1]
+    ]
+
+
+def outline_data(info: RobotInfo) -> list[list[float]]:
+    """Return the corners of the robot's outline in its frame, in metres."""
+    return _points(info.model.model)
+
+
+def path_data(view: RobotView) -> list[list[float]]:
+    """Return the points of the path that the robot follows, in metres."""
+    nav_path = view.values.value(NavPath)
+    poses = nav_path.path.poses if nav_path is not None else []
+    step = math.ceil(len(poses) / _MAX_POINTS) or 1
+    return _points(poses[::step])
+
+
+def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
+    """Return the marks of a map: number, description, type, and the pose of a robot there."""
+    marks = []
+    for storage in area.mark_info.storages[:_MAX_MARKS]:
+        pose = storage.pose.dock
+        if all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
+            marks.append(
+                {
+                    "number": storage.identity.no,
+                    "text": storage.identity.desc,
+                    "type": storage.WhichOneof("category") or "",
+                    "x": round(pose.x, 3),
+                    "y": round(pose.y, 3),
+                    "theta": round(pose.theta, 3),
+                }
+            )
+    return marks
+
+
+def _battery(info: RobotInfo) -> dict[str, Any] | None:
+    if not info.HasField("battery"):
+        return None
+    battery = info.battery
+    return {
+        "power": battery.power,
+        "charging": battery.charge_state in (Battery.kManual, Battery.kAuto),
+    }
+
+
+def _task(info: RobotInfo) -> dict[str, Any] | None:
+    proc = info.task_proc
+    if not info.HasField("task_proc") or proc.state == task.kStateUndefined:
+        return None
+    doing = proc.action
+    return {
+        "id": str(proc.robot_task_id),
+        "type": enum_name(task.Type, proc.type),
+        "to": proc.dest,
+        "state": enum_name(task.State, proc.state),
+        "running": is_running(proc),
+        "text": proc.msg,
+        "action": enum_name(action.Type, doing.type) if doing.type else "",
+        "actionState": enum_name(action.State, doing.state) if doing.state else "",
+    }
+
+
+def _action(view: RobotView, name: str) -> dict[str, str]:
+    feedback = view.actions[name]
+    text = explained(feedback.code, feedback.msg) if feedback.code else feedback.msg
+    return {"name": name, "state": enum_name(ActionState, feedback.state), "text": text}
+
+
+def _points(points: Any) -> list[list[float]]:
+    return [
+        [round(each.x, 3), round(each.y, 3)]
+        for each in points
+        if math.isfinite(each.x) and math.isfinite(each.y)
+    ]
+
+
+def _number(value: float) -> float:
+    return round(value, 3) if math.isfinite(value) else 0.0

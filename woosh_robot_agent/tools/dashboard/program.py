@@ -1,0 +1,140 @@
+"""Command line and main loop of `dashboard`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.stdout_errors import exit_on_stdout_error
+from woosh_robot_agent.tools.dashboard.access import is_local
+from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.stop_event import stop_event
+
+_EPILOG = """\
+Without --control, nothing is sent that changes or moves something: the page only
+shows. --ip can be repeated; an address may have a port: --ip 127.0.0.1:5490."""
+
+
+@exit_on_stdout_error
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve the page until SIGINT or SIGTERM.
+
+    Args:
+        arguments: Arguments of the program; by default those of the command line.
+
+    Returns:
+        The exit status: 0; 1 if the page cannot be served.
+    """
+    default = DashboardConfig()
+    parser = argparse.ArgumentParser(
+        prog="dashboard",
+        description="Show robots on a page in the browser.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_link_options(parser, several=True)
+    parser.add_argument(
+        "--host",
+        default=default.host,
+        help="address to serve the page on; another one than this machine's own needs the token of "
+        "the printed address (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--page-port",
+        type=int,
+        default=default.port,
+        help="port to serve the page on; 0: any free one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--control", action="store_true", help="allow the page to command and drive the robots"
+    )
+    for name, unit in (("linear", "m/s"), ("angular", "rad/s")):
+        parser.add_argument(
+            f"--max-{name}",
+            type=float,
+            default=getattr(default, f"max_{name}"),
+            help=f"maximum {name} speed of the stick, in {unit} (default: %(default)g)",
+        )
+    parser.add_argument(
+        "--scan-rate",
+        type=float,
+        default=default.scan_rate,
+        help="rate of laser scans while somebody watches, in Hz (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--max-viewers",
+        type=int,
+        default=default.max_viewers,
+        help="maximum number of viewers (default: %(default)s)",
+    )
+    options = parser.parse_args(arguments)
+    if not 0 <= options.page_port < 2**16:
+        parser.error(f"--page-port must be within 0 to 65535: {options.page_port}")
+    if not 0.1 <= options.scan_rate <= 50.0:
+        parser.error(f"--scan-rate must be within 0.1 to 50: {options.scan_rate:g}")
+    for name in ("max_linear", "max_angular"):
+        if not 0.0 < getattr(options, name) <= 10.0:
+            option = name.replace("_", "-")
+            parser.error(f"--{option} must be above 0, and at most 10: {getattr(options, name):g}")
+    if options.max_viewers < 1:
+        parser.error(f"--max-viewers must be at least 1: {options.max_viewers}")
+    config = DashboardConfig(
+        host=options.host,
+        port=options.page_port,
+        control=options.control,
+        max_linear=options.max_linear,
+        max_angular=options.max_angular,
+        scan_rate=options.scan_rate,
+        max_viewers=options.max_viewers,
+    )
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    # websockets logs every aborted handshake as an error. Port scans would fill the log.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    try:
+        return asyncio.run(_run(_robots(parser, options), config))
+    except OSError as error:
+        reason = error.strerror or error
+        print(
+            f"error: cannot serve the page on {config.host}, port {config.port}: {reason}; "
+            "choose another port with --page-port",
+            file=sys.stderr,
+        )
+        return 1
+
+
+def _robots(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[LinkConfig]:
+    """Return the configuration of each robot; an invalid option ends the program."""
+    robots = []
+    for address in options.ip:
+        ip, port = _split(address)
+        options.ip = ip
+        config = link_config(parser, options)
+        robots.append(config if port is None else replace(config, port=port))
+    return robots
+
+
+def _split(address: str) -> tuple[str, int | None]:
+    """Split `HOST:PORT`; a host alone, an IPv6 address among them, has no port."""
+    host, colon, port = address.rpartition(":")
+    if not colon or (":" in host and not host.endswith("]")):
+        return address.strip("[]"), None
+    if not port.isascii() or not port.isdecimal() or not int(port) < 2**16:
+        return address, None  # not valid either; the configuration of the link says why
+    return host.strip("[]"), int(port)
+
+
+async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
+    stop = stop_event()
+    async with Dashboard(robots, config) as dashboard:
+        print(f"dashboard ready at {dashboard.url}", flush=True)
+        if not is_local(config.host):
+            rights = "command the robots" if config.control else "watch the robots"
+            print(f"warning: everybody who knows this address can {rights}", file=sys.stderr)
+        await stop.wait()
+    return 0

@@ -1,0 +1,122 @@
+"""One viewer: a page that is open in a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Set
+from typing import Any
+
+from websockets.exceptions import ConnectionClosed
+
+from woosh_robot_agent.tools.dashboard.robot import Robot
+
+_MAX_NOTES = 100
+"""Number of notes that wait for a slow viewer; a slower one is disconnected."""
+_MESSAGE_RATE = 60.0
+"""Rate of messages that a viewer may send for long, in Hz."""
+_MESSAGE_BURST = 120.0
+"""Number of messages that a viewer may send at once."""
+POLICY_VIOLATION = 1008
+"""Code with which a WebSocket is closed if the viewer breaks a limit."""
+
+
+class TooFastError(Exception):
+    """A viewer sends too many messages."""
+
+
+class Viewer:
+    """Sends one viewer the parts of the robot that it watches, and notes.
+
+    A slow viewer gets fewer messages: of each part only the newest one. It delays nobody else.
+
+    Args:
+        socket: the WebSocket.
+        number: number of the viewer, from 1.
+
+    Attributes:
+        name: name of the viewer, for other viewers.
+        robot: the robot that the viewer watches; None at first.
+        visible: False while the page is hidden.
+        commands: tasks of the commands that wait for their answer.
+    """
+
+    def __init__(self, socket: Any, number: int) -> None:
+        self._socket = socket
+        address = socket.remote_address
+        self.name = f"viewer {number} at {address[0]}" if address else f"viewer {number}"
+        self.robot: Robot | None = None
+        self.visible = True
+        self.commands: set[asyncio.Task[None]] = set()
+        self._stale: dict[str, None] = {}
+        """Names of the parts to send, in the order in which they changed."""
+        self._notes: list[str] = []
+        """Messages to send, each of which counts."""
+        self._wake = asyncio.Event()
+        self._allowance = _MESSAGE_BURST
+        self._counted_at = asyncio.get_running_loop().time()
+
+    def watch(self, robot: Robot) -> None:
+        """Watch a robot instead of the one before."""
+        self.unwatch()
+        self.robot = robot
+        if self.visible:
+            robot.watch(self, self._changed)
+
+    def set_visible(self, visible: bool) -> None:
+        """Stop sending while the page is hidden, and go on when it is visible again."""
+        self.visible = visible
+        if not visible:
+            self.unwatch()
+        elif self.robot is not None:
+            self.robot.watch(self, self._changed)
+
+    def unwatch(self) -> None:
+        """Watch no robot."""
+        if self.robot is not None:
+            self.robot.unwatch(self)
+        self._stale.clear()
+
+    def note(self, **content: Any) -> None:
+        """Send a message to the page."""
+        if len(self._notes) < _MAX_NOTES:
+            self._notes.append(json.dumps(content, separators=(",", ":")))
+            self._wake.set()
+        else:
+            self._socket.transport.abort()
+
+    def count_message(self) -> None:
+        """Count a message from the viewer.
+
+        Raises:
+            TooFastError: there are too many.
+        """
+        now = asyncio.get_running_loop().time()
+        gained = (now - self._counted_at) * _MESSAGE_RATE
+        self._allowance = min(_MESSAGE_BURST, self._allowance + gained) - 1.0
+        self._counted_at = now
+        if self._allowance < 0.0:
+            raise TooFastError
+
+    async def send(self) -> None:
+        """Send what is to be sent, until the WebSocket ends or this is cancelled."""
+        try:
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._notes or self._stale:
+                    await self._socket.send(self._next())
+        except ConnectionClosed:
+            return
+
+    def _next(self) -> str | bytes:
+        if self._notes:
+            return self._notes.pop(0)
+        name = next(iter(self._stale))
+        del self._stale[name]
+        assert self.robot is not None
+        return self.robot.parts.get(name, "{}")
+
+    def _changed(self, names: Set[str]) -> None:
+        self._stale.update(dict.fromkeys(names))
+        self._wake.set()
