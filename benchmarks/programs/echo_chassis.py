@@ -123,7 +123,7 @@ class EchoChassis:
         return self.answer_with(codec, type_name, body)
 
     @staticmethod
-    def answer_with(codec: Codec, type_name: str, body: Message) -> Answer:
+    def answer_with(codec: Codec, type_name: str, body: Message) -> Send:
         """Return a function that makes answers with a body."""
 
         def encode(sn: int) -> str | bytes:
