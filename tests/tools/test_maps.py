@@ -407,6 +407,7 @@ def test_failures_are_told_with_exit_status_1(run: Run, arguments: list[str], re
         ["--ip", "127.0.0.1"],
         ["--ip", "127.0.0.1", "upload"],
         ["--ip", "127.0.0.1", "upload", "a", "b", "--scene", "c"],
+        ["--ip", "127.0.0.1", "upload", "a", "--scene", ""],
         ["--ip", "127.0.0.1", "--timeout", "0", "list"],
     ],
 )
