@@ -27,6 +27,7 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import control
 
 TWIST = full_name(Twist)
 
@@ -194,7 +195,11 @@ async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) 
 
 @pytest.mark.parametrize("end", ["hidden", "closed", "aborted", "silent", "switched", "released"])
 @aio
-async def test_a_driver_that_goes_away_stops_the_robot(chassis: SimulatorThread, end: str) -> None:
+async def test_a_driver_that_goes_away_stops_the_robot(
+    chassis: SimulatorThread, end: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if end != "silent":  # the watchdog must not be what stops the robot
+        monkeypatch.setattr(control, "_STICK_TIMEOUT", 60.0)
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
         async with (
             dashboard(chassis, other, control=True) as running,
@@ -286,8 +291,10 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         assert "task cancelled" in text
         await driver.socket.close()
         await other.until(lambda parts: parts["control"]["owner"] is None)
-        ok, text = await other.command("goMark", mark="A2")
-        assert ok, text
+        ok = False
+        while not ok:  # for a moment after a stop, nothing that moves is sent
+            ok, text = await other.command("goMark", mark="A2")
+            assert ok or text.startswith("not sent: cancelled by the `stop` service")
 
 
 @aio
