@@ -128,6 +128,7 @@ class RosRecorder:
         agents = {
             (info.node_name, info.node_namespace)
             for info in node.get_publishers_info_by_topic(node.resolve_topic_name(_AGENT_TOPIC))
+            if info.node_namespace.startswith("/")  # the node of a publisher is known a bit later
         }
         for name, namespace in agents:
             try:
