@@ -177,7 +177,10 @@ def plan(seed: int) -> Plan:
     # the last fault lasts until the end of the scenario
     faults[faults.index(last)] = replace(last, until=length)
     requests = [
-        (rng.uniform(0, length), rng.choice(("query", "query", "speak", "speak", "set_sound")))
+        (
+            rng.uniform(0, length),
+            rng.choice(("query", "query", "speak", "speak", "light", "set_sound")),
+        )
         for _ in range(rng.randint(10, 25))
     ]
     if rng.random() < 0.6:

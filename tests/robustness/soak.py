@@ -51,6 +51,7 @@ REQUEST_WEIGHTS = {
     "twist": 6,
     "speak": 4,
     "set_sound": 1,
+    "light": 1,
     "task": 1,
     "step": 1,
     "lift": 1,

@@ -16,17 +16,21 @@ from google.protobuf.message import Message
 
 from tests.harness import Client
 from tests.node.goals import EXECUTE, lift_goal, short_task_goal, step_goal
-from woosh_map_msgs.srv import SceneDataEasy
+from woosh_map_msgs.srv import SceneData, SceneDataEasy, SceneList, StorageStorages
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_msgs.action import ExecTask
+from woosh_robot_msgs.msg import LED as LEDMsg
 from woosh_robot_msgs.msg import Sound as SoundMsg
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import (
+    LED,
     Battery,
+    CountData,
     Mode,
+    PlanNavPath,
     PoseSpeed,
     RobotInfo,
     SetSound,
@@ -45,6 +49,11 @@ QUERIES = (
     (TaskProc, "robot/TaskProc"),
     (StatusCodes, "robot/StatusCodes"),
     (SceneDataEasy, "map/SceneDataEasy"),
+    (SceneList, "map/SceneList"),
+    (SceneData, "map/SceneData"),
+    (StorageStorages, "map/storage/Storages"),
+    (PlanNavPath, "robot/PlanNavPath"),
+    (CountData, "robot/CountData"),
 )
 Mark = tuple[str, Any]
 """Short name of a message type, and a value that is unique among its commands."""
@@ -170,6 +179,11 @@ class Traffic:
         arg = SoundMsg(volume=rng.randint(0, 100))
         self._call(SetSound, "setting/Sound", arg, ("Sound", ""))
 
+    def light(self, _rng: random.Random) -> None:
+        """Give the lights a unique color."""
+        color = next(self._marks)
+        self._call(LED, "robot/LED", LEDMsg(color=color), ("LED", color))
+
     def twist(self, _rng: random.Random | None = None) -> None:
         """Let the robot drive slowly at a unique velocity."""
         mark = next(self._marks)
@@ -247,6 +261,8 @@ def marks_of(message: Message) -> list[Mark]:
         return [(kind, message.text)]
     if isinstance(message, pack.ExecTask):
         return [(kind, message.task_id)]
+    if isinstance(message, pack.LED):
+        return [(kind, message.color)]
     if isinstance(message, pack.Twist):  # the agent may also send a stop on its own
         return [(kind, round(message.linear, 6))] if message.linear else []
     if isinstance(message, CallAction):

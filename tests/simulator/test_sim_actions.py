@@ -8,6 +8,7 @@ import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import wait_until
 
 CALL = "woosh.ros.CallAction"
 FEEDBACKS = "woosh.ros.Feedbacks"
@@ -282,6 +283,7 @@ def test_lift_to_a_height_pauses_resumes_and_is_cancelled(
 ) -> None:
     client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
     assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
+    wait_until(lambda: simulator.state.column > 0.0, "the lift")
     client.ask(CALL, {"liftControl2": {"action": 2}})
     while next_feedback(client)["state"] != PAUSE:
         pass
@@ -290,9 +292,10 @@ def test_lift_to_a_height_pauses_resumes_and_is_cancelled(
     client.ask(CALL, {"liftControl2": {"action": 3}})
     while next_feedback(client)["state"] != EXECUTING:
         pass
+    wait_until(lambda: simulator.state.column > paused_at, "the lift")
     client.ask(CALL, {"liftControl2": {"action": 0}})
     assert feedback_until_end(client)[-1]["state"] == CANCEL
-    assert paused_at < simulator.state.column < 1.0
+    assert simulator.state.column < 1.0
     assert client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}}).startswith("lift")
 
 

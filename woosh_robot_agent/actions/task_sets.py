@@ -16,11 +16,11 @@ from google.protobuf.message import Message
 from woosh_robot_agent.actions.attribution import Attribution
 from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.kind import Findings, Report, Start
+from woosh_robot_agent.actions.task_polls import poll_tasks
 from woosh_robot_agent.actions.tasks import OUTCOMES
 from woosh_robot_agent.last_known import LastKnown
-from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
@@ -79,24 +79,10 @@ class TaskSetGoal:
         return isinstance(message, TaskProc) and not self._is_executing(message)
 
     async def poll(self, found: Callable[[Findings], None]) -> None:
-        chassis, empty = self._context.chassis, self._context.empty
+        await poll_tasks(self._context, found, self._read_current, self._read_history)
 
-        def read_current(answer: Answer) -> None:
-            findings = self._read_current(answer)
-            if findings is not None:
-                found(findings)
-
-        current = await chassis.request(empty(TaskProc), tap=read_current)
-        if self._read_current(current) is None:
-            await chassis.request(
-                empty(TaskHistory), tap=lambda history: found(self._read_history(history))
-            )
-
-    def _read_current(self, answer: Answer) -> Findings | None:
+    def _read_current(self, current: TaskProc) -> Findings | None:
         """Return what the chassis is doing; None if that is nothing of the set."""
-        current = answer.body
-        if not answer.ok or not isinstance(current, TaskProc):
-            return Findings()
         if self._is_executing(current):
             return Findings(tuple(self.read(current)))
         state = self._last_known.value(RobotState)
@@ -105,10 +91,9 @@ class TaskSetGoal:
             return Findings([Report(self._last, None)] if self.attribution.heard else ())
         return None
 
-    def _read_history(self, answer: Answer) -> Findings:
+    def _read_history(self, known: Iterable[TaskProc], _current: TaskProc) -> Findings:
         """Return the end of the set, if the chassis has left it for good."""
         self._polls_outside += 1
-        known = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
         end = self._end(old for old in known if self._is_of_set(old) and old.state in OUTCOMES)
         # a single poll can fall between two tasks
         if end is not None and self._polls_outside > 1:

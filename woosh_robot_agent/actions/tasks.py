@@ -12,10 +12,10 @@ from woosh_robot_agent.actions.attribution import Attribution
 from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.kind import Findings, Report, Start
 from woosh_robot_agent.actions.outcome import Outcome
+from woosh_robot_agent.actions.task_polls import poll_tasks
 from woosh_robot_agent.last_known import LastKnown
-from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskHistory, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.recent_dict import RecentDict
@@ -127,32 +127,16 @@ class TaskGoal:
         return isinstance(message, TaskProc) and message.robot_task_id != self._id
 
     async def poll(self, found: Callable[[Findings], None]) -> None:
-        chassis, empty = self._context.chassis, self._context.empty
+        await poll_tasks(self._context, found, self._read_current, self._read_history)
 
-        def read_current(answer: Answer) -> None:
-            findings = self._read_current(answer)
-            if findings is not None:
-                found(findings)
-
-        current = await chassis.request(empty(TaskProc), tap=read_current)
-        if self._read_current(current) is None:
-            await chassis.request(
-                empty(TaskHistory),
-                tap=lambda history: found(self._read_history(history, current.body)),
-            )
-
-    def _read_current(self, answer: Answer) -> Findings | None:
+    def _read_current(self, current: TaskProc) -> Findings | None:
         """Return what the chassis is doing; None if that is not this task."""
-        current = answer.body
-        if not answer.ok or not isinstance(current, TaskProc):
-            return Findings()
         if current.robot_task_id == self._id and current != self._previous:
             return Findings([_report(current)])
         return None
 
-    def _read_history(self, answer: Answer, current: Any) -> Findings:
+    def _read_history(self, known: Iterable[TaskProc], current: TaskProc) -> Findings:
         """Return the end of this task in the history of the chassis."""
-        known = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
         ended = [old for old in known if self._may_be_end(old)]
         if ended:
             return Findings([_report(max(ended, key=lambda old: old.time))])
