@@ -19,6 +19,7 @@ BENCHMARKS = {
     "maps": ("benchmarks.report.maps", "transfer of a map of 20 MiB, over each kind of link"),
     "odom": ("benchmarks.report.odom", "error of odom between the robot's reports"),
     "real": ("benchmarks.report.real", "the simulated chassis, compared with a real robot"),
+    "recording": ("benchmarks.report.recording", "cost of `record` at 1000 frames a second"),
     "scale": ("benchmarks.report.scale", "cost by number of robots, push rate and scan size"),
     "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
     "speed": (

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processes import running
-from benchmarks.report import dashboard, links, maps, odom, pages, real, scale, speed
+from benchmarks.report import dashboard, links, maps, odom, pages, real, recording, scale, speed
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -74,6 +74,16 @@ def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     for figures in found.values():
         assert list(figures) == ["cpu", "traffic", "scans"]
         assert all(value > 0 for value in figures.values()), found
+
+
+def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]) -> None:
+    assert recording.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == [recording.FLOOR, recording.PROXY, recording.ALONE]
+    assert all(figures["cpu"] > 0 for figures in found.values()), found
+    for name in (recording.PROXY, recording.ALONE):
+        assert found[name]["lost"] == 0
+        assert found[name]["size"] > 0
 
 
 def test_error_of_a_program_that_dies_holds_its_log() -> None:
