@@ -1,4 +1,4 @@
-"""Plots a recording: where the robot went on its map, its last laser scan, and its battery.
+"""Plots a recording: the robot's way on its map, its last laser scan, its speed and its battery.
 
     python3 plot_recording.py RECORDING PICTURE
 
@@ -46,9 +46,13 @@ def plot(found, path):
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (plane, battery) = plt.subplots(
-        1, 2, figsize=(11, 5.5), width_ratios=(2, 1), layout="constrained"
+    figure, axes = plt.subplot_mosaic(
+        [["map", "speed"], ["map", "battery"]],
+        figsize=(11, 5.5),
+        width_ratios=(2, 1),
+        layout="constrained",
     )
+    plane, speed, battery = axes["map"], axes["speed"], axes["battery"]
     for _, grid in found.get("/view/map", [])[-1:]:
         corner, size = grid.pose.position, grid.cell_size
         rows = len(grid.data) // grid.row_stride
@@ -64,7 +68,13 @@ def plot(found, path):
             ),
         )
     poses = [message.pose for _, message in found["/view/pose"]]
-    plane.plot([p.position.x for p in poses], [p.position.y for p in poses], label="driven")
+    plane.plot(
+        [p.position.x for p in poses],
+        [p.position.y for p in poses],
+        linewidth=4,
+        alpha=0.5,
+        label="driven",
+    )
     for _, planned in found.get("/view/path", []):
         x, y = ([getattr(p.position, axis) for p in planned.poses] for axis in "xy")
         plane.plot(x, y, "--", color="tab:green", linewidth=1)
@@ -76,10 +86,17 @@ def plot(found, path):
     plane.set(xlabel="x in map, m", ylabel="y in map, m", aspect="equal")
     plane.legend(loc="upper right")
 
-    start = found["/view/pose"][0][0]
+    start, end = found["/frames"][0][0], found["/frames"][-1][0]
+    reports = found.get("/chassis/robot/PoseSpeed", [])
+    speed.plot([time - start for time, _ in reports], [each.twist.linear for _, each in reports])
+    speed.set(ylabel="speed, m/s", xlim=(0, end - start))
     reports = found.get("/chassis/robot/Battery", [])
-    battery.plot([time - start for time, _ in reports], [each.power for _, each in reports], ".-")
-    battery.set(xlabel="time, s", ylabel="battery, %")
+    if reports:
+        reports.append((end, reports[-1][1]))  # the robot reports only changes
+    battery.step(
+        [time - start for time, _ in reports], [each.power for _, each in reports], where="post"
+    )
+    battery.set(xlabel="time, s", ylabel="battery, %", xlim=(0, end - start), ylim=(0, 100))
     figure.savefig(path, dpi=80)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
+import json
+import math
 import signal
 import subprocess
 import sys
@@ -58,6 +60,18 @@ with open(sys.argv[1], "rb") as file:
 assert not [name for name in sys.modules if name.startswith("woosh")]
 """
 """A program that has nothing of this project."""
+EXAMPLE = """
+import runpy, sys
+example = runpy.run_path(sys.argv[1])
+found = example["read"](sys.argv[2])
+print(*found)
+(_, scan), = found["/view/scan"]
+(_, pose), = found["/view/pose"]
+print(*example["laser_points"](scan, pose.pose), sep="\\n")
+assert not [name for name in sys.modules if name.startswith("woosh")]
+"""
+"""Reads a recording with the example of the docs, without drawing it."""
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def in_recording(path: Path, *topics: str) -> list[Any]:
@@ -99,6 +113,24 @@ def test_the_numbers_are_found_without_this_project(tmp_path: Path) -> None:
     assert (name, float(x), int(map_id)) == ("woosh.robot.PoseSpeed", 1.5, 7)
     assert int(published) == sent * 1_000_000
     assert abs(int(logged) / 1e9 - time.time()) < 3600  # ours, not the robot's
+
+
+def test_the_documented_example_reads_a_recording(tmp_path: Path) -> None:
+    at = PoseSpeed()
+    at.pose.x, at.pose.y, at.pose.theta = 1.0, 2.0, math.pi / 2
+    scan = ScannerData(ranges=[3.0, 99.0], angle_increment=0.1, angle_max=0.1, range_max=10)
+    scan.offset.x = 0.25
+    path = written(tmp_path / "a.mcap", at, scan)
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", EXAMPLE, str(DOCS / "plot_recording.py"), str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    topics, x, y = done.stdout.splitlines()
+    assert "/chassis/robot/PoseSpeed" in topics
+    assert json.loads(x) == pytest.approx([1.0])  # only the beam that hit something
+    assert json.loads(y) == pytest.approx([5.25])
 
 
 @aio

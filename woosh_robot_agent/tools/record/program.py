@@ -171,8 +171,8 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             else:
                 print(f"recording {config.address} to {writer.paths[0]}", flush=True)
                 own = replace(config, ip=_LOCALHOST, port=port)
-                # The client only discards, so what it misses is recorded all the same.
-                logging.getLogger("woosh_robot_agent.link.subscriptions").setLevel(logging.ERROR)
+                # The proxy logs what concerns the robot; this client knows only the proxy.
+                logging.getLogger("woosh_robot_agent.link").setLevel(logging.ERROR)
                 client = PassiveClient(own, with_large=not options.no_large)
                 stack.push_async_callback(client.close)
                 client.start()

@@ -8,6 +8,7 @@ import logging
 from dataclasses import dataclass, field
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.server.listener import Listener
 from woosh_robot_agent.link.timeouts import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.tools.record.frame_parsers import (
@@ -58,6 +59,7 @@ class RecordingProxy:
     def __init__(self, chassis: LinkConfig, writer: RecordingWriter) -> None:
         self._chassis = chassis
         self._writer = writer
+        self._log = LogOnce(_LOG)
         self._count = 0
         self._tasks: set[asyncio.Task[None]] = set()
         self._listener: Listener | None = None
@@ -125,11 +127,12 @@ class RecordingProxy:
         except OSError as error:
             reason = error.strerror or str(error) or type(error).__name__
             self._writer.event(connection.number, "refused", "chassis", reason)
-            _LOG.warning("a client connected, but %s cannot be reached: %s", config.address, reason)
+            self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
             return
+        self._log.clear("refused")
         connection.writers.append(chassis_writer)
         self._writer.event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
-        _LOG.info("client %d connected", connection.number)
+        _LOG.info("connected to %s for client %d", config.address, connection.number)
         loop = asyncio.get_running_loop()
         directions = {
             loop.create_task(self._copy(connection, "client", client_reader, chassis_writer)),

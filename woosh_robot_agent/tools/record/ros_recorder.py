@@ -158,7 +158,10 @@ class RosRecorder:
             schema,
             "ros2msg",
             "cdr",
-            {"offered_qos_profiles": "\n".join(map(_to_yaml, profiles))},
+            {
+                "offered_qos_profiles": "\n".join(map(_to_yaml, profiles)),
+                "topic_type_hash": str(offered[0].topic_type_hash),
+            },
         )
 
         def on_message(data: bytes, info: dict[str, int]) -> None:
