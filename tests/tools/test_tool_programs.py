@@ -114,8 +114,17 @@ def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
     path.write_text("mine")
     status, _, err = run("record", "--ip", "127.0.0.1", "--output", str(path))
     assert status == 1
-    assert "File exists" in err
+    assert f"error: cannot create {path}: File exists" in err
     assert path.read_text() == "mine"
+
+
+def test_record_that_cannot_start_leaves_no_file(chassis: SimulatorThread, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    arguments = ["--output", str(path), "--ros", "not a namespace"]
+    status, _, err = run("record", *address(chassis), *arguments)
+    assert status == 1
+    assert "error: --ros" in err
+    assert not list(tmp_path.iterdir())
 
 
 def test_record_at_a_port_in_use_fails(tmp_path: Path) -> None:
@@ -149,7 +158,7 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
     assert process.returncode == 1
     assert "size limit" in err
     assert "the proxy keeps running" in err
-    assert re.search(r"error: \d+ frames passed that are not recorded", err)
+    assert re.search(r"error: frames that passed but are not recorded: \d+", err)
     assert path.stat().st_size <= 0.04 * 2**20
     assert read_recording(path).damage == ""
 

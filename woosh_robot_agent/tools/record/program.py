@@ -151,7 +151,10 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         int((options.split_size or 0) * MIB),
         options.split_duration or 0.0,
     )
-    writer = RecordingWriter(options.output, config.address, limits, on_early_end)
+    try:
+        writer = RecordingWriter(options.output, config.address, limits, on_early_end)
+    except OSError as error:
+        raise RecordingError(_cannot_create(error)) from None
     ros_recorder = None
     try:
         proxy = RecordingProxy(config, writer)
@@ -159,12 +162,12 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         async with AsyncExitStack() as stack:
             try:
                 port = await proxy.start(host, port)
-            except OSError:
+                stack.push_async_callback(proxy.stop)
+                if options.ros:
+                    ros_recorder = _start_ros(options, limits, on_early_end)
+            except (OSError, RecordingError):
                 writer.discard()  # it is empty, and would block the next attempt
                 raise
-            stack.push_async_callback(proxy.stop)
-            if options.ros:
-                ros_recorder = _start_ros(options, limits, on_early_end)
             if options.listen:
                 warn_if_not_local(host, "can command the robot")
                 _print_instructions(config, host, port, writer.paths[0])
@@ -198,8 +201,8 @@ def _start_ros(
     path = output.with_name(f"{output.stem}_ros{output.suffix}")
     try:
         return RosRecorder(options.ros, path, limits, on_early_end)
-    except OSError:
-        raise
+    except OSError as error:
+        raise RecordingError(_cannot_create(error)) from None
     except Exception as error:  # rclpy has many for invalid names and arguments
         raise RecordingError(f"--ros {options.ros}: {error}") from None
 
@@ -211,7 +214,7 @@ def _report_frames(writer: RecordingWriter) -> bool:
         f"{_names(writer.paths)}"
     )
     if writer.lost:
-        print(f"error: {writer.lost} frames passed that are not recorded", file=sys.stderr)
+        print(f"error: frames that passed but are not recorded: {writer.lost}", file=sys.stderr)
     return writer.failed or bool(writer.lost)
 
 
@@ -220,8 +223,12 @@ def _report_ros(recorder: RosRecorder) -> bool:
     print(f"recorded {recorder.messages} ROS messages to {_names(recorder.paths)}")
     for topic, lost in recorder.lost.items():
         # A publisher with a short queue may have replaced them before they were sent.
-        print(f"warning: the middleware lost {lost} messages on {topic}", file=sys.stderr)
+        print(f"warning: messages on {topic} that the middleware lost: {lost}", file=sys.stderr)
     return recorder.failed
+
+
+def _cannot_create(error: OSError) -> str:
+    return f"cannot create {error.filename}: {error.strerror}"
 
 
 def _names(paths: Sequence[Path]) -> str:

@@ -77,7 +77,8 @@ class _Part:
                 self._read(StreamReader(_Stream(file), validate_crcs=True).records)  # type: ignore[arg-type]
             except InvalidMagic:
                 raise RecordingError(
-                    f"{self.path} is not a recording: it is no MCAP file"
+                    f"{self.path} is not a recording: it is no MCAP file; replay a file in the "
+                    "former format (.jsonl) with the release that recorded it"
                 ) from None
             except EndOfFile:
                 self.damage = f"{self.path} has no end"
