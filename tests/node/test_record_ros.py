@@ -13,9 +13,11 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import deserialize_message
 
 from tests.harness import wait_until
+from tests.interface_facts import HASHES
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_msgs.msg import Mode
 
@@ -64,12 +66,19 @@ def test_ros_topics_are_recorded(
     assert f"ROS messages to {ros}" in out
     assert read_recording(path).records
     with ros.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         assert reader.get_header().profile == "ros2"
         found = {
             channel.topic: (schema, channel, message)
             for schema, channel, message in reader.iter_messages()
         }
+        # every message can be decoded with nothing but its schema in the file
+        decoded = {
+            each.channel.topic: each.decoded_message for each in reader.iter_decoded_messages()
+        }
+    assert decoded.keys() == found.keys()
+    assert decoded[mode].ctrl.value
+    assert decoded[f"{namespace}/odom"].child_frame_id
     schema, channel, message = found[mode]
     assert (schema.name, schema.encoding, channel.message_encoding) == (
         "woosh_robot_msgs/msg/Mode",
@@ -80,6 +89,7 @@ def test_ros_topics_are_recorded(
     assert "MSG: woosh_robot_msgs/ControlMode" in schema.data.decode()
     (offered,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
     assert (offered["reliability"], offered["durability"]) == ("reliable", "transient_local")
+    assert channel.metadata["topic_type_hash"] == HASHES["woosh_robot_msgs/msg/Mode"]
     odometry = found[f"{namespace}/odom"][0].data.decode()
     for name in ("std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Quaternion"):
         assert f"\n{'=' * 80}\nMSG: {name}\n" in odometry
