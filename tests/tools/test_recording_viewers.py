@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import math
+import random
 import signal
 import subprocess
 import sys
@@ -33,6 +34,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
+    Model,
     NavPath,
     PoseSpeed,
     RobotInfo,
@@ -270,6 +272,45 @@ def test_every_file_of_a_split_recording_has_robot_and_map(tmp_path: Path) -> No
             assert {each.name for each in reader.iter_metadata()} == {"woosh_robot_agent", "robot"}
             assert {each.name for each in reader.iter_attachments()} == {"a.png", "a.yaml"}
         assert len(in_recording(path, "/view/map")) == 1
+
+
+def test_every_file_of_a_split_recording_shows_a_robot_that_stands_still(tmp_path: Path) -> None:
+    at, outline = PoseSpeed(), Model()
+    at.pose.x = 4.0
+    outline.model.add(x=1.0, y=2.0)
+    file = RecordingWriter(tmp_path / "a.mcap", "ws://x", Limits(2**26, 60_000), pytest.fail)
+    for message in (at, outline, Battery(power=50)):
+        frame = JSON.encode(message.DESCRIPTOR.full_name, message)
+        assert isinstance(frame, str)
+        file.frame(1, "chassis", frame.encode(), text=True)
+    for number in range(3000):
+        file.frame(1, "client", hashlib.sha256(b"%d" % number).digest(), text=False)
+    file.close()
+    assert len(file.paths) > 1
+    for path in file.paths[1:]:
+        assert [view.translation.x for view in in_recording(path, "/view/tf")] == [4.0]
+        shown = in_recording(path, "/view/robot")
+        assert {each.id for view in shown for each in view.entities} == {"outline", "battery"}
+
+
+def test_a_map_larger_than_the_split_size_leaves_room_for_messages(tmp_path: Path) -> None:
+    data = SceneData(name="hall")
+    noise = Image.frombytes("L", (200, 200), random.Random(1).randbytes(200 * 200))
+    buffer = io.BytesIO()
+    noise.save(buffer, "PNG")
+    data.maps.add(name="a", id=3, resolution=0.5, map_png=buffer.getvalue())
+    file = RecordingWriter(tmp_path / "a.mcap", "ws://x", Limits(2**26, 20_000), pytest.fail)
+    frame = JSON.encode(data.DESCRIPTOR.full_name, data)
+    assert isinstance(frame, str)
+    file.frame(1, "chassis", frame.encode(), text=True)
+    # the map is prepared in a thread
+    while not any("/view/map" in topics_in(path) for path in file.paths):
+        file.flush()
+    for number in range(1000):
+        file.frame(1, "client", hashlib.sha256(b"%d" % number).digest(), text=False)
+    file.close()
+    assert len(file.paths) < 10
+    assert file.lost == 0
 
 
 def test_frames_that_cannot_be_decoded_are_recorded_as_they_are(tmp_path: Path) -> None:

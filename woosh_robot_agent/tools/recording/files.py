@@ -74,6 +74,10 @@ class RecordingFiles:
         """Size of the files that are complete, in bytes."""
         self._closed_count: Counter[str] = Counter()
         """Number of messages in the files that are complete, by topic."""
+        self._start: int | None = None
+        """Log time of the first message that was passed to `add` for the current file, in ns."""
+        self._begin_size = 0
+        """Maximum size of what the current file began with, in bytes."""
         self._split_after = limits.split_duration * _NANOSECONDS or math.inf
         self._file: McapFile | None = None
         self._begin_file()
@@ -114,6 +118,8 @@ class RecordingFiles:
             self._make_room(channel, log_time, data)
             if self._file is not None:
                 self._file.add(channel, log_time, published, data)
+                if self._start is None:
+                    self._start = log_time
         except OSError as error:
             self._fail(error)
         return self._file is not None
@@ -167,8 +173,8 @@ class RecordingFiles:
         if self._closed_size + size > limits.max_size:
             self._close_file()
             self._end_early(f"{self._path} has reached its size limit of {limits.max_size} bytes")
-        elif file.start is not None and (
-            size > self._limit() or log_time - file.start >= self._split_after
+        elif self._start is not None and (
+            size > self._limit() or log_time - self._start >= self._split_after
         ):
             self._close_file()
             self._begin_file()
@@ -176,7 +182,12 @@ class RecordingFiles:
     def _limit(self) -> int:
         """Return the maximum size of the current file, in bytes."""
         left = self._limits.max_size - self._closed_size
-        return min(left, self._limits.split_size) if self._limits.split_size else left
+        split = self._limits.split_size
+        if not split:
+            return left
+        if self._begin_size > split / 2:  # a large map would leave room for few messages, or none
+            split += self._begin_size
+        return min(left, split)
 
     def _begin_file(self) -> None:
         path = self._path
@@ -185,6 +196,8 @@ class RecordingFiles:
         self._file = McapFile(path, self._profile)
         self.paths.append(path)
         self._on_new_file(self._file)
+        self._file.flush()
+        self._start, self._begin_size = None, self._file.max_size
 
     def _close_file(self) -> None:
         file = self._file

@@ -34,7 +34,6 @@ class McapFile:
         path: Path of the file.
         written: Number of messages in the file, by topic.
         pending: Number of messages in the chunk that is not written yet, by topic.
-        start: Log time of the first message, in ns; None before it.
         max_size: Maximum size that the complete file would have if it were closed now, in bytes.
 
     Raises:
@@ -45,7 +44,6 @@ class McapFile:
         self.path = path
         self.written: Counter[str] = Counter()
         self.pending: Counter[str] = Counter()
-        self.start: int | None = None
         self._file = path.open("xb")
         self._writer = Writer(self._file, chunk_size=_NEVER)
         self._writer.start(profile=profile, library=_LIBRARY)
@@ -72,8 +70,6 @@ class McapFile:
         number = self._channels.get(channel)
         if number is None:
             number = self._register(channel)
-        if self.start is None:
-            self.start = log_time
         topic = channel.topic
         self._writer.add_message(
             number, log_time, data, publish_time, self.written[topic] + self.pending[topic]

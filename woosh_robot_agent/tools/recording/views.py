@@ -56,10 +56,17 @@ _TEXT_HEIGHT = 1.0
 
 
 class View(NamedTuple):
-    """A message to look at, and its channel."""
+    """A message to look at, and its channel.
+
+    Attributes:
+        channel: Channel of the message.
+        message: The message.
+        state: Name of the state that it shows until the next one of this name; empty for an event.
+    """
 
     channel: Channel
     message: Message
+    state: str = ""
 
 
 def views_of(message: Message, time: int) -> Iterator[View]:
@@ -97,7 +104,7 @@ def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
         return
     position, rotation = Vector3(x=at.x, y=at.y), _rotation(at.theta)
     shown = Pose(position=position, orientation=rotation)
-    yield View(_POSE, PoseInFrame(timestamp=time, frame_id=MAP_FRAME, pose=shown))
+    yield View(_POSE, PoseInFrame(timestamp=time, frame_id=MAP_FRAME, pose=shown), "pose")
     yield View(
         _TRANSFORM,
         FrameTransform(
@@ -107,12 +114,13 @@ def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
             translation=position,
             rotation=rotation,
         ),
+        "transform",
     )
 
 
 def _path(report: NavPath, time: Timestamp) -> Iterator[View]:
     poses = [pose(each.x, each.y, each.theta) for each in report.path.poses]
-    yield View(_PATH, PosesInFrame(timestamp=time, frame_id=MAP_FRAME, poses=poses))
+    yield View(_PATH, PosesInFrame(timestamp=time, frame_id=MAP_FRAME, poses=poses), "path")
 
 
 def _scan(report: ScannerData, time: Timestamp) -> Iterator[View]:
@@ -161,7 +169,7 @@ def _on_robot(name: str, time: Timestamp, **primitives: Any) -> View:
     entity = SceneEntity(
         timestamp=time, frame_id=ROBOT_FRAME, id=name, frame_locked=True, **primitives
     )
-    return View(_ROBOT, SceneUpdate(entities=[entity]))
+    return View(_ROBOT, SceneUpdate(entities=[entity]), name)
 
 
 def _status_code(report: StatusCode, time: Timestamp) -> Iterator[View]:

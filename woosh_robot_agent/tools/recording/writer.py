@@ -86,6 +86,8 @@ class RecordingWriter:
         self._preparing: list[Future[PreparedMap | None]] = []
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
         """The last map with each name, which every file contains."""
+        self._states: dict[str, View] = {}
+        """The last view of each state, which every file begins with."""
         self._robot: dict[str, str] = {}
         self._start = time.time_ns()
         self._clock_offset = self._start - time.monotonic_ns()
@@ -195,6 +197,8 @@ class RecordingWriter:
 
     def _add_views_of(self, message: Message, now: int) -> None:
         for view in views_of(message, now):
+            if view.state:
+                self._states[view.state] = view
             self._add_view(view, now)
 
     def _add_view(self, view: View, now: int) -> None:
@@ -244,9 +248,11 @@ class RecordingWriter:
         if self._robot:
             file.add_metadata(ROBOT_METADATA, self._robot)
         now = self._now()
+        views = list(self._states.values())
         for prepared in self._maps.values():
             for attachment in prepared.attachments():
                 file.attach(*attachment, now)
             if prepared.view is not None:
-                content = prepared.view.message.SerializeToString()
-                file.add(prepared.view.channel, now, now, content)
+                views.append(prepared.view)
+        for view in views:
+            file.add(view.channel, now, now, view.message.SerializeToString())
