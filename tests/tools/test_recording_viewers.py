@@ -365,16 +365,22 @@ def topics_in(path: Path) -> list[str]:
     return topics
 
 
+@pytest.mark.parametrize(
+    ("protobuf", "packages"),
+    [
+        ("4.21.12", "'mcap-protobuf-support<0.4' 'foxglove-schemas-protobuf<0.4'"),
+        ("7.36.2", "mcap-protobuf-support foxglove-schemas-protobuf"),
+    ],
+)
 def test_missing_libraries_are_named_with_the_remedy(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, monkeypatch: Any, capsys: Any, protobuf: str, packages: str
 ) -> None:
+    monkeypatch.setattr("google.protobuf.__version__", protobuf)
     monkeypatch.setitem(sys.modules, "mcap_protobuf.schema", None)
     path = tmp_path / "a.mcap"
     assert record.main(["--ip", "127.0.0.1", "--output", str(path)]) == 1
     assert replay.main([str(path)]) == 1
     out = capsys.readouterr()
-    install = (
-        "python3 -m pip install --upgrade mcap mcap-protobuf-support foxglove-schemas-protobuf"
-    )
-    assert out.err.count(install) == 2
+    install = "python3 -m pip install --upgrade "
+    assert out.err.count(f"{install}mcap {packages}") == 2
     assert not path.exists()

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
+import google.protobuf
+
 from woosh_robot_agent.tools.recording.errors import RecordingError
 
-PACKAGES = ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf")
+_PACKAGES = "mcap mcap-protobuf-support foxglove-schemas-protobuf"
 """Packages on PyPI that reading and writing recordings needs."""
+_PACKAGES_FOR_OLD_PROTOBUF = "mcap 'mcap-protobuf-support<0.4' 'foxglove-schemas-protobuf<0.4'"
+"""Releases that work with protobuf before 5.29, such as that of Ubuntu 24.04."""
 
 
 def require_libraries() -> None:
@@ -14,7 +20,9 @@ def require_libraries() -> None:
     Raises:
         RecordingError: A library is missing or too old; the text says how to install it.
     """
-    install = f"run: python3 -m pip install --upgrade {' '.join(PACKAGES)}"
+    release = [int(part) for part in re.findall(r"\d+", google.protobuf.__version__)[:2]]
+    packages = _PACKAGES if release >= [5, 29] else _PACKAGES_FOR_OLD_PROTOBUF
+    install = f"run: python3 -m pip install --upgrade {packages} (see docs/recordings.md)"
     try:
         import foxglove_schemas_protobuf.Pose_pb2  # noqa: F401
         import mcap_protobuf.schema  # noqa: F401
