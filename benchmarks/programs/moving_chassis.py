@@ -28,7 +28,7 @@ class MovingChassis(EchoChassis):
     """Answers with a different scan each time, and pushes poses."""
 
     def __init__(self, beams: int) -> None:
-        super().__init__(beams)
+        super().__init__(beams, map_size=0)
         self._beams = beams
 
     def _make_answer(self, codec: Codec, type_name: str) -> Send:
