@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, dashboard, page
+from tests.tools.dashboard.pages import Page, dashboard, delayed, page
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
@@ -41,26 +40,9 @@ def last(chassis: SimulatorThread, cls: Any) -> Any:
     return chassis.last(full_name(cls))
 
 
-@asynccontextmanager
-async def held(viewer: Page, linear: float = 0.3) -> AsyncIterator[None]:
-    """Hold the stick."""
-    loop = asyncio.get_running_loop()
-
-    async def repeat() -> None:
-        while True:
-            await viewer.send(do="drive", linear=linear, angular=0.0, at=loop.time() * 1000.0)
-            await asyncio.sleep(0.05)
-
-    holding = asyncio.ensure_future(repeat())
-    try:
-        yield
-    finally:
-        holding.cancel()
-
-
 async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> None:
     """Hold the stick until a condition is true."""
-    async with held(viewer, linear):
+    async with viewer.holds(linear):
         await eventually(until)
 
 
@@ -179,7 +161,7 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
             *("woosh.robot.ScannerData", "woosh.map.SceneData"),
         }
         assert set(chassis.counts) <= reads
-        await viewer.send(do="drive", linear=0.3, angular=0.0, at=0.0)
+        await viewer.drive(0.3)
         assert await viewer.closed() == 1008
         assert set(chassis.counts) <= reads
 
@@ -189,7 +171,7 @@ async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) 
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
         await hold(viewer, lambda: is_driving(chassis))
-        await viewer.send(do="drive", linear=0.0, angular=0.0, at=0.0)
+        await viewer.drive(0.0)
         await eventually(lambda: is_stopped_by_zero(chassis))
 
 
@@ -261,12 +243,55 @@ async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> No
 async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        await viewer.send(do="drive", linear=0.0, angular=0.1, at=100_000.0)
-        await eventually(lambda: chassis.counts[TWIST])
-        await viewer.send(do="drive", linear=0.4, angular=0.0, at=90_000.0)
-        text = await viewer.until(lambda parts: parts["stick"])
-        assert text == "the connection is too slow to drive"
-        assert all(each.message.linear == 0.0 for each in chassis.received if each.type == TWIST)
+        for press, wrong in enumerate((0, 10**14)):
+            await viewer.drive(0.4, press=press, clock=wrong)
+            await viewer.until(lambda _, count=press + 1: len(viewer.refusals) == count)
+        assert set(viewer.refusals) == {control.TOO_SLOW}
+        assert chassis.counts[TWIST] == 0
+        await hold(viewer, lambda: is_driving(chassis))
+
+
+@pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
+@aio
+async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        before = chassis.counts
+        args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": 1}
+        await viewer.send(do="command", id=1, name=name, args=args, clock=0)
+        reply = await viewer.until(lambda _: viewer.replies.get(1))
+        assert reply == (False, f"{name} was not sent: {control.TOO_SLOW}")
+        assert viewer.parts["control"]["owner"] is None
+        changed = chassis.counts - before
+        assert not {full_name(ExecTask), full_name(ActionOrder), full_name(SetRobotPose)} & set(
+            changed
+        )
+
+
+@pytest.mark.parametrize("direction", ["to the robot", "to the page"])
+@aio
+async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
+    chassis: SimulatorThread, direction: str
+) -> None:
+    delays = (3.0, 0.0) if direction == "to the robot" else (0.0, 3.0)
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as watcher,
+        delayed(running, *delays) as port,
+        page(running, port=port) as viewer,
+    ):
+        await ready(watcher)
+        await ready(viewer)
+        for press in range(20):
+            await viewer.drive(0.3, press=press)
+            await asyncio.sleep(0.1)
+        await viewer.until(lambda _: len(viewer.refusals) == 20)
+        assert set(viewer.refusals) == {control.TOO_SLOW}
+        assert chassis.counts[TWIST] == 0
+        clock = viewer.parts["clock"]
+        await viewer.send(do="command", id=1, name="stop", args={}, clock=clock)
+        assert (await viewer.until(lambda _: viewer.replies.get(1)))[0]
+        assert chassis.counts[TWIST] == 1
 
 
 @aio
@@ -283,7 +308,7 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         await other.until(lambda parts: parts["control"]["owner"] == name)
         ok, text = await other.command("cancel")
         assert (ok, text) == (False, f"{name} has control: wait until it is released")
-        await other.send(do="drive", linear=0.3, angular=0.0, at=0.0)
+        await other.drive(0.3)
         await other.until(lambda parts: parts["stick"].startswith(name))
         assert chassis.counts[TWIST] == 0
         ok, text = await other.command("stop")  # everybody may
@@ -301,7 +326,7 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
 async def test_stop_stops_what_the_stick_drives(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        async with held(viewer):
+        async with viewer.holds(0.3):
             await eventually(lambda: is_driving(chassis))
             ok, text = await viewer.command("stop")
             assert ok, text

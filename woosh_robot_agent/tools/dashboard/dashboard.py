@@ -7,7 +7,7 @@ import json
 import logging
 import mimetypes
 import socket
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Coroutine, Mapping, Sequence, Set
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib import resources
@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access
+from woosh_robot_agent.tools.dashboard.commands import CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control
 from woosh_robot_agent.tools.dashboard.http import Request, Response, serve_http
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
@@ -30,6 +31,10 @@ _MAX_COMMANDS = 8
 """Maximum number of commands of one viewer that wait for their answer; a stop is never too many."""
 _TRY_AGAIN_LATER = 1013
 """Code with which a WebSocket is closed if there are too many viewers."""
+_MAX_CLOCK = 10**15
+"""Greatest time in a message of the page, in milliseconds."""
+_CLOCK_PERIOD = 0.1
+"""Time between two messages to the viewers with the time of this process, in seconds."""
 _SOCKET_PATH = "/live"
 _MAP_PATH = "/map/"
 mimetypes.add_type("text/javascript", ".js")  # some systems say something else
@@ -107,6 +112,7 @@ class Dashboard:
         self._count = 0
         """Number of viewers so far."""
         self._server: Any = None
+        self._clock: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Dashboard:
         await self.start()
@@ -135,6 +141,7 @@ class Dashboard:
             robot.start()
         for control in self._controls.values():
             control.start()
+        self._clock = asyncio.get_running_loop().create_task(self._tell_time(), name="clock")
 
     async def close(self) -> None:
         """Stop listening, stop each robot that a stick drives, and close the links."""
@@ -148,6 +155,8 @@ class Dashboard:
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()
+        if self._clock is not None:
+            self._clock.cancel()
         await asyncio.gather(*(robot.close() for robot in self.robots))
 
     @property
@@ -219,6 +228,12 @@ class Dashboard:
         except ConnectionClosed:
             return
 
+    async def _tell_time(self) -> None:
+        while True:
+            for viewer in self._viewers:
+                viewer.tell_time()
+            await asyncio.sleep(_CLOCK_PERIOD)
+
     def _watch(self, viewer: Viewer, index: int) -> None:
         viewer.note(part="watching", data=index)  # the parts that follow are those of this robot
         viewer.watch(self.robots[index])
@@ -234,27 +249,45 @@ class Dashboard:
         for control in self._controls.values():
             control.release(viewer)
 
-    async def _command(self, viewer: Viewer, id_: int, name: str, args: dict[str, Any]) -> None:
-        """Execute a command of a viewer, and reply."""
-        robot = viewer.robot
-        control = self._controls.get(robot) if robot is not None else None
-        if self._extras is not None and name in self._extras.names:
-            ok, text = await self._extras.run(name, args)
-            self.robots[0].changed()
-        elif control is None:
-            ok, text = False, READ_ONLY
-        else:
-            ok, text = await control.run(viewer, name, args)
-        viewer.note(part="reply", id=id_, ok=ok, text=text)
-
-    def _start_command(self, viewer: Viewer, id_: int, name: str, args: dict[str, Any]) -> None:
-        if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
-            viewer.note(part="reply", id=id_, ok=False, text="wait for the other commands")
+    def _start_command(
+        self, viewer: Viewer, id_: int, name: str, args: dict[str, Any], clock: int
+    ) -> None:
+        """Start a command of a viewer for the robot that it watches now."""
+        try:
+            if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
+                raise CommandError("wait for the other commands")
+            work = self._work(viewer, name, args, clock)
+        except CommandError as error:
+            viewer.note(part="reply", id=id_, ok=False, text=str(error))
             return
-        work = self._command(viewer, id_, name, args)
-        task = asyncio.get_running_loop().create_task(work, name=name)
+
+        async def execute() -> None:
+            ok, text = await work
+            viewer.note(part="reply", id=id_, ok=ok, text=text)
+
+        task = asyncio.get_running_loop().create_task(execute(), name=name)
         viewer.commands.add(task)
         task.add_done_callback(viewer.commands.discard)
+
+    def _work(
+        self, viewer: Viewer, name: str, args: dict[str, Any], clock: int
+    ) -> Coroutine[Any, Any, tuple[bool, str]]:
+        """Return the execution of a command.
+
+        Raises:
+            CommandError: the command is refused.
+        """
+        if self._extras is not None and name in self._extras.names:
+            return self._run_extra(self._extras, name, args)
+        if viewer.robot not in self._controls:
+            raise CommandError(READ_ONLY)
+        control = self._controls[viewer.robot]
+        return control.stop() if name == STOP else control.command(viewer, name, args, clock)
+
+    async def _run_extra(self, extras: Extras, name: str, args: dict[str, Any]) -> tuple[bool, str]:
+        result = await extras.run(name, args)
+        self.robots[0].changed()
+        return result
 
     def _handle(self, viewer: Viewer, message: dict[str, Any]) -> None:
         """Handle one message.
@@ -274,8 +307,14 @@ class Dashboard:
                 self._release(viewer)
             case {"do": "drive"} if viewer.robot in self._controls:
                 self._controls[viewer.robot].drive(viewer, message)
-            case {"do": "command", "id": int(id_), "name": str(name), "args": dict(args)}:
-                self._start_command(viewer, id_, name, args)
+            case {
+                "do": "command",
+                "id": int(id_),
+                "name": str(name),
+                "args": dict(args),
+                "clock": int(clock),
+            } if abs(clock) < _MAX_CLOCK:
+                self._start_command(viewer, id_, name, args, clock)
             case _:
                 raise ValueError("not a message of the page")
 

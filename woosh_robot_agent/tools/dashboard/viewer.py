@@ -39,6 +39,7 @@ class Viewer:
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
         commands: tasks of the commands that wait for their answer.
+        ended_press: number of the last press of the stick that has ended; see `Control`.
     """
 
     def __init__(self, socket: Any, number: int) -> None:
@@ -48,6 +49,9 @@ class Viewer:
         self.robot: Robot | None = None
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
+        self.ended_press = -1
+        self._tells_time = False
+        """True if the time is to be sent."""
         self._stale: dict[str, None] = {}
         """Names of the parts to send, in the order in which they changed."""
         self._notes: list[str] = []
@@ -85,6 +89,16 @@ class Viewer:
         else:
             self._socket.transport.abort()
 
+    def tell_time(self) -> None:
+        """Send the time of this process, without which the page cannot drive."""
+        self._tells_time = True
+        self._wake.set()
+
+    def end_press(self, press: int, reason: str) -> None:
+        """Drive no more with the current press of the stick, and tell the page why."""
+        self.ended_press = max(self.ended_press, press)
+        self.note(part="stick", data=reason)
+
     def count_message(self) -> None:
         """Count a message from the viewer.
 
@@ -104,7 +118,7 @@ class Viewer:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._notes or self._stale:
+                while self._notes or self._tells_time or self._stale:
                     await self._socket.send(self._next())
         except ConnectionClosed:
             return
@@ -112,6 +126,9 @@ class Viewer:
     def _next(self) -> str | bytes:
         if self._notes:
             return self._notes.pop(0)
+        if self._tells_time:  # after the notes: a page that knows a time after a stop knows it too
+            self._tells_time = False
+            return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         name = next(iter(self._stale))
         del self._stale[name]
         assert self.robot is not None
