@@ -41,13 +41,13 @@ def place(running: Dashboard) -> str:
 
 
 async def fetch(
-    running: Dashboard, path: str, headers: dict[str, str] | None = None
+    running: Dashboard, path: str, headers: dict[str, str] | None = None, method: str = "GET"
 ) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of a page."""
 
     def get() -> tuple[int, dict[str, str], bytes]:
         connection = http.client.HTTPConnection(place(running), timeout=TIMEOUT)
-        connection.request("GET", path, headers=headers or {})
+        connection.request(method, path, headers=headers or {})
         response = connection.getresponse()
         found = {name.lower(): value for name, value in response.getheaders()}
         return response.status, found, response.read()
@@ -125,18 +125,17 @@ class Page:
         await self.send(**{"do": "drive", **velocity, "press": 0, "clock": clock, **changed})
 
     @asynccontextmanager
-    async def holds(self, linear: float) -> AsyncIterator[None]:
+    async def holds(self, linear: float, press: int = 0) -> AsyncIterator[None]:
         """Hold the stick; press it again only if the connection was too slow."""
 
-        async def repeat() -> None:
-            press = 0
+        async def repeat(press: int) -> None:
             while True:
                 if self.refusals and self.refusals[-1] == TOO_SLOW:
                     press = len(self.refusals)
                 await self.drive(linear, press=press)
                 await asyncio.sleep(0.05)
 
-        holding = asyncio.ensure_future(repeat())
+        holding = asyncio.ensure_future(repeat(press))
         try:
             yield
         finally:

@@ -11,7 +11,8 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Page, dashboard, delayed, page
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
+from woosh_robot_agent.motion.gate import HOLD
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecTask,
@@ -44,6 +45,12 @@ async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> N
     """Hold the stick until a condition is true."""
     async with viewer.holds(linear):
         await eventually(until)
+
+
+async def passed(viewer: Page, seconds: float) -> None:
+    """Wait until so much time has passed for the dashboard."""
+    begin = await viewer.until(lambda parts: parts["clock"])
+    await viewer.until(lambda parts: parts["clock"] > begin + 1000 * seconds)
 
 
 def is_driving(chassis: SimulatorThread) -> bool:
@@ -316,21 +323,109 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         assert "task cancelled" in text
         await driver.socket.close()
         await other.until(lambda parts: parts["control"]["owner"] is None)
-        ok = False
-        while not ok:  # for a moment after a stop, nothing that moves is sent
-            ok, text = await other.command("goMark", mark="A2")
-            assert ok or text.startswith("not sent: cancelled by the `stop` service")
+        await passed(other, HOLD)  # for a moment after a stop, nothing that moves is sent
+        ok, text = await other.command("goMark", mark="A2")
+        assert ok, text
 
 
 @aio
-async def test_stop_stops_what_the_stick_drives(chassis: SimulatorThread) -> None:
+async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        async with viewer.holds(0.3):
+        clock = await viewer.until(lambda parts: parts["clock"])
+        await viewer.command("stop")
+        await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
+        ok, text = await viewer.until(lambda _: viewer.replies.get(99))
+        reasons = ("the robot was stopped in the meantime", control.TOO_SLOW)
+        assert not ok
+        assert text.startswith("goMark was not sent: ")
+        assert text.endswith(reasons)
+        assert chassis.counts[full_name(ExecTask)] == 0
+
+
+@pytest.mark.parametrize("who", ["driver", "other"])
+@aio
+async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, who: str) -> None:
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as driver,
+        page(running) as other,
+    ):
+        await ready(driver)
+        async with driver.holds(0.3):
             await eventually(lambda: is_driving(chassis))
-            ok, text = await viewer.command("stop")
+            ok, text = await (driver if who == "driver" else other).command("stop")
             assert ok, text
-            # the stick is still held, and must not drive again
-            await viewer.until(lambda parts: "was stopped" in parts["stick"])
-            await eventually(lambda: chassis.state.velocity.forward == 0.0)
+            await driver.until(lambda _: driver.refusals[-1:] == ["the robot was stopped"])
+            await passed(driver, HOLD)
             assert is_stopped_by_zero(chassis)
+        press = len(driver.refusals)  # no former press has a higher number
+        sent = chassis.counts[TWIST]
+        await driver.drive(0.0, press=press - 1)  # the dead zone of the stick
+        await driver.drive(0.3, press=press - 1)
+        assert await driver.command("pause")
+        assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
+        async with driver.holds(0.3, press=press):
+            await eventually(lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        await hold(viewer, lambda: is_driving(chassis))
+        await passed(viewer, 0.6)
+        sent = chassis.counts[TWIST]
+        press = len(viewer.refusals)
+        await viewer.drive(0.3, press=press)
+        await viewer.until(lambda _: len(viewer.refusals) > press)
+        assert viewer.refusals[-1] == control.TOO_SLOW
+        assert chassis.last(TWIST) == Twist()
+        assert chassis.counts[TWIST] <= sent + 1
+
+
+@pytest.mark.parametrize("name", ["goMark", "stop"])
+@aio
+async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
+    chassis: SimulatorThread, name: str
+) -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
+        async with dashboard(chassis, other, control=True) as running, page(running) as viewer:
+            await ready(viewer)
+            await eventually(lambda: running.robots[1].view.has_robot_info)
+            clock = viewer.parts["clock"]
+            command = {"do": "command", "id": 1, "name": name, "args": {"mark": "A2"}}
+            await asyncio.gather(  # both are there when the dashboard reads the first one
+                viewer.send(**command, clock=clock), viewer.send(do="watch", robot=1)
+            )
+            ok, text = await viewer.until(lambda _: viewer.replies.get(1))
+            sent = full_name(ExecTask if name == "goMark" else ActionOrder)
+            assert (ok, chassis.counts[sent]) == (True, 1), text
+            await viewer.until(
+                lambda parts: parts["watching"] == 1 and parts["control"]["owner"] is None
+            )
+            assert other.counts[sent] == 0
+
+
+@aio
+async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "_CLOSE_TIMEOUT", TIMEOUT)
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
+        async with (
+            dashboard(chassis, other, control=True) as running,
+            page(running) as first,
+            page(running) as second,
+        ):
+            await ready(first)
+            await second.send(do="watch", robot=1)
+            await second.until(lambda parts: parts["watching"] == 1 and parts["link"]["good"])
+            async with first.holds(0.3), second.holds(0.3):
+                await eventually(lambda: is_driving(chassis) and is_driving(other))
+                chassis.mute(TWIST)
+                closing = asyncio.ensure_future(running.close())
+                await eventually(lambda: is_stopped_by_zero(other))
+                assert not closing.done()  # it waits for the answer of the first robot
+            chassis.drop()
+            await closing

@@ -59,6 +59,9 @@ class Control:
         robot: the robot.
         max_linear: maximum speed of the stick, in m/s.
         max_angular: maximum turning speed of the stick, in rad/s.
+
+    Attributes:
+        owner: the viewer that has the control; None without any.
     """
 
     def __init__(self, robot: Robot, max_linear: float, max_angular: float) -> None:
@@ -69,7 +72,7 @@ class Control:
         self._gate.on_answered(self._answered)
         self._gate.on_stop(self._stopped)
         self._explainer = RefusalExplainer(robot.chassis, robot.view.values)
-        self._owner: Viewer | None = None
+        self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
         self._stopped_at = -math.inf
@@ -139,14 +142,14 @@ class Control:
         clock = number(message, "clock", _MAX_COUNT)
         press = int(number(message, "press", _MAX_COUNT))
         if not (linear or angular):
-            if viewer is self._owner:
+            if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
             return
         if press <= viewer.ended_press:
             return
         if reason := self._objection(viewer, press, clock):
             viewer.end_press(press, reason)
-            if viewer is self._owner:
+            if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
             return
         if press != self._press:
@@ -157,26 +160,26 @@ class Control:
 
     def release(self, viewer: Viewer) -> None:
         """Take the control from a viewer that has it, and stop what its stick drives."""
-        if viewer is self._owner:
+        if viewer is self.owner:
             self._stick.drive(0.0, 0.0, 0.0)
-            self._owner = None
+            self.owner = None
             self._press = -1
             self._robot.changed()
 
     def _release_idle(self) -> None:
         """Take the control from a viewer that has not used it for long."""
-        if self._owner and asyncio.get_running_loop().time() > self._used_at + _IDLE_TIMEOUT:
-            self.release(self._owner)
+        if self.owner and asyncio.get_running_loop().time() > self._used_at + _IDLE_TIMEOUT:
+            self.release(self.owner)
 
     def _claim(self, viewer: Viewer) -> str:
         """Give the control to a viewer; return the reason why not, or an empty text."""
         self._release_idle()
-        if self._owner not in (None, viewer):
-            return f"{self._owner.name} has control: wait until it is released"
+        if self.owner not in (None, viewer):
+            return f"{self.owner.name} has control: wait until it is released"
         if not viewer.visible:
             return "the page is hidden"
-        if self._owner is None:
-            self._owner = viewer
+        if self.owner is None:
+            self.owner = viewer
             self._robot.changed()
         self._used_at = asyncio.get_running_loop().time()
         return ""
@@ -224,13 +227,13 @@ class Control:
 
     def _stick_refused(self, reason: str) -> None:
         """End the press that drives."""
-        if self._owner is not None:
-            self._owner.end_press(self._press, reason)
+        if self.owner is not None:
+            self.owner.end_press(self._press, reason)
 
     def _data(self) -> dict[str, Any]:
         self._release_idle()
         limits = {"linear": self._limits.max_linear, "angular": self._limits.max_angular}
-        return {"owner": self._owner.name if self._owner else None, "limits": limits}
+        return {"owner": self.owner.name if self.owner else None, "limits": limits}
 
 
 class _Stick(VelocityDriver):

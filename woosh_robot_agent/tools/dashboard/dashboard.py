@@ -20,9 +20,14 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access
 from woosh_robot_agent.tools.dashboard.commands import CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control
-from woosh_robot_agent.tools.dashboard.http import Request, Response, serve_http
+from woosh_robot_agent.tools.dashboard.http import (
+    POLICY_VIOLATION,
+    Request,
+    Response,
+    serve_http,
+)
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
-from woosh_robot_agent.tools.dashboard.viewer import POLICY_VIOLATION, TooFastError, Viewer
+from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
 _MAX_MESSAGE = 4096
@@ -144,20 +149,22 @@ class Dashboard:
         self._clock = asyncio.get_running_loop().create_task(self._tell_time(), name="clock")
 
     async def close(self) -> None:
-        """Stop listening, stop each robot that a stick drives, and close the links."""
-        for robot, control in self._controls.items():
-            if reason := await control.close():
-                _LOG.error(
-                    "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
-                    robot.chassis.config.address,
-                    reason,
-                )
+        """Stop each robot that a stick drives, stop listening, and close the links."""
+        await asyncio.gather(*map(self._stop_driving, self._controls))
+        if self._clock is not None:
+            self._clock.cancel()
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()
-        if self._clock is not None:
-            self._clock.cancel()
         await asyncio.gather(*(robot.close() for robot in self.robots))
+
+    async def _stop_driving(self, robot: Robot) -> None:
+        if reason := await self._controls[robot].close():
+            _LOG.error(
+                "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
+                robot.chassis.config.address,
+                reason,
+            )
 
     @property
     def url(self) -> str:
@@ -198,7 +205,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, connection: Any) -> None:
-        if len(self._viewers) >= self._config.max_viewers:
+        if len(self._viewers) >= self._config.max_viewers and not self._make_room():
             await connection.close(_TRY_AGAIN_LATER, "too many viewers")
             return
         self._count += 1
@@ -210,21 +217,41 @@ class Dashboard:
         try:
             await self._receive(connection, viewer)
         finally:
-            self._release(viewer)
-            viewer.unwatch()
-            self._viewers.discard(viewer)
+            self._leave(viewer)
             sending.cancel()
+
+    def _make_room(self) -> bool:
+        """Disconnect a viewer that does not drive, so that a new one can always come, and stop.
+
+        Returns:
+            False if all viewers have control.
+        """
+        idle = [viewer for viewer in self._viewers if not self._has_control(viewer)]
+        if not idle:
+            return False
+        oldest = min(idle, key=lambda viewer: (viewer.visible, viewer.heard_at))
+        self._leave(oldest)
+        oldest.dismiss(_TRY_AGAIN_LATER, "there are too many viewers; reload the page to come back")
+        return True
+
+    def _has_control(self, viewer: Viewer) -> bool:
+        return any(control.owner is viewer for control in self._controls.values())
+
+    def _leave(self, viewer: Viewer) -> None:
+        self._release(viewer)
+        viewer.unwatch()
+        self._viewers.discard(viewer)
 
     async def _receive(self, connection: Any, viewer: Viewer) -> None:
         """Handle the messages of a viewer until it leaves."""
         try:
             while True:
                 text = await connection.recv()
-                viewer.count_message()
+                viewer.heard_at = asyncio.get_running_loop().time()
                 self._handle(viewer, _parse(text))
-        except (TooFastError, ValueError) as error:
+        except ValueError as error:
             _LOG.debug("%s is disconnected: %s", viewer.name, error)
-            await connection.close(POLICY_VIOLATION, str(error)[:100] or "too many messages")
+            await connection.close(POLICY_VIOLATION, str(error)[:100])
         except ConnectionClosed:
             return
 

@@ -13,16 +13,6 @@ from woosh_robot_agent.tools.dashboard.robot import Robot
 
 _MAX_NOTES = 100
 """Number of notes that wait for a slow viewer; a slower one is disconnected."""
-_MESSAGE_RATE = 60.0
-"""Rate of messages that a viewer may send for long, in Hz."""
-_MESSAGE_BURST = 120.0
-"""Number of messages that a viewer may send at once."""
-POLICY_VIOLATION = 1008
-"""Code with which a WebSocket is closed if the viewer breaks a limit."""
-
-
-class TooFastError(Exception):
-    """A viewer sends too many messages."""
 
 
 class Viewer:
@@ -39,6 +29,7 @@ class Viewer:
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
         commands: tasks of the commands that wait for their answer.
+        heard_at: loop time of the last message from the page.
         ended_press: number of the last press of the stick that has ended; see `Control`.
     """
 
@@ -57,8 +48,7 @@ class Viewer:
         self._notes: list[str] = []
         """Messages to send, each of which counts."""
         self._wake = asyncio.Event()
-        self._allowance = _MESSAGE_BURST
-        self._counted_at = asyncio.get_running_loop().time()
+        self.heard_at = asyncio.get_running_loop().time()
 
     def watch(self, robot: Robot) -> None:
         """Watch a robot instead of the one before."""
@@ -89,6 +79,11 @@ class Viewer:
         else:
             self._socket.transport.abort()
 
+    def dismiss(self, code: int, reason: str) -> None:
+        """Close the WebSocket; the commands that wait for their answer go on."""
+        closing = asyncio.get_running_loop().create_task(self._socket.close(code, reason))
+        self._closing = closing  # the loop keeps only a weak reference
+
     def tell_time(self) -> None:
         """Send the time of this process, without which the page cannot drive."""
         self._tells_time = True
@@ -98,19 +93,6 @@ class Viewer:
         """Drive no more with the current press of the stick, and tell the page why."""
         self.ended_press = max(self.ended_press, press)
         self.note(part="stick", data=reason)
-
-    def count_message(self) -> None:
-        """Count a message from the viewer.
-
-        Raises:
-            TooFastError: there are too many.
-        """
-        now = asyncio.get_running_loop().time()
-        gained = (now - self._counted_at) * _MESSAGE_RATE
-        self._allowance = min(_MESSAGE_BURST, self._allowance + gained) - 1.0
-        self._counted_at = now
-        if self._allowance < 0.0:
-            raise TooFastError
 
     async def send(self) -> None:
         """Send what is to be sent, until the WebSocket ends or this is cancelled."""
