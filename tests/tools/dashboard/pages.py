@@ -64,6 +64,8 @@ class Page:
         self.replies: dict[int, tuple[bool, str]] = {}
         self.refusals: list[str] = []
         """Reasons why the stick does not drive."""
+        self.press = 0
+        """Number of the current press of the stick."""
         self._commands = 0
         self.scans = 0
         self.size = 0
@@ -118,24 +120,27 @@ class Page:
             if TOO_SLOW not in reply[1]:
                 return reply
 
-    async def drive(self, linear: float, angular: float = 0.0, **changed: Any) -> None:
+    async def drive(self, linear: float, **changed: Any) -> None:
         """Send one velocity of the stick; `changed` replaces the time or the press."""
         clock = await self.until(lambda parts: parts["clock"])
-        velocity = {"linear": linear, "angular": angular}
-        await self.send(**{"do": "drive", **velocity, "press": 0, "clock": clock, **changed})
+        velocity = {"linear": linear, "angular": 0.0, "press": self.press, "clock": clock}
+        await self.send(**{"do": "drive", **velocity, **changed})
 
     @asynccontextmanager
-    async def holds(self, linear: float, press: int = 0) -> AsyncIterator[None]:
-        """Hold the stick; press it again only if the connection was too slow."""
+    async def holds(self, linear: float) -> AsyncIterator[None]:
+        """Press the stick and hold it; press it again only if the connection was too slow."""
+        self.press += 1
+        refused = len(self.refusals)
 
-        async def repeat(press: int) -> None:
+        async def repeat() -> None:
             while True:
-                if self.refusals and self.refusals[-1] == TOO_SLOW:
-                    press = len(self.refusals)
-                await self.drive(linear, press=press)
+                if TOO_SLOW in self.refusals[refused:][-1:]:
+                    self.refusals.append("pressed again")
+                    self.press += 1
+                await self.drive(linear)
                 await asyncio.sleep(0.05)
 
-        holding = asyncio.ensure_future(repeat(press))
+        holding = asyncio.ensure_future(repeat())
         try:
             yield
         finally:
