@@ -5,10 +5,12 @@ With WOOSH_SCREENSHOTS=docs, the pictures of the documentation are made anew.
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -21,6 +23,7 @@ from tests.tools.dashboard.browsers import (
     kill_browser,
     requested_urls,
 )
+from tests.tools.dashboard.pages import page
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.protos import full_name
 
@@ -194,6 +197,65 @@ def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
     field = element(browser, "#speak-text")
     field.send_keys("hello you")
     assert field.get_property("value") == "hello you"
+
+
+def test_a_stop_of_another_viewer_ends_the_press(robot: SimulatedPage, browser: Any) -> None:
+    async def stop() -> tuple[bool, str]:
+        running: Any = SimpleNamespace(url=robot.url)
+        async with page(running) as other:
+            return await other.command("stop")
+
+    hold_stick(browser, robot)
+    ok, reason = asyncio.run(stop())
+    assert ok, reason
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+    eventually(lambda: script(browser, "controls.velocity === null"), "the page to let go")
+    # the pointer is still down
+    actions(browser).move_by_offset(10, 10).move_by_offset(-10, -10).perform()
+    assert script(browser, "controls.velocity === null")
+    assert not script(browser, "controls.stick.hasPointerCapture(1)")
+    hold_stick(browser, robot)  # another press drives
+
+
+def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_alarm(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    with robot.silent():
+        eventually(lambda: element(browser, "#outdated").is_displayed(), "the warning")
+        assert "no answer from the dashboard" in text(browser, "#link")
+        element(browser, "#stop").click()
+        eventually(lambda: element(browser, "#alarm").is_displayed(), "the alarm")
+        assert "use the emergency stop on the robot: no answer" in text(browser, "#alarm")
+    eventually(lambda: not element(browser, "#outdated").is_displayed(), "the dashboard")
+
+    def stops() -> bool:
+        element(browser, "#stop").click()
+        return not element(browser, "#alarm").is_displayed()
+
+    eventually(stops, "the end of the alarm")
+
+
+def test_names_are_shown_as_text(tmp_path: Path) -> None:
+    evil = "<img src=x onerror=hacked=1>"
+    (tmp_path / "scene.yaml").write_text(
+        "name: lab\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
+        f"    marks: [{{number: {evil!r}, pose: [2, 2, 0], description: {evil!r}}}]\n"
+    )
+    robot = SimulatedPage(scenes=(tmp_path,))
+    try:
+        with chromium() as browser:
+            browser.get(robot.url)
+            eventually(lambda: script(browser, "mapView.marks.length > 0"), "the mark")
+            assert script(browser, "mapView.marks[0].number") == evil
+            script(browser, f"controls.run('goMark', {{mark: {evil!r}}})")
+            eventually(lambda: evil in text(browser, "#state"), "the task")
+            script(browser, f"controls.run('fault', {{text: {evil!r}}})")
+            eventually(lambda: "unknown fault" in text(browser, "#message"), "the refusal")
+            assert script(browser, "document.images.length") == 0
+            assert script(browser, "globalThis.hacked === undefined")
+            check_console_and_requests(browser, robot)
+    finally:
+        robot.close()
 
 
 def test_an_obstacle_appears_and_disappears_by_a_click(
