@@ -11,7 +11,7 @@ import argparse
 import asyncio
 import itertools
 
-from benchmarks.programs.echo_chassis import Answer, EchoChassis, pose_speed, scan
+from benchmarks.programs.echo_chassis import EchoChassis, Send, pose_speed, scan
 from woosh_robot_agent.link.codecs.frames import Codec
 from woosh_robot_agent.link.server.websocket import serve_websocket
 from woosh_robot_agent.link.transport.base import TransportClosedError
@@ -28,10 +28,10 @@ class MovingChassis(EchoChassis):
     """Answers with a different scan each time, and pushes poses."""
 
     def __init__(self, beams: int) -> None:
-        super().__init__(beams)
+        super().__init__(beams, map_size=1)
         self._beams = beams
 
-    def _make_answer(self, codec: Codec, type_name: str) -> Answer:
+    def _make_answer(self, codec: Codec, type_name: str) -> Send:
         if type_name != full_name(ScannerData):
             return super()._make_answer(codec, type_name)
         answers = []
@@ -40,7 +40,7 @@ class MovingChassis(EchoChassis):
             body.ranges[:] = [each + 0.01 * number for each in body.ranges]
             answers.append(self.answer_with(codec, type_name, body))
         turn = itertools.cycle(answers)
-        return lambda sn: next(turn)(sn)
+        return lambda transport, sn: next(turn)(transport, sn)
 
     async def push_poses(self) -> None:
         """Push poses until cancelled."""
