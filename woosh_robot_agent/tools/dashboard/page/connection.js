@@ -3,6 +3,7 @@
 const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which what is shown counts as outdated
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
+const CONNECT_TIMEOUT = 15000; // milliseconds
 const STOP_TIMEOUT = 2500; // milliseconds
 const TOO_MANY_VIEWERS = 1013; // code with which the dashboard closes the connection
 
@@ -77,7 +78,8 @@ export class Connection {
   checkSilence() {
     if (this.socket.readyState === WebSocket.CLOSED) return;
     const silence = performance.now() - this.heardAt;
-    if (silence > GIVE_UP) {
+    const connecting = this.socket.readyState === WebSocket.CONNECTING;
+    if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       const former = this.socket;
       this.connect();
       former.close();
