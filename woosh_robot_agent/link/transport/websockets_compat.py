@@ -21,6 +21,7 @@ try:  # websockets 13 and later
 except ImportError:
     from websockets.legacy.client import WebSocketClientProtocol as ClientSocket
     from websockets.legacy.client import connect as _connect
+    from websockets.legacy.server import serve
 
     _FACTORY_OPTION = "create_protocol"
 
