@@ -12,20 +12,21 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from woosh_robot_agent.link.transport.websockets_compat import serve
 
+_OPEN_TIMEOUT = 5.0
+"""Time in which a browser must have sent its request, in seconds."""
 _BASE: Any
+_TIMEOUT_OPTION: dict[str, Any]
 try:  # websockets 13 and later
     from websockets.asyncio.server import ServerConnection as _BASE
 
-    _FACTORY_OPTION = "create_connection"
+    _FACTORY_OPTION, _TIMEOUT_OPTION = "create_connection", {"open_timeout": _OPEN_TIMEOUT}
 except ImportError:
     from websockets.legacy.server import WebSocketServerProtocol as _BASE
 
-    _FACTORY_OPTION = "create_protocol"
+    _FACTORY_OPTION, _TIMEOUT_OPTION = "create_protocol", {}
 
 _CLOSE_TIMEOUT = 1.0
 """Timeout of the closing handshake, in seconds."""
-_OPEN_TIMEOUT = 5.0
-"""Time in which a browser must have sent its request, in seconds."""
 _PING_INTERVAL = 3.0
 """Time between two pings of a browser, in seconds."""
 _PING_TIMEOUT = 10.0
@@ -143,11 +144,11 @@ async def serve_http(
         max_size=max_size,
         max_queue=16,
         compression=None,
-        open_timeout=_OPEN_TIMEOUT,
         close_timeout=_CLOSE_TIMEOUT,
         ping_interval=_PING_INTERVAL,
         ping_timeout=_PING_TIMEOUT,
         **{_FACTORY_OPTION: connection_class},
+        **_TIMEOUT_OPTION,
     )
 
 
