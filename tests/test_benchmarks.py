@@ -70,9 +70,10 @@ def test_odom_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert dashboard.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert list(found) == ["1", "10"]
+    assert list(found) == ["1", "10", "link"]
+    assert list(found["link"]) == ["alone", "watched", "alone_p99", "watched_p99"]
     for figures in found.values():
-        assert list(figures) == ["cpu", "traffic", "scans"]
+        assert figures is found["link"] or list(figures) == ["cpu", "traffic", "scans"]
         assert all(value > 0 for value in figures.values()), found
 
 

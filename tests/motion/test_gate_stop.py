@@ -45,7 +45,7 @@ async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> Non
         gate = MotionGate(client)
         wire = await peer.wire()
         await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))
-        with pytest.raises(SupersededError, match="cancelled by the `stop` service"):
+        with pytest.raises(SupersededError, match="cancelled by a stop of the robot"):
             await gate.request(request_)
         await ok(gate.request(Twist()))
         assert len(types(wire)) == ORDERS + 1
@@ -61,7 +61,7 @@ async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None
         waiting = asyncio.ensure_future(gate.request(request_))
         await turns()
         stop = asyncio.ensure_future(gate.stop(TIMEOUT))
-        with pytest.raises(SupersededError, match=r"cancelled by the `stop` service|newer"):
+        with pytest.raises(SupersededError, match=r"cancelled by a stop of the robot|newer"):
             await soon(waiting)
         wire.thaw()
         assert (await soon(stop)).success

@@ -111,7 +111,7 @@ def test_stop_withdraws_what_waits_to_be_sent(simulator, agent: RunningAgent, cl
     stop = client.call_async(Trigger, "stop")
     response = wait_future(start)
     assert not response.ok
-    assert "cancelled by the `stop` service" in response.msg
+    assert "cancelled by a stop of the robot" in response.msg
     simulator.clear_faults()
     assert wait_future(stop).success
     for load in loads:
@@ -156,7 +156,7 @@ def test_after_a_stop_no_request_moves_the_robot(
         srv = class_of(endpoint.srv, "srv")
         response = client.call(srv, endpoint.name, arg=to_ros(srv.Request, moving))
         assert not response.ok, endpoint.name
-        assert "not sent: cancelled by the `stop` service" in response.msg
+        assert "not sent: cancelled by a stop of the robot" in response.msg
     for action in ACTIONS:
         command = message_type(action.arg)()
         if "action" in command.DESCRIPTOR.fields_by_name:
@@ -165,7 +165,7 @@ def test_after_a_stop_no_request_moves_the_robot(
         goal = action_class.Goal(arg=to_ros(action_class.Goal, command))
         status, ret = client.send_goal(action_class, action.name, goal).result()
         assert status == ABORTED, action.name
-        assert "not sent: cancelled by the `stop` service" in ret.msg
+        assert "not sent: cancelled by a stop of the robot" in ret.msg
     velocities.send(x=0.3)
     logs.wait(lambda record: "cmd_vel: not sent: cancelled" in record.getMessage())
     pose = PoseStamped()

@@ -138,7 +138,7 @@ class MotionGate:
         """
         for callback in self._stop_callbacks:
             callback()
-        self._forbid("cancelled by the `stop` service", HOLD)  # rule 4
+        self._forbid("cancelled by a stop of the robot", HOLD)  # rule 4
         orders = [Twist(), *cancel_orders().values()]
         # each goes to the front of the queue, so the first one to send is queued last
         answers = await asyncio.gather(

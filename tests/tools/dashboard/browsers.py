@@ -44,9 +44,14 @@ def skip_without_browser() -> Any:
 
 
 class SimulatedPage:
-    """A simulated robot and its page, in a thread."""
+    """A simulated robot and its page, in a thread.
 
-    def __init__(self) -> None:
+    Args:
+        options: options of the robot.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        self._options = {"port": 0, "tcp_port": 0, **options}
         self._ready: Future[str] = Future()
         self._loop: asyncio.AbstractEventLoop
         self._simulator: SimulatedChassis
@@ -59,7 +64,7 @@ class SimulatedPage:
         try:
             self._loop = asyncio.get_running_loop()
             async with (
-                SimulatedChassis(quick_config(port=0, tcp_port=0)) as self._simulator,
+                SimulatedChassis(quick_config(**self._options)) as self._simulator,
                 dashboard_beside(self._simulator, 0) as url,
             ):
                 self._ready.set_result(url)
@@ -76,6 +81,16 @@ class SimulatedPage:
             return do(self._simulator)
 
         return asyncio.run_coroutine_threadsafe(run(), self._loop).result(TIMEOUT)
+
+    @contextmanager
+    def silent(self) -> Iterator[None]:
+        """Keep the thread from doing anything; the connections stay open."""
+        go_on = threading.Event()
+        self._loop.call_soon_threadsafe(go_on.wait, TIMEOUT)
+        try:
+            yield
+        finally:
+            go_on.set()
 
     def close(self) -> None:
         self._loop.call_soon_threadsafe(self._stopping.set)

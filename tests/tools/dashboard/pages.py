@@ -13,6 +13,7 @@ from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.transport.websockets_compat import Connect
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.control import TOO_SLOW
 from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
 
 try:
@@ -40,13 +41,13 @@ def place(running: Dashboard) -> str:
 
 
 async def fetch(
-    running: Dashboard, path: str, headers: dict[str, str] | None = None
+    running: Dashboard, path: str, headers: dict[str, str] | None = None, method: str = "GET"
 ) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of a page."""
 
     def get() -> tuple[int, dict[str, str], bytes]:
         connection = http.client.HTTPConnection(place(running), timeout=TIMEOUT)
-        connection.request("GET", path, headers=headers or {})
+        connection.request(method, path, headers=headers or {})
         response = connection.getresponse()
         found = {name.lower(): value for name, value in response.getheaders()}
         return response.status, found, response.read()
@@ -61,6 +62,11 @@ class Page:
         self.socket = socket
         self.parts: dict[str, Any] = {}
         self.replies: dict[int, tuple[bool, str]] = {}
+        self.refusals: list[str] = []
+        """Reasons why the stick does not drive."""
+        self.press = 0
+        """Number of the current press of the stick."""
+        self._commands = 0
         self.scans = 0
         self.size = 0
         self._changed = asyncio.Event()
@@ -78,6 +84,8 @@ class Page:
                     self.replies[content["id"]] = content["ok"], content["text"]
                 else:
                     self.parts[content["part"]] = content["data"]
+                    if content["part"] == "stick":
+                        self.refusals.append(content["data"])
             self._changed.set()
 
     async def until(self, wanted: Callable[[dict[str, Any]], Any]) -> Any:
@@ -99,10 +107,44 @@ class Page:
         await self.socket.send(json.dumps(message))
 
     async def command(self, name: str, **args: Any) -> tuple[bool, str]:
-        """Send a command, and wait for the reply."""
-        number = len(self.replies) + 1
-        await self.send(do="command", id=number, name=name, args=args)
-        return await self.until(lambda _: self.replies.get(number))
+        """Send a command, and wait for the reply.
+
+        On a busy machine, the connection to the dashboard may be too slow for a moment.
+        """
+        while True:
+            clock = await self.until(lambda parts: parts.pop("clock", 0))
+            self._commands += 1
+            number = self._commands
+            await self.send(do="command", id=number, name=name, args=args, clock=clock)
+            reply = await self.until(lambda _, number=number: self.replies.get(number))
+            if TOO_SLOW not in reply[1]:
+                return reply
+
+    async def drive(self, linear: float, **changed: Any) -> None:
+        """Send one velocity of the stick; `changed` replaces the time or the press."""
+        clock = await self.until(lambda parts: parts["clock"])
+        velocity = {"linear": linear, "angular": 0.0, "press": self.press, "clock": clock}
+        await self.send(**{"do": "drive", **velocity, **changed})
+
+    @asynccontextmanager
+    async def holds(self, linear: float) -> AsyncIterator[None]:
+        """Press the stick and hold it; press it again only if the connection was too slow."""
+        self.press += 1
+        refused = len(self.refusals)
+
+        async def repeat() -> None:
+            while True:
+                if TOO_SLOW in self.refusals[refused:][-1:]:
+                    self.refusals.append("pressed again")
+                    self.press += 1
+                await self.drive(linear)
+                await asyncio.sleep(0.05)
+
+        holding = asyncio.ensure_future(repeat())
+        try:
+            yield
+        finally:
+            holding.cancel()
 
     async def closed(self) -> int:
         """Wait until the dashboard has closed the connection; return the code."""
@@ -111,11 +153,12 @@ class Page:
 
 
 @asynccontextmanager
-async def page(running: Dashboard, **headers: str) -> AsyncIterator[Page]:
-    """Open a page; `headers` replace those that a browser sends."""
-    sent = {"Origin": f"http://{place(running)}", **headers}
+async def page(running: Dashboard, port: int = 0, **headers: str) -> AsyncIterator[Page]:
+    """Open a page, directly or at the port of `delayed`; `headers` replace those of a browser."""
+    host = f"127.0.0.1:{port}" if port else place(running)
+    sent = {"Origin": f"http://{host}", **headers}
     connect = Connect(
-        f"ws://{place(running)}/live", factory=Socket, compression=None, **{_HEADERS_OPTION: sent}
+        f"ws://{host}/live", factory=Socket, compression=None, **{_HEADERS_OPTION: sent}
     )
     async with connect as socket:
         opened = Page(socket)
@@ -123,3 +166,29 @@ async def page(running: Dashboard, **headers: str) -> AsyncIterator[Page]:
             yield opened
         finally:
             opened._reader.cancel()
+
+
+@asynccontextmanager
+async def delayed(running: Dashboard, there: float, back: float) -> AsyncIterator[int]:
+    """Forward a port to a dashboard; what is sent there and back takes so many seconds."""
+    loop = asyncio.get_running_loop()
+
+    async def pass_on(reader: asyncio.StreamReader, transport: Any, delay: float) -> None:
+        while data := await reader.read(65536):
+            loop.call_later(delay, transport.write, data)
+
+    async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there_reader, there_writer = await asyncio.open_connection(*place(running).split(":"))
+        ways = (
+            asyncio.ensure_future(pass_on(reader, there_writer.transport, there)),
+            asyncio.ensure_future(pass_on(there_reader, writer.transport, back)),
+        )
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way, end in zip(ways, (there_writer, writer), strict=True):
+                way.cancel()
+                end.transport.abort()
+
+    async with await asyncio.start_server(forward, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1]

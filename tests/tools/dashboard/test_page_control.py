@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, dashboard, page
-from tests.tools.waiting import aio, eventually
+from tests.tools.dashboard.pages import Page, dashboard, delayed, page
+from tests.tools.waiting import TIMEOUT, aio, eventually
+from woosh_robot_agent.motion.gate import HOLD
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecTask,
@@ -41,27 +41,16 @@ def last(chassis: SimulatorThread, cls: Any) -> Any:
     return chassis.last(full_name(cls))
 
 
-@asynccontextmanager
-async def held(viewer: Page, linear: float = 0.3) -> AsyncIterator[None]:
-    """Hold the stick."""
-    loop = asyncio.get_running_loop()
-
-    async def repeat() -> None:
-        while True:
-            await viewer.send(do="drive", linear=linear, angular=0.0, at=loop.time() * 1000.0)
-            await asyncio.sleep(0.05)
-
-    holding = asyncio.ensure_future(repeat())
-    try:
-        yield
-    finally:
-        holding.cancel()
-
-
 async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> None:
     """Hold the stick until a condition is true."""
-    async with held(viewer, linear):
+    async with viewer.holds(linear):
         await eventually(until)
+
+
+async def passed(viewer: Page, seconds: float) -> None:
+    """Wait until so much time has passed for the dashboard."""
+    begin = await viewer.until(lambda parts: parts["clock"])
+    await viewer.until(lambda parts: parts["clock"] > begin + 1000 * seconds)
 
 
 def is_driving(chassis: SimulatorThread) -> bool:
@@ -179,7 +168,7 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
             *("woosh.robot.ScannerData", "woosh.map.SceneData"),
         }
         assert set(chassis.counts) <= reads
-        await viewer.send(do="drive", linear=0.3, angular=0.0, at=0.0)
+        await viewer.drive(0.3)
         assert await viewer.closed() == 1008
         assert set(chassis.counts) <= reads
 
@@ -189,7 +178,7 @@ async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) 
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
         await hold(viewer, lambda: is_driving(chassis))
-        await viewer.send(do="drive", linear=0.0, angular=0.0, at=0.0)
+        await viewer.drive(0.0)
         await eventually(lambda: is_stopped_by_zero(chassis))
 
 
@@ -261,12 +250,55 @@ async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> No
 async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        await viewer.send(do="drive", linear=0.0, angular=0.1, at=100_000.0)
-        await eventually(lambda: chassis.counts[TWIST])
-        await viewer.send(do="drive", linear=0.4, angular=0.0, at=90_000.0)
-        text = await viewer.until(lambda parts: parts["stick"])
-        assert text == "the connection is too slow to drive"
-        assert all(each.message.linear == 0.0 for each in chassis.received if each.type == TWIST)
+        for press, wrong in enumerate((0, 10**14)):
+            await viewer.drive(0.4, press=press, clock=wrong)
+            await viewer.until(lambda _, count=press + 1: len(viewer.refusals) == count)
+        assert set(viewer.refusals) == {control.TOO_SLOW}
+        assert chassis.counts[TWIST] == 0
+        await hold(viewer, lambda: is_driving(chassis))
+
+
+@pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
+@aio
+async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        before = chassis.counts
+        args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": 1}
+        await viewer.send(do="command", id=1, name=name, args=args, clock=0)
+        reply = await viewer.until(lambda _: viewer.replies.get(1))
+        assert reply == (False, f"{name} was not sent: {control.TOO_SLOW}")
+        assert viewer.parts["control"]["owner"] is None
+        changed = chassis.counts - before
+        assert not {full_name(ExecTask), full_name(ActionOrder), full_name(SetRobotPose)} & set(
+            changed
+        )
+
+
+@pytest.mark.parametrize("direction", ["to the robot", "to the page"])
+@aio
+async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
+    chassis: SimulatorThread, direction: str
+) -> None:
+    delays = (3.0, 0.0) if direction == "to the robot" else (0.0, 3.0)
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as watcher,
+        delayed(running, *delays) as port,
+        page(running, port=port) as viewer,
+    ):
+        await ready(watcher)
+        await ready(viewer)
+        for press in range(20):
+            await viewer.drive(0.3, press=press)
+            await asyncio.sleep(0.1)
+        await viewer.until(lambda _: len(viewer.refusals) == 20)
+        assert set(viewer.refusals) == {control.TOO_SLOW}
+        assert chassis.counts[TWIST] == 0
+        clock = viewer.parts["clock"]
+        await viewer.send(do="command", id=1, name="stop", args={}, clock=clock)
+        assert (await viewer.until(lambda _: viewer.replies.get(1)))[0]
+        assert chassis.counts[TWIST] == 1
 
 
 @aio
@@ -283,7 +315,7 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         await other.until(lambda parts: parts["control"]["owner"] == name)
         ok, text = await other.command("cancel")
         assert (ok, text) == (False, f"{name} has control: wait until it is released")
-        await other.send(do="drive", linear=0.3, angular=0.0, at=0.0)
+        await other.drive(0.3)
         await other.until(lambda parts: parts["stick"].startswith(name))
         assert chassis.counts[TWIST] == 0
         ok, text = await other.command("stop")  # everybody may
@@ -291,21 +323,107 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         assert "task cancelled" in text
         await driver.socket.close()
         await other.until(lambda parts: parts["control"]["owner"] is None)
-        ok = False
-        while not ok:  # for a moment after a stop, nothing that moves is sent
-            ok, text = await other.command("goMark", mark="A2")
-            assert ok or text.startswith("not sent: cancelled by the `stop` service")
+        await passed(other, HOLD)  # for a moment after a stop, nothing that moves is sent
+        ok, text = await other.command("goMark", mark="A2")
+        assert ok, text
 
 
 @aio
-async def test_stop_stops_what_the_stick_drives(chassis: SimulatorThread) -> None:
+async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        async with held(viewer):
+        clock = await viewer.until(lambda parts: parts["clock"])
+        await viewer.command("stop")
+        await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
+        ok, text = await viewer.until(lambda _: viewer.replies.get(99))
+        reasons = ("the robot was stopped in the meantime", control.TOO_SLOW)
+        assert not ok
+        assert text.startswith("goMark was not sent: ")
+        assert text.endswith(reasons)
+        assert chassis.counts[full_name(ExecTask)] == 0
+
+
+@pytest.mark.parametrize("who", ["driver", "other"])
+@aio
+async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, who: str) -> None:
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as driver,
+        page(running) as other,
+    ):
+        await ready(driver)
+        async with driver.holds(0.3):
             await eventually(lambda: is_driving(chassis))
-            ok, text = await viewer.command("stop")
+            ok, text = await (driver if who == "driver" else other).command("stop")
             assert ok, text
-            # the stick is still held, and must not drive again
-            await viewer.until(lambda parts: "was stopped" in parts["stick"])
-            await eventually(lambda: chassis.state.velocity.forward == 0.0)
-            assert is_stopped_by_zero(chassis)
+            await driver.until(lambda _: "the robot was stopped" in driver.refusals)
+            await passed(driver, HOLD)
+            await eventually(lambda: is_stopped_by_zero(chassis))
+        sent = chassis.counts[TWIST]
+        await driver.drive(0.0)  # the dead zone of the stick
+        await driver.drive(0.3)
+        await driver.command("pause")  # its reply comes after the velocities
+        assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
+        await hold(driver, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        await hold(viewer, lambda: is_driving(chassis))
+        await passed(viewer, 0.6)
+        await eventually(lambda: chassis.state.velocity.forward == 0.0)
+        sent = chassis.counts[TWIST]
+        await viewer.drive(0.3)
+        await viewer.until(lambda _: viewer.refusals[-1] == control.TOO_SLOW)
+        await viewer.command("pause")
+        assert chassis.counts[TWIST] <= sent + 1  # the zero of the watchdog
+        assert chassis.last(TWIST) == Twist()
+
+
+@pytest.mark.parametrize("name", ["goMark", "stop"])
+@aio
+async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
+    chassis: SimulatorThread, name: str
+) -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
+        async with dashboard(chassis, other, control=True) as running, page(running) as viewer:
+            await ready(viewer)
+            await eventually(lambda: running.robots[1].view.has_robot_info)
+            clock = viewer.parts["clock"]
+            command = {"do": "command", "id": 1, "name": name, "args": {"mark": "A2"}}
+            await asyncio.gather(  # both are there when the dashboard reads the first one
+                viewer.send(**command, clock=clock), viewer.send(do="watch", robot=1)
+            )
+            ok, text = await viewer.until(lambda _: viewer.replies.get(1))
+            sent = full_name(ExecTask if name == "goMark" else ActionOrder)
+            assert (ok, chassis.counts[sent]) == (True, 1), text
+            await viewer.until(
+                lambda parts: parts["watching"] == 1 and parts["control"]["owner"] is None
+            )
+            assert other.counts[sent] == 0
+
+
+@aio
+async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "_CLOSE_TIMEOUT", TIMEOUT)
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
+        async with (
+            dashboard(chassis, other, control=True) as running,
+            page(running) as first,
+            page(running) as second,
+        ):
+            await ready(first)
+            await second.send(do="watch", robot=1)
+            await second.until(lambda parts: parts["watching"] == 1 and parts["link"]["good"])
+            async with first.holds(0.3), second.holds(0.3):
+                await eventually(lambda: is_driving(chassis) and is_driving(other))
+                chassis.mute(TWIST)
+                closing = asyncio.ensure_future(running.close())
+                await eventually(lambda: is_stopped_by_zero(other))
+                assert not closing.done()  # it waits for the answer of the first robot
+            chassis.drop()
+            await closing

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
 from typing import Any
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from tests.tools.dashboard.pages import dashboard, fetch, page, place
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
@@ -20,10 +22,12 @@ _POLICY_VIOLATION, _TOO_BIG, _TRY_AGAIN_LATER = 1008, 1009, 1013
 
 async def refused_socket(running: Dashboard, **headers: str) -> int:
     """Try to open a WebSocket; return the status of the refusal."""
-    with pytest.raises(InvalidStatus) as caught:
+    with pytest.raises(InvalidHandshake) as caught:
         async with page(running, **headers):
             pass
-    return caught.value.response.status_code
+    error: Any = caught.value
+    # before websockets 13, the error itself has the status
+    return int(getattr(error, "response", error).status_code)
 
 
 @aio
@@ -68,10 +72,11 @@ async def test_there_is_nothing_else_to_read(chassis: SimulatorThread, path: str
 async def test_another_name_for_this_machine_is_refused(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         port = place(running).rpartition(":")[2]
-        for host in ("evil.example", f"evil.example:{port}", "10.0.0.1", "[", ""):
+        others = ("evil.example", f"evil.example:{port}", "10.0.0.1", "[", "127.0.0.1/x", "")
+        for host in (*others, "evil.example@127.0.0.1", f"evil@localhost:{port}"):
             status, _, body = await fetch(running, "/", {"Host": host})
             assert status == 403, host
-        assert b"no Host header" in body
+        assert b"no valid Host header" in body
         for host in ("localhost", f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}"):
             status, _, _ = await fetch(running, "/", {"Host": host})
             assert status == 200, host
@@ -155,14 +160,89 @@ async def test_too_many_messages_end_the_connection(chassis: SimulatorThread) ->
 
 
 @aio
-async def test_the_number_of_viewers_is_limited(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, max_viewers=2) as running:
-        async with page(running), page(running) as second, page(running) as third:
-            await second.until(lambda parts: parts["hello"])
-            assert await third.closed() == _TRY_AGAIN_LATER
+async def test_too_many_pings_end_the_connection(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        with contextlib.suppress(ConnectionClosed):
+            for _ in range(1000):
+                pong = await viewer.socket.ping()
+                pong.add_done_callback(lambda each: each.cancelled() or each.exception())
+        assert await viewer.closed() == _POLICY_VIOLATION
+
+
+@aio
+async def test_a_message_in_fragments_ends_the_connection(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        with contextlib.suppress(ConnectionClosed):
+            await viewer.socket.send([""] * 1000)
+        assert await viewer.closed() == _POLICY_VIOLATION
+
+
+@aio
+async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
+    chassis: SimulatorThread,
+) -> None:
+    async with dashboard(chassis, max_viewers=3, control=True) as running:
+        async with page(running) as driver, page(running) as first, page(running) as hidden:
+            for each in driver, first, hidden:
+                await each.until(lambda parts: parts["robot"]["known"])
+            ok, text = await driver.command("goMark", mark="A2")
+            assert ok, text
+            await hidden.send(do="visible", visible=False)
+            await first.send(do="visible", visible=True)
+            await first.command("speak", text="")  # refused, but heard
+            async with page(running) as fourth, page(running) as fifth:
+                assert await hidden.closed() == _TRY_AGAIN_LATER
+                assert await first.closed() == _TRY_AGAIN_LATER
+                await fourth.until(lambda parts: parts["control"]["owner"])
+                ok, text = await fifth.command("stop")
+                assert ok, text
+            await driver.until(lambda parts: not parts["robot"]["task"]["running"])
         await eventually(lambda: not running.robots[0].watched)
-        async with page(running) as again:
-            await again.until(lambda parts: parts["hello"])
+
+
+@aio
+async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorThread) -> None:
+    async with (
+        dashboard(chassis, max_viewers=1, control=True) as running,
+        page(running) as driver,
+    ):
+        await driver.until(lambda parts: parts["robot"]["known"])
+        assert (await driver.command("goMark", mark="A2"))[0]
+        async with page(running) as other:
+            assert await other.closed() == _TRY_AGAIN_LATER
+
+
+@aio
+async def test_connections_that_ask_for_nothing_do_not_keep_viewers_out(
+    chassis: SimulatorThread,
+) -> None:
+    async with dashboard(chassis) as running:
+        host, _, port = place(running).rpartition(":")
+        idle = [await asyncio.open_connection(host, port) for _ in range(100)]
+        with contextlib.suppress(ConnectionResetError):
+            assert await asyncio.wait_for(idle[0][0].read(), TIMEOUT) == b""
+        async with page(running) as viewer:
+            await viewer.until(lambda parts: parts["hello"])
+        for _, writer in idle:
+            writer.transport.abort()
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE", "PROPFIND", "get"])
+@aio
+async def test_other_methods_are_not_allowed(chassis: SimulatorThread, method: str) -> None:
+    async with dashboard(chassis) as running:
+        status, headers, _ = await fetch(running, "/", method=method)
+        assert (status, headers["allow"]) == (405, "GET, HEAD")
+
+
+@aio
+async def test_head_is_get_without_content(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running:
+        _, wanted, content = await fetch(running, "/")
+        status, headers, body = await fetch(running, "/", method="HEAD")
+        assert (status, body) == (200, b"")
+        assert int(headers["content-length"]) == len(content)
+        assert headers["content-security-policy"] == wanted["content-security-policy"]
 
 
 @aio

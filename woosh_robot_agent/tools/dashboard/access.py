@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import re
 import secrets
 from http.cookies import CookieError, SimpleCookie
 from types import MappingProxyType
@@ -30,6 +31,10 @@ _TOKEN_BYTES = 16
 """Length of a token, in random bytes."""
 
 
+_HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORECASE)
+"""A host with an optional port, and without the user name that URLs may have."""
+
+
 class Access:
     """Decides which requests are answered.
 
@@ -54,8 +59,8 @@ class Access:
     def refusal(self, request: Request) -> str:
         """Return the reason why a request is refused, and what to do; empty if it is answered."""
         host = request.headers.get("host")
-        if not host:
-            return "the request has no Host header"
+        if not host or not _HOST.fullmatch(host):
+            return "the request has no valid Host header"
         if not self.token and not _names_this_machine(host):
             return f"open this page at http://127.0.0.1:{self.port}, not by another name"
         if self.token and not self._has_token(request):

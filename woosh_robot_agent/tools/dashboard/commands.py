@@ -30,8 +30,12 @@ _MAX_COORDINATE = 1e5
 """Greatest coordinate, in metres."""
 
 
+RESTING = frozenset({"pause", "cancel"})
+"""Names of the commands that only end or interrupt a motion: they are never too old to be sent."""
+
+
 class CommandError(ValueError):
-    """A command does not exist, or its arguments are not valid."""
+    """A command is refused."""
 
 
 def request_for(name: str, args: Mapping[str, Any], info: RobotInfo) -> Message:

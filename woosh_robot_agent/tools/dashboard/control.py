@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
+
+from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate, VelocityDriver, VelocityLimits
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
-from woosh_robot_agent.tools.dashboard.commands import CommandError, number, request_for
+from woosh_robot_agent.tools.dashboard.commands import RESTING, CommandError, number, request_for
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
@@ -18,6 +20,8 @@ _STICK = "stick"
 """Name of the stream of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot, which every viewer may give."""
+TOO_SLOW = "the connection to the dashboard is too slow; try again"
+"""Reason why something from the page is too old to be sent."""
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _CLOSE_TIMEOUT = 0.5
@@ -26,12 +30,10 @@ _IDLE_TIMEOUT = 60.0
 """Time without a command after which a viewer loses the control, in seconds."""
 _STICK_TIMEOUT = 0.5
 """Time without a velocity from the page after which the robot is stopped, in seconds."""
-_MAX_DELAY = 0.5
-"""Delay on the way from the page from which a velocity is too old, in seconds."""
-_MAX_PAGE_TIME = 1e13
-"""Greatest time of a page's clock, in milliseconds."""
-_CLOCK_DRIFT = 1e-3
-"""Assumed drift between the clock of a page and this one, in seconds per second."""
+_MAX_AGE = 0.5
+"""Age of the newest time known to the page from which what it sends is too old, in seconds."""
+_MAX_COUNT = 1e15
+"""Greatest time, in milliseconds, and number of a press in a message of the page."""
 _STICK_RATE = 20.0
 """Maximum rate of velocities that are sent to the robot, in Hz."""
 _MAX_INPUT = 100.0
@@ -45,14 +47,21 @@ class Control:
        back, hides the page, disconnects, watches another robot, or gives no command for a minute.
     2. The others are told who has the control. All of them may stop the robot.
     3. When a viewer loses the control, its stick stops the robot.
-    4. The stick drives only while the page repeats the velocity; see `VelocityDriver`. A velocity
-       that took long on its way is not sent: the connection was blocked, and the driver may have
-       let go since.
+    4. The stick drives only while the page repeats the velocity; see `VelocityDriver`.
+    5. The page repeats the newest time that it got from this process. If that time is old, the
+       connection is slow in one direction or the other, and neither a velocity nor a command that
+       may start something is sent. The same holds for a time before the last stop: the viewer did
+       not know of the stop.
+    6. Each press of the stick has a number. A stop, a refused velocity or a gap between the
+       velocities ends the press. Only another press drives again.
 
     Args:
         robot: the robot.
         max_linear: maximum speed of the stick, in m/s.
         max_angular: maximum turning speed of the stick, in rad/s.
+
+    Attributes:
+        owner: the viewer that has the control; None without any.
     """
 
     def __init__(self, robot: Robot, max_linear: float, max_angular: float) -> None:
@@ -61,14 +70,17 @@ class Control:
         self._limits = VelocityLimits(max_linear, max_angular, _STICK_RATE, _STICK_TIMEOUT)
         self._stick = _Stick(self._gate, robot, self._limits, self._stick_refused)
         self._gate.on_answered(self._answered)
+        self._gate.on_stop(self._stopped)
         self._explainer = RefusalExplainer(robot.chassis, robot.view.values)
-        self._owner: Viewer | None = None
+        self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
-        self._clock_offset = math.inf
-        """Least difference between this clock and that of the owner's page so far, in seconds."""
-        self._offset_at = -math.inf
-        """Loop time at which `_clock_offset` was determined."""
+        self._stopped_at = -math.inf
+        """Loop time of the last stop."""
+        self._press = -1
+        """Number of the press that drives; -1 if none does."""
+        self._driven_at = -math.inf
+        """Loop time of the last velocity of this press."""
         self._stick_task: asyncio.Task[None] | None = None
         robot.add_slow_part("control", self._data)
 
@@ -90,22 +102,34 @@ class Control:
             return str(error)
         return ""
 
-    async def run(self, viewer: Viewer, name: str, args: Mapping[str, Any]) -> tuple[bool, str]:
-        """Execute a command of a viewer; return its success and a text for the viewer."""
-        if name == STOP:
-            report = await self._gate.stop(_STOP_TIMEOUT)
-            return report.success, report.message
+    async def stop(self) -> tuple[bool, str]:
+        """Stop the robot; return the success and a text for the viewer."""
+        report = await self._gate.stop(_STOP_TIMEOUT)
+        return report.success, report.message
+
+    def command(
+        self, viewer: Viewer, name: str, args: Mapping[str, Any], clock: float
+    ) -> Coroutine[Any, Any, tuple[bool, str]]:
+        """Give the control to a viewer, and return the execution of its command.
+
+        Args:
+            viewer: the viewer.
+            name: name of the command.
+            args: arguments of the command.
+            clock: newest time that the page knew, in milliseconds.
+
+        Returns:
+            A coroutine that executes it, and returns its success and a text for the viewer.
+
+        Raises:
+            CommandError: the command is refused.
+        """
+        request = request_for(name, args, self._robot.view.info)
+        if name not in RESTING and (reason := self._outdated(clock)):
+            raise CommandError(f"{name} was not sent: {reason}")
         if reason := self._claim(viewer):
-            return False, reason
-        try:
-            request = request_for(name, args, self._robot.view.info)
-            answer = await self._gate.request(self._robot.requests.address(request))
-        except (CommandError, LinkError) as error:
-            return False, str(error)
-        if answer.ok:
-            return True, f"{name}: accepted"
-        reason = await self._explainer.reason(type_of(request))
-        return False, f"{name}: {answer.msg or 'refused'}{reason and f' ({reason})'}"
+            raise CommandError(reason)
+        return self._execute(name, request)
 
     def drive(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
         """Process a velocity of a viewer's stick.
@@ -115,71 +139,101 @@ class Control:
         """
         linear = number(message, "linear", _MAX_INPUT)
         angular = number(message, "angular", _MAX_INPUT)
-        sent = number(message, "at", _MAX_PAGE_TIME) / 1000.0
-        moves = bool(linear or angular)
-        if not moves and viewer is not self._owner:
+        clock = number(message, "clock", _MAX_COUNT)
+        press = int(number(message, "press", _MAX_COUNT))
+        if not (linear or angular):
+            if viewer is self.owner:
+                self._stick.drive(0.0, 0.0, 0.0)
             return
-        if reason := self._claim(viewer):
-            viewer.note(part="stick", data=reason)
+        if press <= viewer.ended_press:
             return
-        if moves and self._delay(sent) > _MAX_DELAY:
-            viewer.note(part="stick", data="the connection is too slow to drive")
-        elif moves and (owner := self._gate.owner):
-            viewer.note(part="stick", data=f"{owner} is running: cancel it to drive by hand")
-        else:
-            self._stick.drive(linear, 0.0, angular)
+        if reason := self._objection(viewer, press, clock):
+            viewer.end_press(press, reason)
+            if viewer is self.owner:
+                self._stick.drive(0.0, 0.0, 0.0)
+            return
+        if press != self._press:
+            self._press = press
+            self._stick.drive(0.0, 0.0, 0.0)  # after a stop, the driver waits for a zero
+        self._driven_at = asyncio.get_running_loop().time()
+        self._stick.drive(linear, 0.0, angular)
 
     def release(self, viewer: Viewer) -> None:
         """Take the control from a viewer that has it, and stop what its stick drives."""
-        if viewer is self._owner:
+        if viewer is self.owner:
             self._stick.drive(0.0, 0.0, 0.0)
-            self._owner = None
-            self._clock_offset = math.inf
+            self.owner = None
+            self._press = -1
             self._robot.changed()
 
     def _release_idle(self) -> None:
         """Take the control from a viewer that has not used it for long."""
-        if self._owner and asyncio.get_running_loop().time() > self._used_at + _IDLE_TIMEOUT:
-            self.release(self._owner)
+        if self.owner and asyncio.get_running_loop().time() > self._used_at + _IDLE_TIMEOUT:
+            self.release(self.owner)
 
     def _claim(self, viewer: Viewer) -> str:
         """Give the control to a viewer; return the reason why not, or an empty text."""
         self._release_idle()
-        if self._owner not in (None, viewer):
-            return f"{self._owner.name} has control: wait until it is released"
+        if self.owner not in (None, viewer):
+            return f"{self.owner.name} has control: wait until it is released"
         if not viewer.visible:
             return "the page is hidden"
-        if self._owner is None:
-            self._owner = viewer
+        if self.owner is None:
+            self.owner = viewer
             self._robot.changed()
         self._used_at = asyncio.get_running_loop().time()
         return ""
 
-    def _delay(self, sent: float) -> float:
-        """Return how much longer a message of the owner took than the quickest one, in seconds.
+    def _outdated(self, clock: float) -> str:
+        """Return the reason why something is too old to be sent; empty if it is not.
 
         Args:
-            sent: time of the page's clock at which it was sent, in seconds.
+            clock: newest time that the page knew, in milliseconds.
         """
-        now = asyncio.get_running_loop().time()
-        if self._clock_offset < math.inf:
-            self._clock_offset += _CLOCK_DRIFT * (now - self._offset_at)
-        self._clock_offset = min(self._clock_offset, now - sent)
-        self._offset_at = now
-        return now - sent - self._clock_offset
+        known = clock / 1000.0
+        if not 0.0 <= asyncio.get_running_loop().time() - known <= _MAX_AGE:
+            return TOO_SLOW
+        if known <= self._stopped_at:
+            return "the robot was stopped in the meantime"
+        return ""
+
+    def _objection(self, viewer: Viewer, press: int, clock: float) -> str:
+        """Return the reason why a press of the stick may not drive; empty if it may."""
+        if reason := self._outdated(clock) or self._claim(viewer):
+            return reason
+        gap = asyncio.get_running_loop().time() - self._driven_at
+        if press == self._press and gap > _STICK_TIMEOUT:
+            return TOO_SLOW
+        owner = self._gate.owner
+        return f"{owner} is running: cancel it to drive by hand" if owner else ""
+
+    async def _execute(self, name: str, request: Message) -> tuple[bool, str]:
+        try:
+            answer = await self._gate.request(self._robot.requests.address(request))
+        except LinkError as error:
+            return False, str(error)
+        if answer.ok:
+            return True, f"{name}: accepted"
+        reason = await self._explainer.reason(type_of(request))
+        return False, f"{name}: {answer.msg or 'refused'}{reason and f' ({reason})'}"
+
+    def _stopped(self) -> None:
+        self._stopped_at = asyncio.get_running_loop().time()
+        self._stick_refused("the robot was stopped")
 
     def _answered(self, command: AnsweredCommand) -> None:
         if command.source == _STICK and not command.answer.ok:
             self._stick_refused(command.answer.msg or "the robot refused the velocity")
 
     def _stick_refused(self, reason: str) -> None:
-        if self._owner is not None:
-            self._owner.note(part="stick", data=reason)
+        """End the press that drives."""
+        if self.owner is not None:
+            self.owner.end_press(self._press, reason)
 
     def _data(self) -> dict[str, Any]:
         self._release_idle()
         limits = {"linear": self._limits.max_linear, "angular": self._limits.max_angular}
-        return {"owner": self._owner.name if self._owner else None, "limits": limits}
+        return {"owner": self.owner.name if self.owner else None, "limits": limits}
 
 
 class _Stick(VelocityDriver):

@@ -7,7 +7,7 @@ import json
 import logging
 import mimetypes
 import socket
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Coroutine, Mapping, Sequence, Set
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib import resources
@@ -18,10 +18,16 @@ from websockets.exceptions import ConnectionClosed
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access
+from woosh_robot_agent.tools.dashboard.commands import CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control
-from woosh_robot_agent.tools.dashboard.http import Request, Response, serve_http
+from woosh_robot_agent.tools.dashboard.http import (
+    POLICY_VIOLATION,
+    Request,
+    Response,
+    serve_http,
+)
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
-from woosh_robot_agent.tools.dashboard.viewer import POLICY_VIOLATION, TooFastError, Viewer
+from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
 _MAX_MESSAGE = 4096
@@ -30,6 +36,10 @@ _MAX_COMMANDS = 8
 """Maximum number of commands of one viewer that wait for their answer; a stop is never too many."""
 _TRY_AGAIN_LATER = 1013
 """Code with which a WebSocket is closed if there are too many viewers."""
+_MAX_CLOCK = 10**15
+"""Greatest time in a message of the page, in milliseconds."""
+_CLOCK_PERIOD = 0.1
+"""Time between two messages to the viewers with the time of this process, in seconds."""
 _SOCKET_PATH = "/live"
 _MAP_PATH = "/map/"
 mimetypes.add_type("text/javascript", ".js")  # some systems say something else
@@ -107,6 +117,7 @@ class Dashboard:
         self._count = 0
         """Number of viewers so far."""
         self._server: Any = None
+        self._clock: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Dashboard:
         await self.start()
@@ -135,20 +146,25 @@ class Dashboard:
             robot.start()
         for control in self._controls.values():
             control.start()
+        self._clock = asyncio.get_running_loop().create_task(self._tell_time(), name="clock")
 
     async def close(self) -> None:
-        """Stop listening, stop each robot that a stick drives, and close the links."""
-        for robot, control in self._controls.items():
-            if reason := await control.close():
-                _LOG.error(
-                    "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
-                    robot.chassis.config.address,
-                    reason,
-                )
+        """Stop each robot that a stick drives, stop listening, and close the links."""
+        await asyncio.gather(*map(self._stop_driving, self._controls))
+        if self._clock is not None:
+            self._clock.cancel()
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()
         await asyncio.gather(*(robot.close() for robot in self.robots))
+
+    async def _stop_driving(self, robot: Robot) -> None:
+        if reason := await self._controls[robot].close():
+            _LOG.error(
+                "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
+                robot.chassis.config.address,
+                reason,
+            )
 
     @property
     def url(self) -> str:
@@ -189,7 +205,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, connection: Any) -> None:
-        if len(self._viewers) >= self._config.max_viewers:
+        if len(self._viewers) >= self._config.max_viewers and not self._make_room():
             await connection.close(_TRY_AGAIN_LATER, "too many viewers")
             return
         self._count += 1
@@ -201,23 +217,49 @@ class Dashboard:
         try:
             await self._receive(connection, viewer)
         finally:
-            self._release(viewer)
-            viewer.unwatch()
-            self._viewers.discard(viewer)
+            self._leave(viewer)
             sending.cancel()
+
+    def _make_room(self) -> bool:
+        """Disconnect a viewer that does not drive, so that a new one can always come, and stop.
+
+        Returns:
+            False if all viewers have control.
+        """
+        idle = [viewer for viewer in self._viewers if not self._has_control(viewer)]
+        if not idle:
+            return False
+        oldest = min(idle, key=lambda viewer: (viewer.visible, viewer.heard_at))
+        self._leave(oldest)
+        oldest.dismiss(_TRY_AGAIN_LATER, "there are too many viewers; reload the page to come back")
+        return True
+
+    def _has_control(self, viewer: Viewer) -> bool:
+        return any(control.owner is viewer for control in self._controls.values())
+
+    def _leave(self, viewer: Viewer) -> None:
+        self._release(viewer)
+        viewer.unwatch()
+        self._viewers.discard(viewer)
 
     async def _receive(self, connection: Any, viewer: Viewer) -> None:
         """Handle the messages of a viewer until it leaves."""
         try:
             while True:
                 text = await connection.recv()
-                viewer.count_message()
+                viewer.heard_at = asyncio.get_running_loop().time()
                 self._handle(viewer, _parse(text))
-        except (TooFastError, ValueError) as error:
+        except ValueError as error:
             _LOG.debug("%s is disconnected: %s", viewer.name, error)
-            await connection.close(POLICY_VIOLATION, str(error)[:100] or "too many messages")
+            await connection.close(POLICY_VIOLATION, str(error)[:100])
         except ConnectionClosed:
             return
+
+    async def _tell_time(self) -> None:
+        while True:
+            for viewer in self._viewers:
+                viewer.tell_time()
+            await asyncio.sleep(_CLOCK_PERIOD)
 
     def _watch(self, viewer: Viewer, index: int) -> None:
         viewer.note(part="watching", data=index)  # the parts that follow are those of this robot
@@ -234,27 +276,45 @@ class Dashboard:
         for control in self._controls.values():
             control.release(viewer)
 
-    async def _command(self, viewer: Viewer, id_: int, name: str, args: dict[str, Any]) -> None:
-        """Execute a command of a viewer, and reply."""
-        robot = viewer.robot
-        control = self._controls.get(robot) if robot is not None else None
-        if self._extras is not None and name in self._extras.names:
-            ok, text = await self._extras.run(name, args)
-            self.robots[0].changed()
-        elif control is None:
-            ok, text = False, READ_ONLY
-        else:
-            ok, text = await control.run(viewer, name, args)
-        viewer.note(part="reply", id=id_, ok=ok, text=text)
-
-    def _start_command(self, viewer: Viewer, id_: int, name: str, args: dict[str, Any]) -> None:
-        if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
-            viewer.note(part="reply", id=id_, ok=False, text="wait for the other commands")
+    def _start_command(
+        self, viewer: Viewer, id_: int, name: str, args: dict[str, Any], clock: int
+    ) -> None:
+        """Start a command of a viewer for the robot that it watches now."""
+        try:
+            if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
+                raise CommandError("wait for the other commands")
+            work = self._work(viewer, name, args, clock)
+        except CommandError as error:
+            viewer.note(part="reply", id=id_, ok=False, text=str(error))
             return
-        work = self._command(viewer, id_, name, args)
-        task = asyncio.get_running_loop().create_task(work, name=name)
+
+        async def execute() -> None:
+            ok, text = await work
+            viewer.note(part="reply", id=id_, ok=ok, text=text)
+
+        task = asyncio.get_running_loop().create_task(execute(), name=name)
         viewer.commands.add(task)
         task.add_done_callback(viewer.commands.discard)
+
+    def _work(
+        self, viewer: Viewer, name: str, args: dict[str, Any], clock: int
+    ) -> Coroutine[Any, Any, tuple[bool, str]]:
+        """Return the execution of a command.
+
+        Raises:
+            CommandError: the command is refused.
+        """
+        if self._extras is not None and name in self._extras.names:
+            return self._run_extra(self._extras, name, args)
+        if viewer.robot not in self._controls:
+            raise CommandError(READ_ONLY)
+        control = self._controls[viewer.robot]
+        return control.stop() if name == STOP else control.command(viewer, name, args, clock)
+
+    async def _run_extra(self, extras: Extras, name: str, args: dict[str, Any]) -> tuple[bool, str]:
+        result = await extras.run(name, args)
+        self.robots[0].changed()
+        return result
 
     def _handle(self, viewer: Viewer, message: dict[str, Any]) -> None:
         """Handle one message.
@@ -274,8 +334,14 @@ class Dashboard:
                 self._release(viewer)
             case {"do": "drive"} if viewer.robot in self._controls:
                 self._controls[viewer.robot].drive(viewer, message)
-            case {"do": "command", "id": int(id_), "name": str(name), "args": dict(args)}:
-                self._start_command(viewer, id_, name, args)
+            case {
+                "do": "command",
+                "id": int(id_),
+                "name": str(name),
+                "args": dict(args),
+                "clock": int(clock),
+            } if abs(clock) < _MAX_CLOCK:
+                self._start_command(viewer, id_, name, args, clock)
             case _:
                 raise ValueError("not a message of the page")
 

@@ -84,6 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"--{option} must be above 0, and at most 10: {getattr(options, name):g}")
     if options.max_viewers < 1:
         parser.error(f"--max-viewers must be at least 1: {options.max_viewers}")
+    if options.control and options.max_viewers <= len(options.ip):
+        parser.error(
+            "--max-viewers must be more than the number of robots with --control, so that there is "
+            f"a place for somebody who stops them: {options.max_viewers}"
+        )
     config = DashboardConfig(
         host=options.host,
         port=options.page_port,

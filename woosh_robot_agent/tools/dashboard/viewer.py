@@ -13,16 +13,6 @@ from woosh_robot_agent.tools.dashboard.robot import Robot
 
 _MAX_NOTES = 100
 """Number of notes that wait for a slow viewer; a slower one is disconnected."""
-_MESSAGE_RATE = 60.0
-"""Rate of messages that a viewer may send for long, in Hz."""
-_MESSAGE_BURST = 120.0
-"""Number of messages that a viewer may send at once."""
-POLICY_VIOLATION = 1008
-"""Code with which a WebSocket is closed if the viewer breaks a limit."""
-
-
-class TooFastError(Exception):
-    """A viewer sends too many messages."""
 
 
 class Viewer:
@@ -39,6 +29,8 @@ class Viewer:
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
         commands: tasks of the commands that wait for their answer.
+        heard_at: loop time of the last message from the page.
+        ended_press: number of the last press of the stick that has ended; see `Control`.
     """
 
     def __init__(self, socket: Any, number: int) -> None:
@@ -48,13 +40,15 @@ class Viewer:
         self.robot: Robot | None = None
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
+        self.ended_press = -1
+        self._tells_time = False
+        """True if the time is to be sent."""
         self._stale: dict[str, None] = {}
         """Names of the parts to send, in the order in which they changed."""
         self._notes: list[str] = []
         """Messages to send, each of which counts."""
         self._wake = asyncio.Event()
-        self._allowance = _MESSAGE_BURST
-        self._counted_at = asyncio.get_running_loop().time()
+        self.heard_at = asyncio.get_running_loop().time()
 
     def watch(self, robot: Robot) -> None:
         """Watch a robot instead of the one before."""
@@ -85,18 +79,20 @@ class Viewer:
         else:
             self._socket.transport.abort()
 
-    def count_message(self) -> None:
-        """Count a message from the viewer.
+    def dismiss(self, code: int, reason: str) -> None:
+        """Close the WebSocket; the commands that wait for their answer go on."""
+        closing = asyncio.get_running_loop().create_task(self._socket.close(code, reason))
+        self._closing = closing  # the loop keeps only a weak reference
 
-        Raises:
-            TooFastError: there are too many.
-        """
-        now = asyncio.get_running_loop().time()
-        gained = (now - self._counted_at) * _MESSAGE_RATE
-        self._allowance = min(_MESSAGE_BURST, self._allowance + gained) - 1.0
-        self._counted_at = now
-        if self._allowance < 0.0:
-            raise TooFastError
+    def tell_time(self) -> None:
+        """Send the time of this process, without which the page cannot drive."""
+        self._tells_time = True
+        self._wake.set()
+
+    def end_press(self, press: int, reason: str) -> None:
+        """Drive no more with the current press of the stick, and tell the page why."""
+        self.ended_press = max(self.ended_press, press)
+        self.note(part="stick", data=reason)
 
     async def send(self) -> None:
         """Send what is to be sent, until the WebSocket ends or this is cancelled."""
@@ -104,7 +100,7 @@ class Viewer:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._notes or self._stale:
+                while self._notes or self._tells_time or self._stale:
                     await self._socket.send(self._next())
         except ConnectionClosed:
             return
@@ -112,6 +108,9 @@ class Viewer:
     def _next(self) -> str | bytes:
         if self._notes:
             return self._notes.pop(0)
+        if self._tells_time:  # after the notes: a page that knows a time after a stop knows it too
+            self._tells_time = False
+            return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         name = next(iter(self._stale))
         del self._stale[name]
         assert self.robot is not None

@@ -7,15 +7,19 @@ export class Controls {
   /**
    * @param {import("./connection.js").Connection} connection
    * @param {(ok: boolean, text: string) => void} show shows the result of a command
+   * @param {(text: string) => void} alarm shows why a stop has failed; without a text, nothing
    */
-  constructor(connection, show) {
+  constructor(connection, show, alarm) {
     this.connection = connection;
     this.show = show;
+    this.alarm = alarm;
     this.limits = {linear: 0, angular: 0};
     this.stick = document.querySelector("#stick");
     this.knob = document.querySelector("#knob");
     this.turn = document.querySelector("#turn");
     this.velocity = null; // {linear, angular} while the stick or the slider is held
+    this.press = 0; // number of the current or last press
+    this.pointer = null; // id of the pointer that holds the stick
     this.enabled = false;
     this.bind();
   }
@@ -31,9 +35,12 @@ export class Controls {
     this.show(ok, text);
   }
 
-  stop() {
+  async stop() {
     this.letGo();
-    this.run("stop");
+    this.show(true, "stopping");
+    const {ok, text} = await this.connection.stop();
+    this.show(ok, text);
+    this.alarm(ok ? "" : `STOP not confirmed, use the emergency stop on the robot: ${text}`);
   }
 
   bind() {
@@ -58,16 +65,23 @@ export class Controls {
       if (!event.repeat) this.stop();
     }, {capture: true});
     this.stick.addEventListener("pointerdown", (event) => {
+      if (this.velocity || event.button !== 0) return;
+      this.pointer = event.pointerId;
       this.stick.setPointerCapture(event.pointerId);
       this.moveStick(event);
     });
     this.stick.addEventListener("pointermove", (event) => {
-      if (this.stick.hasPointerCapture(event.pointerId)) this.moveStick(event);
+      if (event.pointerId === this.pointer) this.moveStick(event);
     });
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
-      this.stick.addEventListener(name, () => this.letGo());
+      this.stick.addEventListener(name, (event) => {
+        if (event.pointerId === this.pointer) this.letGo();
+      });
     }
-    this.turn.addEventListener("pointerdown", () => this.hold({linear: 0, angular: 0}));
+    this.stick.addEventListener("contextmenu", (event) => event.preventDefault()); // a long press
+    this.turn.addEventListener("pointerdown", () => {
+      if (!this.velocity) this.hold({linear: 0, angular: 0});
+    });
     this.turn.addEventListener("input", () => {
       if (this.velocity) {
         this.velocity = {linear: 0, angular: -Number(this.turn.value) * this.limits.angular};
@@ -103,12 +117,19 @@ export class Controls {
     const begins = !this.velocity;
     this.velocity = velocity;
     if (begins) {
+      this.press++;
       this.sendVelocity();
       this.timer = setInterval(() => this.sendVelocity(), PERIOD);
     }
   }
 
+  /** End the press, until the next one begins: a pointer that is still down drives no more. */
   letGo() {
+    const pointer = this.pointer;
+    this.pointer = null;
+    if (pointer !== null && this.stick.hasPointerCapture(pointer)) {
+      this.stick.releasePointerCapture(pointer);
+    }
     this.knob.style.transform = "";
     this.turn.value = "0";
     if (!this.velocity) return;
@@ -119,7 +140,8 @@ export class Controls {
   }
 
   sendVelocity() {
-    this.connection.send({do: "drive", ...this.velocity, at: performance.now()});
+    const {press} = this, {clock} = this.connection;
+    this.connection.send({do: "drive", ...this.velocity, press, clock});
   }
 }
 

@@ -15,8 +15,8 @@ if (new URLSearchParams(location.search).has("token")) {
 const view = new MapView(find("#map"));
 globalThis.mapView = view; // for the console of the browser, and for tests
 let you = "";
-let open = false;
-let link = {good: false, text: "connecting", detail: ""};
+let problem = "connecting"; // why nothing comes from the dashboard; empty if it does
+let link = {good: false, text: "", detail: ""};
 let robotIndex = 0;
 let toolChosen = false;
 let shownMap = ""; // address of the map picture
@@ -58,7 +58,10 @@ const parts = {
     find("#owner").textContent = !owner ? "" : mine ? "you have control" : `${owner} has control`;
     find("#release").hidden = !mine;
   },
-  stick: (text) => showMessage(false, text),
+  stick: (text) => {
+    controls.letGo();
+    showMessage(false, text);
+  },
   simulator: (data) => {
     simulator.show(data);
     view.set("obstacles", data.faults.filter((fault) => fault.x !== undefined));
@@ -78,16 +81,14 @@ const connection = new Connection(
   (scan) => {
     if (watching === robotIndex) view.setScan(scan);
   },
-  (isOpen, reason) => {
-    open = isOpen;
-    if (!isOpen) {
-      controls.letGo();
-      link = {good: false, text: `no connection to the dashboard${reason && `: ${reason}`}`, detail: ""};
-    }
+  (reason) => {
+    problem = reason;
+    if (problem) controls.letGo();
     showLink();
   },
 );
-const controls = new Controls(connection, showMessage);
+const controls = new Controls(connection, showMessage, showAlarm);
+globalThis.controls = controls; // for tests
 const simulator = new Simulator(controls);
 
 view.onAct = (tool, place, theta, mark, obstacle) => {
@@ -134,11 +135,18 @@ function chooseTool(tool) {
 }
 
 function showLink() {
+  const good = link.good && !problem;
   const status = find("#link");
-  status.textContent = link.text;
-  status.title = link.detail;
-  status.className = link.good && open ? "good" : "bad";
-  find("#outdated").hidden = link.good && open;
+  status.textContent = problem || link.text;
+  status.title = problem ? "" : link.detail;
+  status.className = good ? "good" : "bad";
+  find("#outdated").hidden = good;
+  document.body.classList.toggle("outdated", !good);
+}
+
+function showAlarm(text) {
+  find("#alarm").hidden = !text;
+  find("#alarm").textContent = text;
 }
 
 function showMessage(ok, text) {

@@ -1,0 +1,73 @@
+"""The program `dashboard` in a process of its own, and its end while a stick drives the robot."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.tools.dashboard.pages import page
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.program import main
+
+TWIST = full_name(Twist)
+
+
+@contextmanager
+def program(chassis: SimulatorThread) -> Iterator[tuple[subprocess.Popen[str], Any]]:
+    """Start the program with control; yield its process, and an object with its address."""
+    command = [sys.executable, "-m", "woosh_robot_agent.tools.dashboard", "--control"]
+    robot = ["--ip", f"127.0.0.1:{chassis.port}", "--page-port", "0"]
+    with subprocess.Popen([*command, *robot], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
+            yield process, SimpleNamespace(url=url)
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@aio
+async def test_the_end_of_the_program_stops_the_robot(
+    chassis: SimulatorThread, end: signal.Signals
+) -> None:
+    with program(chassis) as (process, running):
+        async with page(running) as viewer:
+            await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+            async with viewer.holds(0.3):
+                await eventually(lambda: chassis.state.velocity.forward > 0.1)
+                process.send_signal(end)
+                await eventually(lambda: process.poll() is not None)
+                # nobody can send a zero after SIGKILL; the chassis drops the velocity by itself
+                await eventually(lambda: chassis.state.velocity.forward == 0.0)
+        if end != signal.SIGKILL:
+            assert (process.returncode, chassis.last(TWIST)) == (0, Twist())
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--page-port", "70000"], "--page-port must be within"),
+        (["--scan-rate", "nan"], "--scan-rate must be within"),
+        (["--max-linear", "inf"], "--max-linear must be above 0"),
+        (["--max-angular", "0"], "--max-angular must be above 0"),
+        (["--max-viewers", "0"], "--max-viewers must be at least 1"),
+        (["--max-viewers", "1", "--control"], "more than the number of robots"),
+    ],
+)
+def test_invalid_options_are_refused(
+    options: list[str], problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["--ip", "127.0.0.1", *options])
+    assert problem in capsys.readouterr().err
