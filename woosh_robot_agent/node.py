@@ -220,7 +220,7 @@ class Agent:
     def _change(self, before: Settings) -> None:
         settings = self.settings
         if settings.observe_only != before.observe_only:
-            # not as a coroutine: its first step would come after commands that follow the change
+            # not a task: it would begin after commands that come right after this change
             self._thread.call(self._set_observing, settings.observe_only)
         if not settings.link.addresses_same_robot(before.link):
             self._latched.withdraw()
