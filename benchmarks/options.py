@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from woosh_robot_agent.parameters import EXECUTORS
 
-TURNS = 5
+_TURNS = 5
 """Number of times that agent and floor are measured alternately in one repetition.
 
 The speed of a machine drifts, and measuring alternately cancels that out.
@@ -42,6 +42,11 @@ class Options:
     def smoke(self) -> bool:
         """True if the benchmark is only checked to work, with meaningless figures."""
         return self.scale < 1.0
+
+    @property
+    def turns(self) -> int:
+        """Number of times that agent and floor are measured alternately."""
+        return 1 if self.smoke else _TURNS
 
     def samples(self, usual: int) -> int:
         """Return the number of samples to take instead of the usual one."""

@@ -1,7 +1,8 @@
-"""Fixtures of the tests that need ROS, and the order of all tests."""
+"""Fixtures of the tests that need ROS, the order of all tests, and garbage collection."""
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 from collections.abc import Callable, Iterator
@@ -26,6 +27,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = []
     for number, (start, end) in enumerate(pairwise(sections)):
         items += long[number::processes] + short[start:end]
+
+
+def pytest_collection_finish() -> None:
+    """Exclude the modules and the thousands of collected tests from garbage collection.
+
+    They live until the end, and each complete collection would visit all of them. The tests of the
+    link collect after each test, and would take several times as long.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def _own_timeout(item: pytest.Item) -> float:

@@ -17,7 +17,9 @@ from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
+    BuildMap,
     ChangeNavMode,
+    Deployment,
     ExecTask,
     InitRobot,
     Speak,
@@ -26,6 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util.action_pb2 import kPause
 from woosh_robot_agent.readiness import (
     DEPLOYMENT,
@@ -33,6 +36,7 @@ from woosh_robot_agent.readiness import (
     MAINTENANCE,
     MANUAL,
     NO_TASK,
+    NOT_DEPLOYMENT,
     NOT_INITIALISED,
 )
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
@@ -190,6 +194,23 @@ async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code()
         (ActionOrder(order=kPause), NAVIGATING, ""),
         (InitRobot(), {**READY, "mode": {"ctrl": 3, "work": 2}}, MAINTENANCE.reason),
         (ExecTask(task_id=1), READY, ""),
+        (RepeatTask(order=RepeatTask.kExec), NAVIGATING, "the robot is executing task 17"),
+        (RepeatTask(order=RepeatTask.kPut), NAVIGATING, ""),
+        (BuildMap(), READY, NOT_DEPLOYMENT.reason),
+        (BuildMap(), {**READY, "mode": {"ctrl": 1, "work": 1}}, ""),
+        (
+            BuildMap(),
+            {**READY, "mode": {"ctrl": 2, "work": 1}},
+            f"{MANUAL.reason}, {BY_KEY}",
+        ),
+        (BuildMap(), {**READY, "mode": {"ctrl": 1, "work": 1}, "state": 9}, ""),
+        (Deployment(), READY, NOT_DEPLOYMENT.reason),
+        (
+            Deployment(),
+            NAVIGATING,
+            f"the robot is executing task 17; {NOT_DEPLOYMENT.reason}",
+        ),
+        (Deployment(), {**READY, "mode": {"ctrl": 2, "work": 1}}, ""),
         (Speak(), {**READY, "deviceState": {"hardware": 1024}}, ""),
     ],
 )

@@ -7,12 +7,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks
-
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS
+from woosh_robot_agent.subscriber_events import SubscriberEvents, create_publisher
 
 
 class LatchedPublishers:
@@ -35,7 +34,7 @@ class LatchedPublishers:
         chassis.on_robot_changed(self._forget)
 
     def create(
-        self, message_class: Any, name: str, depth: int, callbacks: Any = None
+        self, message_class: Any, name: str, depth: int, events: SubscriberEvents | None = None
     ) -> LatchedPublisher:
         """Return a publisher.
 
@@ -43,17 +42,10 @@ class LatchedPublishers:
             message_class: ROS class of the topic.
             name: name of the topic.
             depth: number of messages that late subscribers get.
-            callbacks: event callbacks, called in the executor thread.
+            events: callback for subscribers that come or go.
         """
         publisher = LatchedPublisher(
-            partial(
-                self._node.create_publisher,
-                message_class,
-                name,
-                latched(depth),
-                # default callbacks would keep a destroyed publisher alive for some time
-                event_callbacks=callbacks or PublisherEventCallbacks(use_default_callbacks=False),
-            ),
+            partial(create_publisher, self._node, message_class, name, latched(depth), events),
             self._node.destroy_publisher,
             depth,
         )

@@ -73,7 +73,7 @@ def grey_image(image_file: bytes) -> Image.Image:
     Raises:
         MapError: the image cannot be decoded, or is too large.
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     try:
         with Image.open(io.BytesIO(image_file), formats=_FORMATS) as image:
@@ -83,5 +83,8 @@ def grey_image(image_file: bytes) -> Image.Image:
             return grey
     except MapError:
         raise
+    except UnidentifiedImageError:  # its text names the buffer
+        formats = ", ".join(_FORMATS)
+        raise MapError(f"its image cannot be decoded: it is none of {formats}") from None
     except Exception as error:  # Pillow raises errors of many types for damaged files
         raise MapError(f"its image cannot be decoded: {error}") from None

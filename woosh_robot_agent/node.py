@@ -220,13 +220,14 @@ class Agent:
     def _change(self, before: Settings) -> None:
         settings = self.settings
         if settings.observe_only != before.observe_only:
-            self._thread.spawn(partial(self._set_observing, settings.observe_only))
+            # not a task: it would begin after commands that come right after this change
+            self._thread.call(self._set_observing, settings.observe_only)
         if not settings.link.addresses_same_robot(before.link):
             self._latched.withdraw()
         if settings.link != before.link:
             self._thread.spawn(partial(self._reconfigure, settings.link))
 
-    async def _set_observing(self, observe_only: bool) -> None:
+    def _set_observing(self, observe_only: bool) -> None:
         if not observe_only:
             self._chassis.permit_only(None)
             _LOG.info("observe_only is false: commands are sent to the robot")
@@ -236,7 +237,7 @@ class Agent:
         self._actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
         if stop_robot is not None:
-            await stop_robot()
+            self._thread.spawn(stop_robot)
 
     async def _reconfigure(self, config: LinkConfig) -> None:
         self._requests.robot_id = config.robot_id

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""Name that rmw reports for the node of an endpoint before it has discovered the node."""
 _FAST_DDS = b"\x01\x0f"
 """First two bytes of a GID of Fast DDS: the vendor."""
 _PID_MASK = 0xFFFF

@@ -62,6 +62,11 @@ DEPLOYMENT = Objection(
     "the robot is in deployment mode, not in task mode",
     "save maps and marks, then call robot/SwitchWorkMode with mode 2",
 )
+NOT_DEPLOYMENT = Objection(
+    "not_deployment",
+    "the robot is not in deployment mode",
+    "call robot/SwitchWorkMode with mode 1",
+)
 SCHEDULE = Objection(
     "schedule",
     "the robot is in schedule mode, not in task mode: a dispatch system controls it",
@@ -94,6 +99,11 @@ NO_MAP = Objection(
     "the pose may mean nothing, because the robot uses no map (map_id 0)",
     "load a map with robot/SwitchMap, then call robot/InitRobot",
 )
+MAPPING = Objection(
+    "mapping",
+    "the robot is building a map",
+    "save the map or cancel it, with type 4 or 3 of robot/BuildMap",
+)
 NO_TASK = Objection("no_task", "the robot is not executing a task", "start one first")
 
 CONTROL_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE)
@@ -109,11 +119,7 @@ _WORK_MODES = {
     robot.kScheduleMode: SCHEDULE,
 }
 _STATES = {
-    robot.kMapping: Objection(
-        "mapping",
-        "the robot is building a map",
-        "save the map or cancel it, with type 4 or 3 of robot/BuildMap",
-    ),
+    robot.kMapping: MAPPING,
     robot.kFollowing: Objection(
         "following", "the robot is following a person", "stop it with robot/Follow"
     ),
@@ -127,7 +133,7 @@ _BUSY_STATES = {
         "the robot is executing a charging or parking task",
         "wait for its end, or cancel it",
     ),
-    robot.kMapping: _STATES[robot.kMapping],
+    robot.kMapping: MAPPING,
     robot.kFollowing: _STATES[robot.kFollowing],
 }
 _RUNNING = (

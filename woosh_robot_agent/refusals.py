@@ -18,16 +18,21 @@ from google.protobuf.message import Message
 from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.motion.requests import TASK_REQUESTS, may_move
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
+from woosh_robot_agent.pb.util.robot_pb2 import kDeployMode
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import (
     CONTROL_MODES,
     EMERGENCY_STOP,
     MAINTENANCE,
     MANUAL,
+    MAPPING,
     NO_TASK,
+    NOT_DEPLOYMENT,
     NOT_TASKABLE,
     Objection,
     busy,
@@ -110,7 +115,8 @@ class RefusalExplainer:
     def _refused(self, request: Message) -> None:
         """Note the state of the robot at a refusal, and expect a status code."""
         name = type_of(request)
-        find = _STATE_RULES.get(name)
+        edits = isinstance(request, RepeatTask) and not may_move(request)
+        find = None if edits else _STATE_RULES.get(name)
         if len(self._refusals) == self._refusals.maxlen:
             self._refusals[0].end()
         info = self._last_known.value(RobotInfo) if find is not None else None
@@ -185,6 +191,19 @@ def _for_change(info: RobotInfo) -> list[Objection]:
     return [*busy(info), *_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
 
 
+def _for_mapping(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a request that makes a map."""
+    return [*_for_deployment(info), *_among(info, *CONTROL_MODES)]
+
+
+def _for_deployment(info: RobotInfo) -> list[Objection]:
+    found = [each for each in busy(info) if each != MAPPING]
+    # A robot without a work mode is not in deployment mode either.
+    if info.HasField("mode") and info.mode.work != kDeployMode:
+        found.append(NOT_DEPLOYMENT)
+    return found
+
+
 def _for_order(info: RobotInfo) -> list[Objection]:
     found = _among(info, EMERGENCY_STOP, *CONTROL_MODES)
     return found if busy(info) else [*found, NO_TASK]
@@ -199,7 +218,7 @@ def _among(info: RobotInfo, *possible: Objection) -> list[Objection]:
     return [each for each in objections(info) if each in possible]
 
 
-_TASKS = ("woosh.robot.ExecTask", "woosh.robot.ExecPreTask", "woosh.robot.ExecTaskSet")
+_TASKS = tuple(map(full_name, TASK_REQUESTS))
 _LIFTS = tuple(
     f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
 )
@@ -221,6 +240,8 @@ _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProx
         "woosh.robot.InitRobot": _for_change,
         "woosh.robot.SwitchMap": _for_change,
         "woosh.robot.SwitchWorkMode": _for_change,
+        "woosh.robot.BuildMap": _for_mapping,
+        "woosh.robot.Deployment": _for_deployment,
     }
 )
 """Functions that return the reasons in the robot's state, by type of the request."""
@@ -234,7 +255,7 @@ _MOVE_CODES = ("140304",)
 _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         **dict.fromkeys(
-            (*_TASKS, "woosh.task.RepeatTask"),
+            _TASKS,
             (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
         ),
         **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, *_LIFT_CODES)),

@@ -14,12 +14,16 @@ from typing import Any
 from rclpy.node import NodeNameNonExistentError
 
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
-from woosh_robot_agent.participants import Place, is_possibly_own, place_of, process_of
+from woosh_robot_agent.participants import (
+    UNKNOWN_NODE,
+    Place,
+    is_possibly_own,
+    place_of,
+    process_of,
+)
 
 _LOG = logging.getLogger(__name__)
 
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name that rmw reports for the node of a publisher before it has discovered the node."""
 PERIOD = 2.0
 """Period of the checks of the ROS graph, in seconds."""
 LEASE = 25.0
@@ -95,7 +99,7 @@ class SecondAgent:
             found.remove(own)
         texts, alive = [], False
         for each in found:
-            if each.node_name == _UNKNOWN_NODE:
+            if each.node_name == UNKNOWN_NODE:
                 continue  # its name will be known the next time
             place, pid = Place.UNKNOWN, 0
             if own is not None:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 from google.protobuf.message import Message
-from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
 
 from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
@@ -22,6 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.subscriber_events import SubscriberEvents
 
 
 class Topics:
@@ -81,13 +81,9 @@ class _OnDemand:
         self._unsubscribe: Callable[[], None] | None = None
         msg = class_of(topic.msg, "msg")
         self._convert = converter(msg, self._proto_class)
-        callbacks = PublisherEventCallbacks(
-            matched=lambda _change: thread.call(self._update), use_default_callbacks=False
-        )
-        try:
-            self._publisher = publishers.create(msg, topic.name, topic.depth, callbacks)
-        except UnsupportedEventTypeError:  # the middleware does not tell when subscribers come
-            self._publisher = publishers.create(msg, topic.name, topic.depth)
+        events = SubscriberEvents(lambda: thread.call(self._update))
+        self._publisher = publishers.create(msg, topic.name, topic.depth, events)
+        if not events.supported:
             self._subscribe()
 
     def _update(self) -> None:

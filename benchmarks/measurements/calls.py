@@ -19,7 +19,7 @@ from benchmarks.measurements.samples import (
     Spread,
     no_garbage_collection,
 )
-from benchmarks.options import TURNS, Options
+from benchmarks.options import Options
 from benchmarks.processes import Program, running
 from benchmarks.programs.start import agent, echo_chassis
 from woosh_robot_agent.testing import own_domain, wait_until
@@ -233,9 +233,9 @@ def measure(domain: int, options: Options) -> Measured:
             each.warm_up(1.0 * options.scale)
         called_agent = CalledProgram(program, caller)
         called_floors = (CalledProgram(floor, floor_caller), WebSocketFloor(socket))
-        for _ in range(TURNS):
+        for _ in range(options.turns):
             for called in (called_agent, *called_floors):
-                called.call(options.samples(2000 // TURNS))
+                called.call(options.samples(2000 // options.turns))
         concurrent = _concurrent(chassis, caller, options.samples(600))
     trips = called_agent.round_trips
     floors = [called.round_trips for called in called_floors]

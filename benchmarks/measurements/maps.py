@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.measurements.calls import CalledProgram, Caller, RoundTrips, calling
 from benchmarks.measurements.samples import Measured, Spread
-from benchmarks.options import TURNS, Options
+from benchmarks.options import Options
 from benchmarks.processes import MIB, Program, running
 from benchmarks.programs.start import agent, echo_chassis
 from benchmarks.programs.velocity_publisher import STEP
@@ -137,9 +137,9 @@ def measure_cost(domain: int, options: Options, *, velocities: bool = True) -> M
         for direction in ("Upload", "Download"):
             for each in (ours, floor):
                 each.use(direction)
-            for _ in range(TURNS):
+            for _ in range(options.turns):
                 for each in (ours, floor):
-                    each.transfer(direction, options.samples(_CALLS // TURNS))
+                    each.transfer(direction, options.samples(_CALLS // options.turns))
         if velocities:
             topic = f"{NAMESPACE}/cmd_vel"
             program = ("benchmarks.programs.velocity_publisher", topic)

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 
 from benchmarks.measurements.samples import MICROSECONDS, Measured, Spread
-from benchmarks.options import TURNS, Options
+from benchmarks.options import Options
 from benchmarks.processes import Program, running
 from benchmarks.programs.start import agent, echo_chassis
 from tests.harness import Client
@@ -208,7 +208,7 @@ def measure(domain: int, options: Options) -> Measured:
         drops()  # waits until this subscriber is discovered, before anything is timed
         turns = [
             (agent_path.push(100.0, count), floor_path.push(100.0, count))
-            for count in [options.samples(1000 // TURNS)] * TURNS
+            for count in [options.samples(1000 // options.turns)] * options.turns
         ]
         agent_max = _highest_rate(agent_path, drops, options)
         floor_max = _highest_rate(floor_path, lambda: 0, options)

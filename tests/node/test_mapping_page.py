@@ -171,7 +171,8 @@ def test_the_commands_of_the_page_make_a_map_and_drive_in_it(
     growing = grids.messages[seen[turn] : seen[save - 1]]
     assert len(growing) > 1
     assert known_cells(growing[-1]) > known_cells(growing[0])
-    assert known_cells(grids.messages[-1]) >= known_cells(growing[-1])
+    # some cells become unknown again, because later scans say the opposite of earlier ones
+    assert known_cells(grids.messages[-1]) > 0.99 * known_cells(growing[-1])
 
     info = simulator.state.info
     assert (info.scene.scene_name, info.scene.map_name) == ("hall", "ground")

@@ -6,6 +6,7 @@ The simulated chassis records every frame that it receives.
 from __future__ import annotations
 
 import itertools
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -255,6 +256,23 @@ def test_a_stream_of_velocities_does_not_drive_when_it_is_turned_off(
     wait_until(
         lambda: publisher.publish(velocity(next(speeds))) or simulator.counts[TWIST], "a velocity"
     )
+
+
+def test_turning_it_on_precedes_the_velocity_that_follows(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread, logs: Collector
+) -> None:
+    """Also if the link thread is busy while both arrive."""
+    publisher = publish(client, "cmd_vel", velocity(0.0))
+    released = threading.Event()
+    agent.agent._thread.call(released.wait)
+    try:
+        assert change(client, observe_only=True) == (True, "")
+        publisher.publish(velocity(0.5))
+        change(client, observe_only=True)  # meanwhile, the velocity arrives
+    finally:
+        released.set()
+    logs.wait(lambda r: "cmd_vel is ignored: this agent only observes" in r.getMessage())
+    assert simulator.counts[TWIST] == 0
 
 
 def test_each_robot_of_a_process_has_its_own(

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from nav_msgs.msg import Odometry
 from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
@@ -121,6 +122,23 @@ def pass_a_period(client: Client, name: str) -> None:
         received, leave = listen(client, Odometry, "odom")
         received.wait_count(25)
     leave()
+
+
+def test_each_publisher_is_created_once(
+    start: Callable[..., RunningAgent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Subscribers may not discover a publisher that follows a destroyed one of the same topic."""
+    created: Counter[str] = Counter()
+    create = Node.create_publisher
+
+    def count(node: Node, message_class: Any, topic: str, *arguments: Any, **options: Any) -> Any:
+        created[topic] += 1
+        return create(node, message_class, topic, *arguments, **options)
+
+    monkeypatch.setattr(Node, "create_publisher", count)
+    start()
+    assert created["/diagnostics"] == created["odom"] == 1
+    assert {topic: number for topic, number in created.items() if number > 1} == {}
 
 
 def test_odom_is_published_as_soon_as_it_has_a_subscriber(

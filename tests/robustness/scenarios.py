@@ -35,6 +35,8 @@ BACK_WITHIN = 2.0 + BACKOFF_MAX
 """Time after the end of the faults within which a command must succeed again, in seconds."""
 _AT_FAULT = ("speak", "speak", "query", "twist", "task", "step")
 """Requests that may be made at the beginning of a fault, as methods of `Traffic`."""
+_GOALS = ("task", "step", "lift", "task_set", "lift_column", "charge", "navigation_mode")
+"""Goals that may be sent at any time, as methods of `Traffic`."""
 _LAST = 1_000_000
 """Rank of an event that is handled after all others due at the same time."""
 _GOAL_TIME = 1.0
@@ -186,8 +188,8 @@ def plan(seed: int) -> Plan:
     if rng.random() < 0.6:
         begin, period = rng.uniform(0, length / 2), rng.uniform(0.02, 0.08)
         requests += [(begin + i * period, "twist") for i in range(rng.randint(5, 15))]
-    for name in ("task", "step", "lift"):
-        if rng.random() < 0.5:
+    for name in _GOALS:
+        if rng.random() < 0.4:
             requests += [(rng.uniform(0, length), name) for _ in range(rng.randint(1, 2))]
     for fault in faults:  # a fault has little effect if nothing is in flight
         requests += [(fault.at, name) for name in rng.choices(_AT_FAULT, k=rng.randint(1, 6))]

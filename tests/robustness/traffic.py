@@ -20,7 +20,7 @@ from woosh_map_msgs.srv import SceneData, SceneDataEasy, SceneList, StorageStora
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_msgs.action import ExecTask
+from woosh_robot_msgs.action import ExecPreTask, ExecTask
 from woosh_robot_msgs.msg import LED as LEDMsg
 from woosh_robot_msgs.msg import Sound as SoundMsg
 from woosh_robot_msgs.msg import Speak as SpeakMsg
@@ -39,7 +39,13 @@ from woosh_robot_msgs.srv import (
     TaskProc,
     Twist,
 )
-from woosh_ros_msgs.action import LiftControl, StepControl
+from woosh_ros_msgs.action import (
+    ChargeControl,
+    LiftControl,
+    LiftControl2,
+    NavigationMode,
+    StepControl,
+)
 
 QUERIES = (
     (Mode, "robot/Mode"),
@@ -57,6 +63,8 @@ QUERIES = (
 )
 Mark = tuple[str, Any]
 """Short name of a message type, and a value that is unique among its commands."""
+TASK_SETS = (666, 777)
+"""Predefined task sets of the simulated robot."""
 _UNLIMITED = 1_000_000
 """Maximum number of times that a cancel may reach the chassis."""
 
@@ -204,8 +212,39 @@ class Traffic:
 
     def lift(self, rng: random.Random) -> None:
         """Move the lift."""
-        marks = [("CallAction", (what, "lift")) for what in ("execute", "cancel")]
+        marks = [("CallAction", (what, "lift_control")) for what in ("execute", "cancel")]
         self._goal(LiftControl, "ros/LiftControl", lift_goal(rng.randint(1, 2)), *marks)
+
+    def task_set(self, rng: random.Random) -> None:
+        """Let the robot run a predefined task set."""
+        goal = ExecPreTask.Goal()
+        goal.arg.task_set_id = number = rng.choice(TASK_SETS)
+        start, cancel = ("ExecPreTask", number), ("ActionOrder", "")
+        self._goal(ExecPreTask, "robot/ExecPreTask", goal, start, cancel)
+
+    def lift_column(self, _rng: random.Random) -> None:
+        """Move the lift column to a unique height."""
+        goal = LiftControl2.Goal()
+        goal.arg.height = height = round(0.05 + next(self._marks) % 90_000 * 1e-6, 6)
+        goal.arg.action.value = EXECUTE
+        marks = [("CallAction", (what, height)) for what in ("execute", "cancel")]
+        self._goal(LiftControl2, "ros/LiftControl2", goal, *marks)
+
+    def charge(self, rng: random.Random) -> None:
+        """Let the robot charge, or leave the charger."""
+        goal = ChargeControl.Goal()
+        goal.arg.execute_mode.value = rng.randint(1, 2)
+        goal.arg.action.value = EXECUTE
+        marks = [("CallAction", (what, "charge_control")) for what in ("execute", "cancel")]
+        self._goal(ChargeControl, "ros/ChargeControl", goal, *marks)
+
+    def navigation_mode(self, _rng: random.Random) -> None:
+        """Limit the speed of the running navigation to a unique value."""
+        goal = NavigationMode.Goal()
+        goal.arg.mode.value = goal.arg.mode.K_ACCURATE_AVOID
+        goal.arg.max_speed = speed = round(0.5 + next(self._marks) % 90_000 * 1e-6, 6)
+        marks = [("CallAction", (what, speed)) for what in ("execute", "cancel")]
+        self._goal(NavigationMode, "ros/NavigationMode", goal, *marks)
 
     def cancel(self, rng: random.Random) -> None:
         """Cancel one of the open goals, if there is one."""
@@ -266,13 +305,23 @@ def marks_of(message: Message) -> list[Mark]:
     if isinstance(message, pack.Twist):  # the agent may also send a stop on its own
         return [(kind, round(message.linear, 6))] if message.linear else []
     if isinstance(message, CallAction):
-        what = "execute" if _command(message).action == EXECUTE else "cancel"
-        steps = message.step_control.steps
-        return [(kind, (what, round(steps[0].value, 6) if steps else "lift"))]
+        return [(kind, _call_mark(message))]
+    if isinstance(message, pack.ExecPreTask):
+        return [(kind, message.task_set_id)]
     if isinstance(message, pack.ActionOrder | setting.Sound):
         return [(kind, "")]
     return []
 
 
-def _command(call: CallAction) -> Any:
-    return getattr(call, str(call.WhichOneof("action")))
+def _call_mark(call: CallAction) -> tuple[str, Any]:
+    member = str(call.WhichOneof("action"))
+    command = getattr(call, member)
+    # A setting has no action: it is always executed.
+    what = "execute" if getattr(command, "action", EXECUTE) == EXECUTE else "cancel"
+    if member == "step_control" and command.steps:
+        return what, round(command.steps[0].value, 6)
+    if member == "lift_control2":
+        return what, round(command.height, 6)
+    if member == "nav_mode":
+        return what, round(command.max_speed, 6)
+    return what, member

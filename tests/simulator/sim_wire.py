@@ -32,11 +32,17 @@ class JsonClient:
         self._loop = asyncio.new_event_loop()
         self._sn = 0
         self.pushes: deque[Json] = deque()
-        self.socket: Any = self._await(_connect(f"ws://127.0.0.1:{port}"))
+        try:
+            self.socket: Any = self._await(_connect(f"ws://127.0.0.1:{port}"))
+        except BaseException:
+            self._loop.close()
+            raise
 
     def close(self) -> None:
-        self._await(self.socket.close())
-        self._loop.close()
+        try:
+            self._await(self.socket.close())
+        finally:
+            self._loop.close()
 
     def send(self, frame: Json | str | bytes) -> None:
         data = json.dumps(frame) if isinstance(frame, dict) else frame

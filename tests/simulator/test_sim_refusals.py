@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, refusals
 from woosh_robot_agent.simulator.refusals import REFUSALS
@@ -140,11 +141,11 @@ def test_nothing_is_pushed_about_a_refused_task(
 
 
 def test_own_task_of_the_robot_gives_way_only_to_another_kind() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1, park_after=1.0)
+    config = SimulatorConfig(port=0, tcp_port=0, seed=1, park_after=1.0)  # in real time
     with SimulatorThread(config) as simulator:
         client = JsonClient(simulator.port)
-        client.subscribe("woosh.robot.RobotState")
-        client.next_push("woosh.robot.RobotState", lambda body: body["state"] == 3)
+        # Asked for, because the push may come before a subscription.
+        wait_until(lambda: client.ask("woosh.robot.RobotState")["state"] == 3, "parking")
         parking = {"taskId": 7, "type": 2, "markNo": "P1"}
         assert client.refusal(EXEC_TASK, parking) == EXECUTING
         client.ask(*TASK)

@@ -162,7 +162,10 @@ def test_robot_inside_an_uploaded_wall_loses_localisation(client: JsonClient) ->
 
 INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
     ({"floor_yaml": NAV2}, "floor.png: the file is missing: upload it too"),
-    ({"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"}, "floor.png: not readable as a PNG or PGM"),
+    (
+        {"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"},
+        "floor.png: not readable as a PNG or PGM picture: save it",
+    ),
     ({"floor_yaml": b"image: [", "floor_png": floor_png()}, "floor.yaml: not readable as YAML"),
     ({"floor_yaml": b"image: floor.png"}, "floor.yaml: resolution is missing"),
     ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: must be a list"),

@@ -400,6 +400,15 @@ def test_failures_are_told_with_exit_status_1(run: Run, arguments: list[str], re
     assert reason in err
 
 
+def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) -> None:
+    assert run("download", "--output", "backup")[0] == 0
+    status, out, err = run("upload", "--force", "backup")
+    assert (status, out) == (1, "")
+    assert err == (
+        "error: backup is not a saved scene: give a folder in it: backup/scenex, backup/wooshmap\n"
+    )
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -62,8 +62,33 @@ def test_every_tool_has_a_help_text(tool: str) -> None:
     assert out.startswith(f"usage: {tool} ")
 
 
+@pytest.mark.parametrize("tool", TOOLS)
+def test_ctrl_c_while_a_tool_starts_ends_it_without_a_traceback(tool: str) -> None:
+    code = f"""
+import signal, sys
+class CtrlC:
+    def find_spec(self, name, *args):
+        if name == "google.protobuf":
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, CtrlC())
+from woosh_robot_agent.tools.{tool} import main
+sys.exit(main(["--help"]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
 def test_the_programs_do_not_import_ros() -> None:
-    code = "import sys\n" + "".join(f"import woosh_robot_agent.tools.{tool}\n" for tool in TOOLS)
+    code = "import sys\n" + "".join(
+        f"import woosh_robot_agent.tools.{tool}.program\n" for tool in TOOLS
+    )
     code += "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout == "[]\n"

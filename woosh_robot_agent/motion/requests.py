@@ -17,8 +17,9 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2
 
-_TASKS = (ExecTask, ExecPreTask, ExecTaskSet)
-_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, RepeatTask, *_TASKS)
+TASK_REQUESTS = (ExecTask, ExecPreTask, ExecTaskSet, RepeatTask)
+"""Types of the requests that start tasks. RepeatTask can also just edit a task set."""
+_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, *TASK_REQUESTS)
 _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
 _DRIVING_ORDERS = (action_pb2.kStart, action_pb2.kContinue, action_pb2.kRecover)
 _EDITING_ORDERS = (RepeatTask.kPut, RepeatTask.kDel)
@@ -46,7 +47,7 @@ def may_move(request: Message) -> bool:
         return request.type
     if isinstance(request, RepeatTask):
         return request.order not in _EDITING_ORDERS
-    return isinstance(request, _TASKS)
+    return isinstance(request, TASK_REQUESTS)
 
 
 def takes_wheels(request: Message) -> bool:
@@ -62,4 +63,4 @@ def takes_wheels(request: Message) -> bool:
         return request.type
     if isinstance(request, RepeatTask):
         return request.order not in _EDITING_ORDERS
-    return isinstance(request, _TASKS)
+    return isinstance(request, TASK_REQUESTS)

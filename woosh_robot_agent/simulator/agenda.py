@@ -7,6 +7,9 @@ import itertools
 import math
 from collections.abc import Callable
 
+ROUNDING = 1e-9
+"""Tolerance of comparisons between sums of time steps, in seconds."""
+
 Call = Callable[[], object]
 """A call that is due at some time."""
 

@@ -17,7 +17,7 @@ from woosh_robot_agent.pb.robot import (
 )
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals, status_codes
-from woosh_robot_agent.simulator.agenda import Agenda
+from woosh_robot_agent.simulator.agenda import ROUNDING, Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
@@ -444,9 +444,9 @@ class Chassis:
     def _look(self) -> None:
         """Begin a new scan of the laser if it is due."""
         rates = self.profile.rates
-        if self.stepped - self.scan_time >= rates.scan - 1e-9:
+        if self.stepped - self.scan_time >= rates.scan - ROUNDING:
             self.scan_time, self.scan_pose, self._ranges = self.stepped, self.base.pose, []
-            if self.scan_time - self.pushed_scan_time >= rates.scan_push - 1e-9:
+            if self.scan_time - self.pushed_scan_time >= rates.scan_push - ROUNDING:
                 self.pushed_scan_time = self.scan_time
 
     def _can_stand(self, pose: Pose) -> bool:

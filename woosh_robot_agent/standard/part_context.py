@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks
-
 from woosh_robot_agent.bridge import DeferredService, Reply
 from woosh_robot_agent.latched import LatchedPublishers
 from woosh_robot_agent.logs import log_as
@@ -19,6 +17,7 @@ from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.subscriber_events import SubscriberEvents, create_publisher
 from woosh_robot_agent.watch.watch import Watch
 
 
@@ -52,7 +51,7 @@ class PartContext:
     def publisher(
         self,
         name: str,
-        callbacks: PublisherEventCallbacks | None = None,
+        events: SubscriberEvents | None = None,
         *,
         about_robot: bool = True,
     ) -> Any:
@@ -60,19 +59,16 @@ class PartContext:
 
         Args:
             name: name of the topic.
-            callbacks: event callbacks, called in the executor thread.
+            events: callback for subscribers that come or go.
             about_robot: withdraw the messages of a latched topic when the link turns to another
                 robot.
-
-        Raises:
-            UnsupportedEventTypeError: the middleware does not support the events of `callbacks`.
         """
         endpoint = BY_NAME[name]
         if endpoint.kind is Kind.LATCHED and about_robot:
-            return self.latched.create(class_of(endpoint.type), name, endpoint.depth, callbacks)
+            return self.latched.create(class_of(endpoint.type), name, endpoint.depth, events)
         profile = latched if endpoint.kind is Kind.LATCHED else reliable
-        return self.robot.node.create_publisher(
-            class_of(endpoint.type), name, profile(endpoint.depth), event_callbacks=callbacks
+        return create_publisher(
+            self.robot.node, class_of(endpoint.type), name, profile(endpoint.depth), events
         )
 
     def subscribe(

@@ -6,9 +6,8 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
-
 from woosh_robot_agent.standard.part_context import PartContext
+from woosh_robot_agent.subscriber_events import SubscriberEvents
 
 _POLL_PERIOD = 0.1
 """Period of the checks for subscribers if the middleware has no events for them, in seconds."""
@@ -28,17 +27,11 @@ class Subscribers:
         self._publishers: list[Any] = []
         self._changed = asyncio.Event()
         """Set when a subscriber comes or goes."""
-        self._has_events = True
-        """False if the middleware does not report subscribers."""
+        self._events = SubscriberEvents(lambda: self._context.robot.thread.call(self._changed.set))
 
     def publisher(self, name: str) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`, and add it to the set."""
-        callbacks = PublisherEventCallbacks(matched=self._matched, use_default_callbacks=False)
-        try:
-            publisher = self._context.publisher(name, callbacks)
-        except UnsupportedEventTypeError:
-            publisher = self._context.publisher(name)
-            self._has_events = False
+        publisher = self._context.publisher(name, self._events)
         self._publishers.append(publisher)
         return publisher
 
@@ -72,7 +65,4 @@ class Subscribers:
             self._changed.clear()
             if self.present:
                 return
-            await (self._changed.wait() if self._has_events else asyncio.sleep(_POLL_PERIOD))
-
-    def _matched(self, _change: Any) -> None:
-        self._context.robot.thread.call(self._changed.set)
+            await (self._changed.wait() if self._events.supported else asyncio.sleep(_POLL_PERIOD))

@@ -12,15 +12,8 @@ from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Body, ChassisClient, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
-from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
-    ActionOrder,
-    ExecPreTask,
-    ExecTask,
-    ExecTaskSet,
-    Follow,
-    Twist,
-)
+from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
     CallAction,
@@ -32,7 +25,6 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
     kRosPause,
     kRosSuccess,
 )
-from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.readiness import is_running
@@ -67,7 +59,7 @@ _DRIVING_ACTIONS = (
 """Actions of a task during which the robot should move."""
 _ENDS = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
 _VELOCITY = full_name(Twist)
-_TASKS = tuple(full_name(cls) for cls in (ExecTask, ExecPreTask, ExecTaskSet, RepeatTask))
+_TASKS = tuple(map(full_name, TASK_REQUESTS))
 
 
 @dataclass
@@ -155,7 +147,7 @@ class Standstill:
             elif self._demand is not None and self._demand.is_velocity:
                 self._give_up()
         elif takes_wheels(message) and not _may_stand(message):
-            kind = _TASKS[0] if isinstance(message, ActionOrder) else type_of(message)
+            kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
             self._expect(command_name(command), kind, getattr(message, "task_id", 0))
         elif not may_move(message):  # a pause or a cancel
             self._give_up()

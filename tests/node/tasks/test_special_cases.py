@@ -296,4 +296,4 @@ def test_an_ordinary_client_gets_the_last_feedback(
         result = wait_future(client.in_executor(handle.get_result_async))
         assert result.status == SUCCEEDED
         assert [wire(fb) for fb in feedback.messages] == expected
-    action.destroy()
+    client.in_executor(action.destroy)

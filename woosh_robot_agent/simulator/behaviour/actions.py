@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.robot import Robot
@@ -150,7 +151,7 @@ class Actions:
             elif progress.impeded and not run.impeded:
                 run.impeded = True
                 self._report(run, ros_pack_pb2.kRosErrMsg, progress.text)
-            elif self._robot.elapsed - run.reported >= REPORT_PERIOD - 1e-9:
+            elif self._robot.elapsed - run.reported >= REPORT_PERIOD - ROUNDING:
                 self._report(run, ros_pack_pb2.kRosExecuting, progress.text)
             run.impeded = progress.impeded
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Progress, failed
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps
@@ -33,10 +34,10 @@ class Charge:
             return failed("not at a charger")
         profile = robot.profile.charging
         self._time += dt
-        if self._time >= profile.starts_after - 1e-9:
+        if self._time >= profile.starts_after - ROUNDING:
             robot.battery.charging = robot_pb2.Battery.kAuto
         if profile.confirmed_after is not None:
-            self._charges_on = self._time >= profile.confirmed_after - 1e-9
+            self._charges_on = self._time >= profile.confirmed_after - ROUNDING
             return Progress(done=self._charges_on, text="charging")
         full = robot.setting.power.full
         if robot.battery.level >= full:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.robot import Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
@@ -198,7 +199,7 @@ class Mapping:
         )
         turned = abs(math.remainder(pose.theta - before.theta, math.tau))
         stands = pose.distance(before.point) < _MIN_DISTANCE and turned < _MIN_ANGLE
-        if elapsed < (_REST_PERIOD if stands else _SCAN_PERIOD) - 1e-9:
+        if elapsed < (_REST_PERIOD if stands else _SCAN_PERIOD) - ROUNDING:
             return
         self._added_time, self._added_pose = robot.scan_time, pose
         laser = robot.laser

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.body.base import Base, Velocity
 
 COMMAND_TIMEOUT = 0.5
@@ -40,8 +41,8 @@ class Teleop:
         if self._velocity is None:
             return
         self._waiting = 0.0 if base.moving else self._waiting - dt
-        if self._waiting <= 1e-9:
+        if self._waiting <= ROUNDING:
             base.drive(self._velocity, rolls_on=True)
         self._left -= dt
-        if self._left <= 1e-9:
+        if self._left <= ROUNDING:
             self.release()

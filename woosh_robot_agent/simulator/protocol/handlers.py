@@ -96,6 +96,16 @@ def task_mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
     return mark
 
 
+def require_inside(mark: Mark, area: Map) -> None:
+    """Check that a mark is on the mapped area of its map.
+
+    Raises:
+        RefusedError: It is outside.
+    """
+    if not area.contains(*mark.pose.point):
+        raise RefusedError(refusals.MARK_OUTSIDE_MAP, mark=mark.number, map=area.name)
+
+
 def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
     """Check that a mark can be the target of a task of a type.
 

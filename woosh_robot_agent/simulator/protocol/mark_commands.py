@@ -5,7 +5,12 @@ from __future__ import annotations
 from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, named_mark
+from woosh_robot_agent.simulator.protocol.handlers import (
+    Handlers,
+    Result,
+    named_mark,
+    require_inside,
+)
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.data_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.editing import free_mark_id, with_marks
@@ -86,8 +91,7 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
                 refusals.MARK_ID_EXISTS, mark=other.number, map=area.name, id=other.id
             )
     mark = mark_of(storage)
-    if not area.contains(*mark.pose.point):
-        raise RefusedError(refusals.MARK_OUTSIDE_MAP, mark=number, map=area.name)
+    require_inside(mark, area)
     return mark
 
 

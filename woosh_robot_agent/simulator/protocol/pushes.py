@@ -9,6 +9,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES
 
@@ -99,10 +100,10 @@ class StateWatch:
         return found
 
     def _pose_is_due(self) -> bool:
-        return self._chassis.elapsed >= self._next_pose - 1e-9
+        return self._chassis.elapsed >= self._next_pose - ROUNDING
 
     def _battery_is_due(self) -> bool:
-        return self._chassis.elapsed >= self._repeat_battery - 1e-9
+        return self._chassis.elapsed >= self._repeat_battery - ROUNDING
 
     def _plan_pose(self) -> None:
         self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)

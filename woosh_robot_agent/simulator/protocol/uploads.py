@@ -12,6 +12,7 @@ from pathlib import PurePosixPath
 
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.protocol.handlers import require_inside
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.editing import with_map
 from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
@@ -26,6 +27,9 @@ _MAX_FILES = 100
 
 _MAX_BYTES = 32 * 1024 * 1024
 """Maximum size of all files of a scene together, in bytes."""
+
+_SAME_PLACE = 0.001
+"""Distance up to which a mark of an upload is where it was, in metres. Files round positions."""
 
 _PICTURES = (".png", ".pgm")
 """Ends of the names of pictures."""
@@ -71,6 +75,13 @@ def updated_scene(
     others = {**(kept.files if kept else {}), **new}
     scene.files.update((file, data) for file, data in others.items() if file not in used)
     before = {each.name: each for each in old.maps} if old else {}
+    for area in scene.maps:
+        kept_marks = before[area.name].marks if area.name in before else {}
+        for number, mark in area.marks.items():
+            former = kept_marks.get(number)
+            # A new picture may leave out marks that the map keeps.
+            if former is None or former.pose.distance(mark.pose.point) > _SAME_PLACE:
+                require_inside(mark, area)
     scene.maps = [_continued(each, before.get(each.name)) for each in scene.maps]
     return scene
 

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from woosh_robot_agent.simulator.world.cells import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.grid import Grid
@@ -93,6 +93,10 @@ def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
             image = image.convert("L")
     except DataFileError:
         raise
+    except UnidentifiedImageError:  # its text names the buffer, not the file
+        raise DataFileError(
+            f"{name}: not readable as a PNG or PGM picture: save it again as one of them"
+        ) from None
     except Exception as error:  # Pillow raises errors of any type
         raise DataFileError(f"{name}: not readable as a PNG or PGM picture: {error}") from error
     pixels = np.asarray(image)

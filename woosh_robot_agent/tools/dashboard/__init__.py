@@ -1,5 +1,5 @@
 """The program `dashboard`: a page in the browser that shows robots, and can drive them."""
 
-from woosh_robot_agent.tools.dashboard.program import main
+from woosh_robot_agent.tools.start import program
 
-__all__ = ["main"]
+main = program("woosh_robot_agent.tools.dashboard.program")

@@ -2,6 +2,6 @@
 
 import sys
 
-from woosh_robot_agent.tools.dashboard.program import main
+from woosh_robot_agent.tools.dashboard import main
 
 sys.exit(main())

@@ -1,5 +1,5 @@
 """The program `doctor`: checks the connection to a robot and whether it accepts tasks."""
 
-from woosh_robot_agent.tools.doctor.program import main
+from woosh_robot_agent.tools.start import program
 
-__all__ = ["main"]
+main = program("woosh_robot_agent.tools.doctor.program")

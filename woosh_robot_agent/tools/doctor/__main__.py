@@ -2,6 +2,6 @@
 
 import sys
 
-from woosh_robot_agent.tools.doctor.program import main
+from woosh_robot_agent.tools.doctor import main
 
 sys.exit(main())

@@ -14,8 +14,6 @@ from woosh_robot_agent.tools.doctor.examination import CHECKS, NOT_REACHED, exam
 from woosh_robot_agent.tools.doctor.result import Result, Status
 from woosh_robot_agent.tools.options import add_link_options, link_config
 
-_INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
 _NAME_WIDTH = max(map(len, CHECKS))
 _EPILOG = """\
 doctor requests RobotInfo once and never commands the robot.
@@ -55,10 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.max_skew >= 0:  # NaN is not, either
         parser.error(f"--max-skew must be 0 or above: {options.max_skew}")
     config = link_config(parser, options)
-    try:
-        results = asyncio.run(_examine(config, options.max_skew, quiet=options.json))
-    except KeyboardInterrupt:
-        return _INTERRUPTED
+    results = asyncio.run(_examine(config, options.max_skew, quiet=options.json))
     failed = any(result.status is Status.FAIL for result in results)
     if options.json:
         print(json.dumps(_as_json(config, results, failed), indent=2, ensure_ascii=False))

@@ -2,6 +2,6 @@
 
 import sys
 
-from woosh_robot_agent.tools.maps.program import main
+from woosh_robot_agent.tools.maps import main
 
 sys.exit(main())

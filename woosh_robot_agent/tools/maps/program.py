@@ -18,9 +18,8 @@ from woosh_robot_agent.tools.maps import commands
 from woosh_robot_agent.tools.maps.errors import MapsError
 from woosh_robot_agent.tools.maps.robot import SLOW_ANSWERS, Robot
 from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.start import INTERRUPTED
 
-_INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
 _MAX_FRAME = 256 * MIB
 """Maximum size of a frame with all files of a scene, in bytes."""
 _EPILOG = """\
@@ -55,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         asyncio.run(_run(config, options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        return _INTERRUPTED
+        return INTERRUPTED
     except (MapsError, LinkError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

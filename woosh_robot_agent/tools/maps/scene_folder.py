@@ -128,8 +128,12 @@ def read_scene(folder: Path) -> SavedScene:
     Raises:
         MapsError: The folder cannot be used.
     """
+    index = folder / _INDEX
+    if not index.exists():
+        inside = _scenes_in(folder)
+        if inside:
+            raise MapsError(f"{folder} is not a saved scene: give a folder in it: {inside}")
     try:
-        index = folder / _INDEX
         root = parse(str(index), _read(index), _MAX_INDEX)
         root.check_keys(("format", "scene", "maps", "files"))
         root.required("format").integer(_FORMAT, _FORMAT)
@@ -151,6 +155,11 @@ def read_scene(folder: Path) -> SavedScene:
     except DataFileError as error:
         raise MapsError(str(error)) from None
     return SavedScene(scene, maps, files, loose_marks)
+
+
+def _scenes_in(folder: Path) -> str:
+    """Return the folders of the saved scenes in a folder, as a text for people."""
+    return ", ".join(str(index.parent) for index in sorted(folder.glob(f"*/{_INDEX}")))
 
 
 def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:

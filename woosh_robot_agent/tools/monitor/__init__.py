@@ -1,5 +1,5 @@
 """The program `monitor`: shows the state of one robot on a terminal."""
 
-from woosh_robot_agent.tools.monitor.program import main
+from woosh_robot_agent.tools.start import program
 
-__all__ = ["main"]
+main = program("woosh_robot_agent.tools.monitor.program")

@@ -2,6 +2,6 @@
 
 import sys
 
-from woosh_robot_agent.tools.monitor.program import main
+from woosh_robot_agent.tools.monitor import main
 
 sys.exit(main())

@@ -20,6 +20,7 @@ from std_msgs.msg import Bool
 from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.last_known import parts_of
+from woosh_robot_agent.participants import UNKNOWN_NODE
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.qos import latched
@@ -49,8 +50,6 @@ _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(Robo
 _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
 """Topic whose publisher is taken for the agent."""
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name that rmw reports for the node of a publisher before it has discovered the node."""
 _PARAMETERS = ("transport", "ip", "port", "enable_connected")
 """Parameters requested from the agent, to show the address and to see that it is alive."""
 
@@ -302,7 +301,7 @@ class RosSource:
         found = {
             f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             for info in self._node.get_publishers_info_by_topic(topic)
-            if info.node_name != _UNKNOWN_NODE
+            if info.node_name != UNKNOWN_NODE
         }
         if self._agent_name not in found:
             # If no agent was known, what has been received comes from the one found now.

@@ -1,5 +1,5 @@
 """The program `record`: writes all frames between a robot and its clients into a file."""
 
-from woosh_robot_agent.tools.record.program import main
+from woosh_robot_agent.tools.start import program
 
-__all__ = ["main"]
+main = program("woosh_robot_agent.tools.record.program")

@@ -2,6 +2,6 @@
 
 import sys
 
-from woosh_robot_agent.tools.record.program import main
+from woosh_robot_agent.tools.record import main
 
 sys.exit(main())

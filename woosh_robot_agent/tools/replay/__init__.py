@@ -1,5 +1,5 @@
 """The program `replay`: serves a recording as a chassis would."""
 
-from woosh_robot_agent.tools.replay.program import main
+from woosh_robot_agent.tools.start import program
 
-__all__ = ["main"]
+main = program("woosh_robot_agent.tools.replay.program")

@@ -2,6 +2,6 @@
 
 import sys
 
-from woosh_robot_agent.tools.replay.program import main
+from woosh_robot_agent.tools.replay import main
 
 sys.exit(main())
