@@ -250,9 +250,10 @@ async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> No
 async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
-        for press, wrong in enumerate((0, 10**14)):
-            await viewer.drive(0.4, press=press, clock=wrong)
-            await viewer.until(lambda _, count=press + 1: len(viewer.refusals) == count)
+        for count, wrong in enumerate((0, 10**14), start=1):
+            viewer.press = count
+            await viewer.drive(0.4, clock=wrong)
+            await viewer.until(lambda _, count=count: len(viewer.refusals) == count)
         assert set(viewer.refusals) == {control.TOO_SLOW}
         assert chassis.counts[TWIST] == 0
         await hold(viewer, lambda: is_driving(chassis))
@@ -376,7 +377,7 @@ async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) 
         await eventually(lambda: chassis.state.velocity.forward == 0.0)
         sent = chassis.counts[TWIST]
         await viewer.drive(0.3)
-        await viewer.until(lambda _: viewer.refusals[-1] == control.TOO_SLOW)
+        await viewer.until(lambda _: viewer.refusals[-1:] == [control.TOO_SLOW])
         await viewer.command("pause")
         assert chassis.counts[TWIST] <= sent + 1  # the zero of the watchdog
         assert chassis.last(TWIST) == Twist()
