@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -165,6 +167,26 @@ def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> Non
         assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert os.environ["ROS_DOMAIN_ID"] == "77"
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
+
+
+def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain() -> None:
+    script = """
+import os
+from woosh_robot_agent.testing import domains
+from woosh_robot_agent.testing.agents import AgentProcess
+with domains.own_domain() as domain:
+    agent = AgentProcess(domain)
+    print(domains._LOCK_PORT + domain, agent.process.pid, flush=True)
+    os._exit(1)
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as killed:
+        assert killed.stdout is not None  # not read to its end: the agent has it too
+        port, process = map(int, killed.stdout.readline().split())
+    try:
+        with socket.socket() as lock, pytest.raises(OSError):
+            lock.bind(("127.0.0.1", port))
+    finally:
+        os.kill(process, signal.SIGKILL)
 
 
 def test_the_exception_of_a_callback_reaches_the_test() -> None:

@@ -20,7 +20,7 @@ from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.node import Agent
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.testing.domains import domain_variables, own_domain
+from woosh_robot_agent.testing.domains import domain_variables, inherited_lock, own_domain
 from woosh_robot_agent.testing.spinning import Spinner
 from woosh_robot_agent.testing.waiting import TIMEOUT, wait_until
 
@@ -155,6 +155,7 @@ class AgentProcess:
             env={**os.environ, **domain_variables(domain), "PYTHONUNBUFFERED": "1"},
             stderr=subprocess.PIPE,
             text=True,
+            pass_fds=inherited_lock(domain),
             **self.popen_options,
         )
         self.lines: list[str] = []

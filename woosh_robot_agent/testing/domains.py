@@ -16,6 +16,8 @@ Domain N is in use while the port with this number plus N is bound.
 _DOMAINS = 100
 """Number of domains for tests, from 1."""
 _counter = itertools.count()
+_locks: dict[int, socket.socket] = {}
+"""Sockets that are bound to the port of each domain which this process uses."""
 
 
 @contextlib.contextmanager
@@ -35,10 +37,22 @@ def own_domain() -> Iterator[int]:
                 lock.bind(("127.0.0.1", _LOCK_PORT + domain))
             except OSError:
                 continue
-            with _environment(domain_variables(domain)):
-                yield domain
+            _locks[domain] = lock
+            try:
+                with _environment(domain_variables(domain)):
+                    yield domain
+            finally:
+                del _locks[domain]
             return
     raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
+
+
+def inherited_lock(domain: int) -> tuple[int, ...]:
+    """Return the file descriptors that a child process in a domain must inherit.
+
+    They keep the domain in use for as long as the process runs, even if the test is killed.
+    """
+    return (_locks[domain].fileno(),) if domain in _locks else ()
 
 
 def domain_variables(domain: int) -> dict[str, str]:
