@@ -120,14 +120,14 @@ class Page:
             if TOO_SLOW not in reply[1]:
                 return reply
 
-    async def drive(self, linear: float, **changed: Any) -> None:
+    async def drive(self, linear: float, angular: float = 0.0, **changed: Any) -> None:
         """Send one velocity of the stick; `changed` replaces the time or the press."""
         clock = await self.until(lambda parts: parts["clock"])
-        velocity = {"linear": linear, "angular": 0.0, "press": self.press, "clock": clock}
+        velocity = {"linear": linear, "angular": angular, "press": self.press, "clock": clock}
         await self.send(**{"do": "drive", **velocity, **changed})
 
     @asynccontextmanager
-    async def holds(self, linear: float) -> AsyncIterator[None]:
+    async def holds(self, linear: float, angular: float = 0.0) -> AsyncIterator[None]:
         """Press the stick and hold it; press it again only if the connection was too slow."""
         self.press += 1
         refused = len(self.refusals)
@@ -137,7 +137,7 @@ class Page:
                 if TOO_SLOW in self.refusals[refused:][-1:]:
                     self.refusals.append("pressed again")
                     self.press += 1
-                await self.drive(linear)
+                await self.drive(linear, angular)
                 await asyncio.sleep(0.05)
 
         holding = asyncio.ensure_future(repeat())

@@ -1,0 +1,64 @@
+"""`scripts/run`: the page and the agent beside a simulated chassis."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+from tests.harness import TIMEOUT
+from woosh_robot_agent.testing.domains import domain_variables
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+
+
+def checkout(folder: Path) -> Path:
+    """Return `scripts/run` in a folder where everything is set up, with the programs under test."""
+    programs = folder / "install/woosh_robot_agent/lib/woosh_robot_agent"
+    programs.mkdir(parents=True)
+    for name, module in (("agent", "agent"), ("simulator", "simulator.__main__")):
+        (programs / name).write_text(
+            f"import sys\nfrom woosh_robot_agent.{module} import main\nsys.exit(main())\n"
+        )
+    (folder / "scripts").mkdir()
+    for name in ("setup", "env"):
+        script = folder / "scripts" / name
+        script.write_text("#!/usr/bin/env bash\n")
+        script.chmod(0o755)
+    (folder / "scripts/run").symlink_to(SCRIPTS / "run")
+    return folder / "scripts/run"
+
+
+def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    with subprocess.Popen(
+        ["bash", checkout(tmp_path)],
+        env={**os.environ, **domain_variables(domain), "PATH": path},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            lines = []
+            for line in process.stdout:
+                lines.append(line)
+                if "Press Ctrl-C" in line:
+                    break
+            output = "".join(lines)
+            address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
+            assert address, output
+            before, after = output[: address.start()], output[address.end() :]
+            assert "/woosh_robot" not in before
+            assert "starting the agent" in after
+            assert "/woosh_robot/robot/PoseSpeed" in after
+            with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
+                assert b"<canvas" in response.read()
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=TIMEOUT)
+        finally:
+            process.terminate()  # stops its programs, too
+    assert process.returncode == 130
