@@ -520,7 +520,7 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
 
 @aio
 async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
-    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(control, "_CLOSE_TIMEOUT", TIMEOUT)
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
@@ -540,3 +540,4 @@ async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
                 assert not closing.done()  # it waits for the answer of the first robot
             chassis.drop()
             await closing
+    assert f"the robot at ws://127.0.0.1:{chassis.port} was not stopped" in caplog.text
