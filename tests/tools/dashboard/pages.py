@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 from tests.tools.waiting import TIMEOUT
@@ -33,6 +36,22 @@ async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[D
     configs = [LinkConfig("127.0.0.1", robot.port, **patience) for robot in robots]
     async with Dashboard(configs, DashboardConfig(**{"port": 0, **options})) as running:
         yield running
+
+
+@contextmanager
+def program(*robots: SimulatorThread) -> Iterator[tuple[subprocess.Popen[str], Any]]:
+    """Start the program with control; yield its process, and an object with its address."""
+    command = [sys.executable, "-m", "woosh_robot_agent.tools.dashboard", "--control"]
+    command += ["--page-port", "0"]
+    for robot in robots:
+        command += ["--ip", f"127.0.0.1:{robot.port}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
+            yield process, SimpleNamespace(url=url)
+        finally:
+            process.kill()
 
 
 def place(running: Dashboard) -> str:

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import math
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.pages import page
+from tests.tools.dashboard.pages import page, program
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.protos import full_name
@@ -22,22 +16,6 @@ from woosh_robot_agent.simulator.behaviour import teleop
 from woosh_robot_agent.tools.dashboard.program import main
 
 TWIST = full_name(Twist)
-
-
-@contextmanager
-def program(*robots: SimulatorThread) -> Iterator[tuple[subprocess.Popen[str], Any]]:
-    """Start the program with control; yield its process, and an object with its address."""
-    command = [sys.executable, "-m", "woosh_robot_agent.tools.dashboard", "--control"]
-    command += ["--page-port", "0"]
-    for robot in robots:
-        command += ["--ip", f"127.0.0.1:{robot.port}"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
-            yield process, SimpleNamespace(url=url)
-        finally:
-            process.kill()
 
 
 async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> int:

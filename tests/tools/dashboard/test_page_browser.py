@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.tools.dashboard.browsers import (
     SimulatedPage,
     chromium,
@@ -23,9 +24,10 @@ from tests.tools.dashboard.browsers import (
     kill_browser,
     requested_urls,
 )
-from tests.tools.dashboard.pages import page
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from tests.tools.dashboard.pages import page, program
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.control import TOO_SLOW
 
 pytestmark = pytest.mark.timeout(300)
@@ -346,6 +348,36 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
         return not element(browser, "#alarm").is_displayed()
 
     eventually(stops, "the end of the alarm")
+
+
+def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> None:
+    with (
+        SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=7)) as first,
+        SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as second,
+        program(first, second) as (_, running),
+        chromium() as browser,
+    ):
+        browser.get(running.url)
+        for index, name in enumerate(("7 ", "8 ")):
+            eventually(lambda: element(browser, "#robots").is_displayed(), "the list")
+            element(browser, f"#robots option[value='{index}']").click()
+            eventually(lambda name=name: text(browser, "#title").startswith(name), "the robot")
+            eventually(lambda: script(browser, "mapView.image !== null"), "its map")
+
+            def is_going() -> bool:
+                # on a busy machine, the connection may be too slow for a moment
+                if "to A2" not in text(browser, "#state"):
+                    script(browser, "controls.run('goMark', {mark: 'A2'})")
+                return "to A2" in text(browser, "#state")
+
+            eventually(is_going, "the task")
+        element(browser, "#stop").click()
+        eventually(lambda: "task cancelled" in text(browser, "#message"), "the answer")
+        order = full_name(ActionOrder)
+        assert (first.counts[order], second.counts[order] > 0) == (0, True)
+        element(browser, "#robots option[value='0']").click()
+        eventually(lambda: text(browser, "#title").startswith("7 "), "the first robot")
+        eventually(lambda: "executing" in text(browser, "#state"), "its task, which goes on")
 
 
 def test_names_are_shown_as_text(tmp_path: Path) -> None:
