@@ -25,6 +25,7 @@ from tests.tools.dashboard.browsers import (
     requested_urls,
 )
 from tests.tools.dashboard.pages import page, program
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
@@ -401,6 +402,8 @@ def test_names_are_shown_as_text(tmp_path: Path) -> None:
             assert script(browser, "mapView.marks[0].number") == evil
             eventually(lambda: evil in text(browser, "#title"), "the name of the robot")
             assert f"{evil}, {evil}" in text(browser, "#state")  # scene and map
+            robot.call(lambda simulator: simulator.push(StatusCode(code=1, msg=evil)))
+            eventually(lambda: evil in text(browser, "#codes"), "the status code")
 
             def is_going() -> bool:
                 # on a busy machine, the connection may be too slow for a moment
