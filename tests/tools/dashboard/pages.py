@@ -151,8 +151,10 @@ class Page:
         self.press += 1
         refused = len(self.refusals)
 
+        held = True
+
         async def repeat() -> None:
-            while True:
+            while held:
                 if TOO_SLOW in self.refusals[refused:][-1:]:
                     self.refusals.append("pressed again")
                     self.press += 1
@@ -163,7 +165,9 @@ class Page:
         try:
             yield
         finally:
+            held = False  # before Python 3.12, `wait_for` may swallow a cancellation
             holding.cancel()
+            await asyncio.gather(holding, return_exceptions=True)
 
     async def closed(self) -> int:
         """Wait until the dashboard has closed the connection; return the code."""
