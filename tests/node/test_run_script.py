@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tests.harness import TIMEOUT
@@ -33,12 +35,15 @@ def checkout(folder: Path) -> Path:
     return folder / "scripts/run"
 
 
-def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
+@contextmanager
+def running(script: Path, domain: int) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start `scripts/run`; yield its process and the output until it is ready or ends."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with subprocess.Popen(
-        ["bash", checkout(tmp_path)],
+        ["bash", script],
         env={**os.environ, **domain_variables(domain), "PATH": path},
         stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
     ) as process:
         try:
@@ -46,9 +51,19 @@ def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domai
             lines = []
             for line in process.stdout:
                 lines.append(line)
-                if "Press Ctrl-C" in line:
+                if "Press Ctrl-C here" in line:
                     break
-            output = "".join(lines)
+            yield process, "".join(lines)
+        finally:
+            process.terminate()  # stops its programs, too
+
+
+def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
+    script = checkout(tmp_path)
+    while True:
+        with running(script, domain) as (process, output):
+            if "address already in use" in output:
+                continue  # another program took a port that was free
             address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
             assert address, output
             before, after = output[: address.start()], output[address.end() :]
@@ -59,6 +74,5 @@ def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domai
                 assert b"<canvas" in response.read()
             process.send_signal(signal.SIGINT)
             process.communicate(timeout=TIMEOUT)
-        finally:
-            process.terminate()  # stops its programs, too
+            break
     assert process.returncode == 130
