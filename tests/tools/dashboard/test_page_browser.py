@@ -274,6 +274,7 @@ def test_the_view_follows_the_robot_until_it_is_dragged(robot: SimulatedPage, br
     actions(browser).move_to_element(element(browser, "#map")).click_and_hold().perform()
     actions(browser).move_by_offset(80, 0).release().perform()
     assert not follow.is_selected()
+    assert script(browser, "mapView.follow") is False
     assert from_middle() > 50.0
 
 
