@@ -285,6 +285,26 @@ def test_a_click_on_a_mark_goes_there(robot: SimulatedPage, browser: Any) -> Non
     )
 
 
+def test_on_another_screen_everything_is_drawn_where_it_is_clicked(browser: Any) -> None:
+    metrics = {"width": 1280, "height": 700, "deviceScaleFactor": 1.5, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    eventually(lambda: script(browser, "devicePixelRatio === 1.5"), "the other screen")
+    # the canvas has as many pixels as the screen shows, so each is drawn where it is clicked
+    eventually(
+        lambda: script(browser, "Math.abs(mapView.canvas.width - 1.5 * mapView.width) <= 1"),
+        "the pixels",
+    )
+    assert script(browser, "mapView.context.getTransform().a * mapView.width") == pytest.approx(
+        script(browser, "mapView.canvas.width"), abs=1
+    )
+    same_size = {**metrics, "deviceScaleFactor": 2}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", same_size)
+    eventually(
+        lambda: script(browser, "Math.abs(mapView.canvas.width - 2 * mapView.width) <= 1"),
+        "the pixels of a screen of the same size",
+    )
+
+
 @pytest.mark.parametrize("end", ["let go", "hidden", "killed"])
 def test_the_stick_drives_until_the_driver_goes_away(
     robot: SimulatedPage, browser: Any, end: str

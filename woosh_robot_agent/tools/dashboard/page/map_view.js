@@ -23,6 +23,7 @@ export class MapView {
     this.dark.addEventListener("change", () => { this.recolour(); this.redraw(); });
     this.forget();
     new ResizeObserver(() => this.resize()).observe(canvas);
+    this.watchRatio();
     canvas.addEventListener("pointerdown", (event) => this.pressed(event));
     canvas.addEventListener("pointermove", (event) => this.moved(event));
     canvas.addEventListener("pointerup", (event) => this.released(event));
@@ -221,11 +222,25 @@ export class MapView {
   // Drawing
 
   resize() {
-    const ratio = devicePixelRatio;
-    this.canvas.width = Math.round(this.width * ratio);
-    this.canvas.height = Math.round(this.height * ratio);
     if (!this.fitted) this.fit();
     this.draw();
+  }
+
+  /** Draw anew when the window moves to a screen with other pixels, or is zoomed. */
+  watchRatio() {
+    matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", () => {
+      this.redraw();
+      this.watchRatio();
+    }, {once: true});
+  }
+
+  /** Give the canvas as many pixels as it has on the screen; return their number per CSS pixel. */
+  fitPixels() {
+    const ratio = devicePixelRatio;
+    const width = Math.round(this.width * ratio), height = Math.round(this.height * ratio);
+    if (this.canvas.width !== width) this.canvas.width = width;
+    if (this.canvas.height !== height) this.canvas.height = height;
+    return ratio;
   }
 
   redraw() {
@@ -253,7 +268,8 @@ export class MapView {
     const context = this.context;
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(`--${name}`);
-    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    const ratio = this.fitPixels();
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     this.drawPicture();
     this.drawLine(this.trail, colour("faint"), 1.5, [3, 5]);
