@@ -108,6 +108,12 @@ view.onAct = (tool, place, theta, mark, obstacle) => {
   }
   controls.run(tool, {x: place.x, y: place.y, theta: direction});
 };
+view.corner = () => {
+  const stick = find("#stick"), stage = find("#stage").getBoundingClientRect();
+  if (stick.hidden) return [0, 0];
+  const box = stick.getBoundingClientRect();
+  return [stage.right - box.left, stage.bottom - box.top];
+};
 view.onFollow = (follow) => { find("#follow").checked = follow; };
 
 find("#zoom-in").addEventListener("click", () => view.zoom(1.4));

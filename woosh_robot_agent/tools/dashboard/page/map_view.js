@@ -17,6 +17,7 @@ export class MapView {
     this.centre = {x: 0, y: 0}; // metres
     this.follow = false;
     this.tool = "look";
+    this.corner = () => [0, 0]; // width and height of what lies over the lower right corner
     this.onAct = () => {}; // called with the tool, a place and the direction, or a mark
     this.pointers = new Map();
     this.dark = matchMedia("(prefers-color-scheme: dark)");
@@ -112,9 +113,15 @@ export class MapView {
     const xs = corners.map((corner) => corner.x), ys = corners.map((corner) => corner.y);
     const [left, right] = [Math.min(...xs), Math.max(...xs)];
     const [low, high] = [Math.min(...ys), Math.max(...ys)];
-    this.centre = {x: (left + right) / 2, y: (low + high) / 2};
-    this.scale = limited(0.95 * Math.min(
-      this.width / (right - left), this.height / (high - low)));
+    const [width, height] = this.corner();
+    const areas = [[this.width - width, this.height], [this.width, this.height - height]];
+    const scaleIn = ([across, down]) => Math.min(across / (right - left), down / (high - low));
+    const area = scaleIn(areas[0]) > scaleIn(areas[1]) ? areas[0] : areas[1];
+    this.scale = limited(0.95 * scaleIn(area));
+    this.centre = { // the area begins at the upper left
+      x: (left + right) / 2 + (this.width - area[0]) / 2 / this.scale,
+      y: (low + high) / 2 - (this.height - area[1]) / 2 / this.scale,
+    };
     this.fitted = true;
     this.redraw();
   }
