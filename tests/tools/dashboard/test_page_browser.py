@@ -330,6 +330,9 @@ def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
     field = element(browser, "#speak-text")
     field.send_keys("hello you")
     assert field.get_property("value") == "hello you"
+    for selector in ("#speak-text", "#fault-arguments"):
+        element(browser, selector).send_keys("nonsense=1\n")
+        assert script(browser, "document.activeElement === document.body"), selector
 
 
 def test_a_stop_of_another_viewer_ends_the_press(robot: SimulatedPage, browser: Any) -> None:
@@ -379,6 +382,8 @@ def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> Non
         chromium() as browser,
     ):
         browser.get(running.url)
+        eventually(lambda: element(browser, "#tools").is_displayed(), "the tools")
+        assert not element(browser, "[value=obstacle]").is_displayed()  # of a simulator's own page
         for index, name in enumerate(("7 ", "8 ")):
             eventually(lambda: element(browser, "#robots").is_displayed(), "the list")
             element(browser, f"#robots option[value='{index}']").click()

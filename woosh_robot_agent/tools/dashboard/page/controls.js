@@ -58,6 +58,7 @@ export class Controls {
     on("#speak", "submit", (event) => {
       event.preventDefault();
       this.run("speak", {text: document.querySelector("#speak-text").value});
+      document.activeElement.blur(); // the space bar stops again
     });
     addEventListener("keydown", (event) => {
       if (event.code !== "Space" || !this.enabled || isText(event.target)) return;
