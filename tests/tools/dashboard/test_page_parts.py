@@ -103,6 +103,8 @@ async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
         await client.request(ExecTask(task_id=7, type=task_pb2.kPick, mark_no="A2"))
         task = await viewer.until(lambda parts: parts["robot"]["task"])
         assert (task["id"], task["running"]) == ("7", True)
+        reasons = await viewer.until(lambda parts: parts["robot"]["objections"])
+        assert [reason for reason, _ in reasons] == ["the robot is executing task 7"]
         assert len(await viewer.until(lambda parts: parts["path"])) > 1
         await viewer.until(
             lambda parts: (

@@ -13,7 +13,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import has_map, is_running, is_taskable, objections
+from woosh_robot_agent.readiness import Objection, busy, has_map, is_running, is_taskable, objections
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.robot_view import RobotView
@@ -58,7 +58,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": is_taskable(info),
-        "objections": [[each.reason, each.remedy] for each in objections(info)],
+        "objections": [[each.reason, each.remedy] for each in _objections(info)],
         "battery": _battery(info),
         "task": _task(info),
         "actions": [_action(view, name) for name in sorted(view.actions)],
@@ -110,6 +110,11 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
                 }
             )
     return marks
+
+
+def _objections(info: RobotInfo) -> list[Objection]:
+    """Return every reason for which the robot rejects tasks now, its present task among them."""
+    return list(dict.fromkeys([*objections(info), *busy(info)]))
 
 
 def _battery(info: RobotInfo) -> dict[str, Any] | None:
