@@ -366,12 +366,11 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
         assert "use the emergency stop on the robot: no answer" in text(browser, "#alarm")
     actions(browser).release().perform()
     eventually(lambda: not element(browser, "#outdated").is_displayed(), "the dashboard")
-
-    def stops() -> bool:
-        element(browser, "#stop").click()
-        return not element(browser, "#alarm").is_displayed()
-
-    eventually(stops, "the end of the alarm")
+    # the robot is seen to stand still
+    eventually(lambda: not element(browser, "#alarm").is_displayed(), "the end of the alarm")
+    script(browser, "controls.show(false, 'refused')")
+    hold_stick(browser, robot)
+    assert text(browser, "#message") == ""
 
 
 def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> None:

@@ -118,6 +118,7 @@ export class Controls {
     const begins = !this.velocity;
     this.velocity = velocity;
     if (begins) {
+      this.show(true, ""); // what an earlier press or command has answered
       this.press++;
       this.sendVelocity();
       this.timer = setInterval(() => this.sendVelocity(), PERIOD);

@@ -40,6 +40,7 @@ const parts = {
   pose: (pose) => {
     showPose(pose);
     view.setPose(pose);
+    endAlarm();
   },
   outline: (outline) => view.set("outline", outline),
   path: (path) => view.set("path", path),
@@ -147,6 +148,13 @@ function showLink() {
   status.className = good ? "good" : "bad";
   find("#outdated").hidden = good;
   document.body.classList.toggle("outdated", !good);
+  endAlarm();
+}
+
+/** Hide the alarm of an unconfirmed stop once the robot is seen to stand still. */
+function endAlarm() {
+  const {pose} = view;
+  if (link.good && !problem && pose && !pose.linear && !pose.angular) showAlarm("");
 }
 
 function showAlarm(text) {
