@@ -458,6 +458,13 @@ def test_an_obstacle_appears_and_disappears_by_a_click(
     eventually(lambda: script(browser, "mapView.obstacles.length") == 0, "the end of its picture")
 
 
+def test_a_message_moves_no_button(robot: SimulatedPage, browser: Any) -> None:
+    place = "document.querySelector('#set-work-mode').getBoundingClientRect().top"
+    before = script(browser, place)
+    script(browser, "controls.show(false, 'a long reason '.repeat(30))")
+    assert script(browser, place) == before
+
+
 def test_an_obstacle_far_away_disturbs_nothing(robot: SimulatedPage, browser: Any) -> None:
     script(browser, "controls.run('fault', {text: 'obstacle x=1e300 y=-1e300'})")
     eventually(lambda: script(browser, "mapView.obstacles.length") == 1, "the obstacle")
