@@ -275,6 +275,10 @@ def test_the_view_follows_the_robot_until_it_is_dragged(robot: SimulatedPage, br
     actions(browser).move_by_offset(80, 0).release().perform()
     assert not follow.is_selected()
     assert from_middle() > 50.0
+    follow.click()
+    element(browser, "#fit").click()
+    assert not follow.is_selected()
+    assert not script(browser, "mapView.follow")
 
 
 def test_a_click_on_a_mark_goes_there(robot: SimulatedPage, browser: Any) -> None:

@@ -119,7 +119,10 @@ view.onFollow = (follow) => { find("#follow").checked = follow; };
 
 find("#zoom-in").addEventListener("click", () => view.zoom(1.4));
 find("#zoom-out").addEventListener("click", () => view.zoom(1 / 1.4));
-find("#fit").addEventListener("click", () => view.fit());
+find("#fit").addEventListener("click", () => {
+  view.follow = find("#follow").checked = false;
+  view.fit();
+});
 find("#follow").addEventListener("change", ({target}) => {
   view.set("follow", target.checked);
   if (view.pose) view.setPose(view.pose);
