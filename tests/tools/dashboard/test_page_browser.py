@@ -245,6 +245,12 @@ def test_zoom_pan_and_fit(browser: Any) -> None:
     assert scale() > 2 * fitted
 
 
+def test_fit_shows_a_large_map(robot: SimulatedPage, browser: Any) -> None:
+    script(browser, "mapView.map.resolution = 10000 / mapView.image.width")  # 10 km
+    element(browser, "#fit").click()
+    assert script(browser, "mapView.scale") * 10000 <= script(browser, "mapView.width")
+
+
 def test_the_view_follows_the_robot_until_it_is_dragged(robot: SimulatedPage, browser: Any) -> None:
     def from_middle() -> float:
         at = script(

@@ -1,6 +1,6 @@
 // The map on a canvas, with everything on it: zoom, pan, follow, and what a click means.
 
-const MIN_SCALE = 2; // pixels per metre
+const MIN_SCALE = 0.02; // pixels per metre
 const MAX_SCALE = 400;
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const TRAIL_STEP = 0.05; // metres between two points of the trail
