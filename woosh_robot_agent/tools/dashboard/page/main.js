@@ -16,6 +16,7 @@ const view = new MapView(find("#map"));
 globalThis.mapView = view; // for the console of the browser, and for tests
 let you = "";
 let problem = "connecting"; // why nothing comes from the dashboard; empty if it does
+let known = false; // the robot has reported its state
 let link = {good: false, text: "", detail: ""};
 let robotIndex = 0; // of the robot that is chosen
 let toolChosen = false;
@@ -36,7 +37,11 @@ const parts = {
     link = data;
     showLink();
   },
-  robot: showRobot,
+  robot: (robot) => {
+    known = robot.known;
+    showRobot(robot);
+    showLink();
+  },
   pose: (pose) => {
     showPose(pose);
     view.setPose(pose);
@@ -150,6 +155,8 @@ function showLink() {
   status.title = problem ? "" : link.detail;
   status.className = good ? "good" : "bad";
   find("#outdated").hidden = good;
+  find("#outdated").textContent =
+    known ? "OUTDATED: this is the last known state" : "The robot has not reported its state yet";
   document.body.classList.toggle("outdated", !good);
   endAlarm();
 }
