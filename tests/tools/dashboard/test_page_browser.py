@@ -475,6 +475,24 @@ def test_a_message_moves_no_button(robot: SimulatedPage, browser: Any) -> None:
     assert script(browser, place) == before
 
 
+def test_the_mode_lists_follow_the_robot(robot: SimulatedPage, browser: Any) -> None:
+    def shown() -> tuple[str, str]:
+        return tuple(
+            str(element(browser, selector).get_property("value"))
+            for selector in ("#control-mode", "#work-mode")
+        )
+
+    eventually(lambda: shown() == ("1", "2"), "automatic and task")
+    assert "control automatic, work task" in text(browser, "#state")
+    element(browser, "#key-switch").click()
+    eventually(lambda: shown()[0] == "2", "manual")
+    assert "control manual" in text(browser, "#state")
+    element(browser, "#control-mode option[value='3']").click()
+    former = script(browser, "mapView.scan")
+    eventually(lambda: script(browser, "mapView.scan") != former, "the next scan")
+    assert shown()[0] == "3"  # a choice that is not set yet
+
+
 def test_an_obstacle_far_away_disturbs_nothing(robot: SimulatedPage, browser: Any) -> None:
     script(browser, "controls.run('fault', {text: 'obstacle x=1e300 y=-1e300'})")
     eventually(lambda: script(browser, "mapView.obstacles.length") == 1, "the obstacle")

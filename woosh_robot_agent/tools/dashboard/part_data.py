@@ -56,6 +56,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
+        "modes": [info.mode.ctrl, info.mode.work],
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": is_taskable(info),
         "objections": [[each.reason, each.remedy] for each in _objections(info)],

@@ -39,6 +39,7 @@ const parts = {
   },
   robot: (robot) => {
     known = robot.known;
+    controls.showModes(robot.modes);
     showRobot(robot);
     showLink();
   },
@@ -135,6 +136,7 @@ find("#follow").addEventListener("change", ({target}) => {
 find("#robots").addEventListener("change", ({target}) => {
   controls.letGo();
   robotIndex = Number(target.value);
+  controls.modes = [];
   view.forget();
   connection.watch(robotIndex);
 });
