@@ -13,7 +13,14 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import Objection, busy, has_map, is_running, is_taskable, objections
+from woosh_robot_agent.readiness import (
+    Objection,
+    busy,
+    has_map,
+    is_running,
+    is_taskable,
+    objections,
+)
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.robot_view import RobotView
