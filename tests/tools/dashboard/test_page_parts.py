@@ -115,6 +115,24 @@ async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
 
 
 @aio
+async def test_a_failed_task_has_its_reason(chassis: SimulatorThread) -> None:
+    config = LinkConfig("127.0.0.1", chassis.port)
+    async with (
+        dashboard(chassis) as running,
+        page(running) as viewer,
+        ChassisClient(config=config) as client,
+    ):
+        await viewer.until(lambda parts: parts["pose"])
+        task = ExecTask(task_id=7, type=task_pb2.kPick)
+        task.pose.x, task.pose.y = 500.0, 500.0
+        await client.request(task)
+        found = await viewer.until(
+            lambda parts: parts["robot"]["task"]["state"] == "failed" and parts["robot"]["task"]
+        )
+        assert "navigation did not succeed" in found["reason"]
+
+
+@aio
 async def test_scans_are_requested_only_while_somebody_watches(chassis: SimulatorThread) -> None:
     scanner = full_name(ScannerData)
     async with dashboard(chassis, scan_rate=50.0) as running:

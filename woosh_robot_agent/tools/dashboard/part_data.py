@@ -32,6 +32,9 @@ _MAX_POINTS = 2000
 _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
 
+_SAME_MOMENT = 2000
+"""Longest time between the end of a task and its status code, in milliseconds."""
+
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
     """Return pose and speed; None if the robot has not reported a finite pose."""
@@ -68,7 +71,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "taskable": is_taskable(info),
         "objections": [[each.reason, each.remedy] for each in _objections(info)],
         "battery": _battery(info),
-        "task": _task(info),
+        "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
         "problems": [
             explained(code.code, code.msg) for code in info.abnormal_codes.scs[:_MAX_CODES]
@@ -135,7 +138,8 @@ def _battery(info: RobotInfo) -> dict[str, Any] | None:
     }
 
 
-def _task(info: RobotInfo) -> dict[str, Any] | None:
+def _task(view: RobotView) -> dict[str, Any] | None:
+    info = view.info
     proc = info.task_proc
     if not info.HasField("task_proc") or proc.state == task.kStateUndefined:
         return None
@@ -147,9 +151,21 @@ def _task(info: RobotInfo) -> dict[str, Any] | None:
         "state": enum_name(task.State, proc.state),
         "running": is_running(proc),
         "text": proc.msg,
+        "reason": _failure(view) if proc.state == task.kFailed else "",
         "action": enum_name(action.Type, doing.type) if doing.type else "",
         "actionState": enum_name(action.State, doing.state) if doing.state else "",
     }
+
+
+def _failure(view: RobotView) -> str:
+    """Return the status code with which the last task failed, explained; empty if none is known."""
+    proc = view.info.task_proc
+    for code in reversed(view.codes):
+        of_task = code.robot_task_id == proc.robot_task_id
+        at_its_end = not code.robot_task_id and abs(code.time - proc.time) < _SAME_MOMENT
+        if code.level in (StatusCode.kWarn, StatusCode.kFault) and (of_task or at_its_end):
+            return explained(code.code, code.msg)
+    return ""
 
 
 def _action(view: RobotView, name: str) -> dict[str, str]:

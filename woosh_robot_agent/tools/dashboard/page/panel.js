@@ -103,6 +103,7 @@ function task(value) {
   parts.push(` (${value.id})`);
   if (value.action) parts.push(element("div", `${value.action}: ${value.actionState}`));
   if (value.text) parts.push(element("div", value.text));
+  if (value.reason) parts.push(element("div", value.reason, "bad"));
   return parts;
 }
 
