@@ -393,6 +393,15 @@ def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> Non
         browser.get(running.url)
         eventually(lambda: element(browser, "#tools").is_displayed(), "the tools")
         assert not element(browser, "[value=obstacle]").is_displayed()  # of a simulator's own page
+        options = "[...document.querySelectorAll('#robots option')].map((each) => each.text)"
+
+        def are_named() -> bool:
+            return all(
+                each.startswith(f"{name} ") and each.endswith(": idle")
+                for name, each in zip((7, 8), script(browser, options), strict=True)
+            )
+
+        eventually(are_named, "names and states in the list")
         for index, name in enumerate(("7 ", "8 ")):
             eventually(lambda: element(browser, "#robots").is_displayed(), "the list")
             element(browser, f"#robots option[value='{index}']").click()

@@ -79,6 +79,32 @@ def robot_data(view: RobotView) -> dict[str, Any]:
     }
 
 
+def summary(view: RobotView, address: str, *, linked: bool) -> str:
+    """Return address, name and state of a robot in one line, for a list of robots.
+
+    Args:
+        view: state of the robot.
+        address: address of the robot.
+        linked: there is a connection to it.
+    """
+    info = view.info
+    number = info.robot_id or info.genral.serial_number
+    names = dict.fromkeys(str(each) for each in (number, info.setting.identity.name) if each)
+    states = []
+    if not linked:
+        states.append("no connection")
+    elif view.has_robot_info:
+        states.append(enum_name(robot.State, info.state))
+        twist = info.pose_speed.twist
+        if _number(twist.linear) or _number(twist.angular):
+            states.append("moving")
+        if info.device_state.hardware & DeviceState.kEmgBtn:
+            states.append("emergency stop")
+        if any(code.level == StatusCode.kFault for code in info.abnormal_codes.scs):
+            states.append("fault")
+    return f"{' '.join([*names, address])}: {', '.join(states) or 'unknown'}"
+
+
 def codes_data(view: RobotView) -> list[dict[str, Any]]:
     """Return the last status codes, the newest first."""
     return [

@@ -37,6 +37,10 @@ const parts = {
     link = data;
     showLink();
   },
+  robots: (summaries) => summaries.forEach((text, index) => {
+    const option = find("#robots").options[index];
+    if (option.text !== text) option.text = text;
+  }),
   robot: (robot) => {
     known = robot.known;
     controls.showModes(robot.modes);
