@@ -496,6 +496,7 @@ def test_the_mode_lists_follow_the_robot(robot: SimulatedPage, browser: Any) -> 
     element(browser, "#key-switch").click()
     eventually(lambda: shown()[0] == "2", "manual")
     assert "control manual" in text(browser, "#state")
+    assert "set Control to automatic on a page with control" in text(browser, "#state")
     element(browser, "#control-mode option[value='3']").click()
     former = script(browser, "mapView.scan")
     eventually(lambda: script(browser, "mapView.scan") != former, "the next scan")

@@ -6,6 +6,7 @@ import math
 import time
 from typing import Any
 
+from woosh_robot_agent import readiness
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, DeviceState, NavPath, RobotInfo
@@ -34,6 +35,21 @@ _MAX_MARKS = 2000
 
 _SAME_MOMENT = 2000
 """Longest time between the end of a task and its status code, in milliseconds."""
+
+_HERE = "on a page with control"
+_REMEDIES = {
+    readiness.MANUAL.name: "turn the key switch to automatic; if it is there already, set Control "
+    f"to automatic {_HERE} (the key switch overrides the mode set by software)",
+    readiness.MAINTENANCE.name: f"finish the maintenance, then set Control to automatic {_HERE}",
+    readiness.NO_CONTROL_MODE.name: "turn the key switch to automatic, or set Control to automatic "
+    f"{_HERE}",
+    readiness.DEPLOYMENT.name: f"save maps and marks, then set Work to task {_HERE}",
+    readiness.SCHEDULE.name: f"send the task to the dispatch system, or set Work to task {_HERE}",
+    readiness.NO_WORK_MODE.name: f"set Work to task {_HERE}",
+    readiness.NOT_INITIALISED.name: f"choose Set pose {_HERE}, and show its pose on the map",
+    readiness.LOST.name: f"choose Set pose {_HERE}, and show its actual pose on the map",
+}
+"""What to do about an objection with the means of the page, by the name of the objection."""
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
@@ -69,7 +85,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "modes": [info.mode.ctrl, info.mode.work],
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": is_taskable(info),
-        "objections": [[each.reason, each.remedy] for each in _objections(info)],
+        "objections": _objections(info),
         "battery": _battery(info),
         "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
@@ -149,9 +165,10 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
     return marks
 
 
-def _objections(info: RobotInfo) -> list[Objection]:
-    """Return every reason for which the robot rejects tasks now, its present task among them."""
-    return list(dict.fromkeys([*objections(info), *busy(info)]))
+def _objections(info: RobotInfo) -> list[list[str]]:
+    """Return why the robot rejects tasks now, its present task included, and what to do."""
+    found: dict[Objection, None] = dict.fromkeys([*objections(info), *busy(info)])
+    return [[each.reason, _REMEDIES.get(each.name, each.remedy)] for each in found]
 
 
 def _battery(info: RobotInfo) -> dict[str, Any] | None:
