@@ -23,6 +23,7 @@ from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, definition
 from woosh_robot_agent.tools.recording.channel import Channel
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+from woosh_robot_agent.tools.recording.layout import ROS_PROFILE
 
 _LOG = logging.getLogger(__name__)
 _DISCOVERY_PERIOD = 0.5
@@ -51,7 +52,8 @@ class RosRecorder:
             `close`.
 
     Attributes:
-        lost: Number of messages that the middleware reports as lost, by topic.
+        lost: Number of messages that the middleware reports as lost, by topic. Those that a latched
+            topic replaced before the first one arrived do not count.
 
     Raises:
         OSError: The file cannot be created.
@@ -66,7 +68,7 @@ class RosRecorder:
         rclpy.init(args=[], context=self._context)
         try:
             self._node = Node(f"record_{os.getpid()}", namespace=namespace, context=self._context)
-            self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, "ros2")
+            self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, ROS_PROFILE)
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise
@@ -164,18 +166,25 @@ class RosRecorder:
             },
         )
 
+        profile = _fitting_all(profiles)
+        # The agent may replace the latched message while it is being sent to the new subscription.
+        counts_losses = profile.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+
         def on_message(data: bytes, info: dict[str, int]) -> None:
+            nonlocal counts_losses
+            counts_losses = True
             received = info["received_timestamp"] or time.time_ns()
             self._files.add(channel, received, data, info["source_timestamp"] or received)
 
         def on_lost(event: Any) -> None:
-            self.lost[topic] += event.total_count_change
+            if counts_losses:
+                self.lost[topic] += event.total_count_change
 
         self._node.create_subscription(
             class_of(short),
             topic,
             on_message,
-            _fitting_all(profiles),
+            profile,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
         )
