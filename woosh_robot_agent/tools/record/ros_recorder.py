@@ -14,7 +14,6 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -24,14 +23,13 @@ from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, defi
 from woosh_robot_agent.tools.recording.channel import Channel
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import ROS_PROFILE
+from woosh_robot_agent.tools.spinning import spin_until
 
 _LOG = logging.getLogger(__name__)
 _DISCOVERY_PERIOD = 0.5
 """Time between two searches for topics, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
-_SPIN_TIMEOUT = 0.1
-"""Maximum delay before the executor thread notices that it must stop, in seconds."""
 _DEPTH = 1000
 """Number of messages of a topic that wait for the recorder; older ones are lost."""
 _AGENT_TOPIC = TOPICS[0].name
@@ -110,19 +108,12 @@ class RosRecorder:
     # The methods below run in the thread.
 
     def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self._node)
         try:
-            while not self._stop.is_set():
-                executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
-        except ExternalShutdownException:
-            pass
+            spin_until(self._stop, self._node)
         except Exception as error:  # the thread would end without a word
             _LOG.exception("the recording of ROS topics failed")
             self._has_crashed = True
             self._on_early_end(f"internal error: {error!r}")
-        finally:
-            executor.shutdown()
 
     def _discover(self) -> None:
         """Subscribe to the topics that the agent has begun to publish."""
