@@ -17,9 +17,10 @@ pytestmark = pytest.mark.timeout(600)
 FIGURES = (
     *("service_rtt", "service_rtt_p99", "service_cpu", "concurrent"),
     *("push_latency", "push_cpu", "push_max"),
+    *("cmd_vel_latency", "cmd_vel_cpu", "stop_latency", "goal_rtt", "scan_cpu"),
     *("convert_pose", "convert_scan", "convert_info"),
     *("map_download", "map_upload"),
-    *("idle_rss", "idle_cpu", "startup", "fleet"),
+    *("idle_rss", "idle_cpu", "startup", "fleet_end", "fleet"),
 )
 """Names in the output of `--speed --json`, which scripts of users may depend on."""
 

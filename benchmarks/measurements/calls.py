@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
+from benchmarks.measurements.bare_client import BareClient
 from benchmarks.measurements.samples import (
     MICROSECONDS,
     Measured,
@@ -38,18 +38,11 @@ _CALL_TIMEOUT = 30.0
 """Timeout for the answer to a call, in seconds."""
 
 
-class Caller:
-    """Calls a service, with its own executor in this thread.
-
-    Create it before the agent: DDS discovers the participant that joins last the fastest.
-    """
+class Caller(BareClient):
+    """Calls a service."""
 
     def __init__(self, domain: int) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node(f"caller_{domain}", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__(domain)
         self._make_request: Callable[[], Any]
         self._client: Any = None
 
@@ -63,9 +56,9 @@ class Caller:
             first_timeout: Time after which a call without an answer is made again, in seconds.
         """
         if self._client is not None:
-            self._node.destroy_client(self._client)
+            self.node.destroy_client(self._client)
         self._make_request = srv.Request if request is None else lambda: request
-        self._client = self._node.create_client(
+        self._client = self.node.create_client(
             srv, f"{NAMESPACE}/{name}", qos_profile=QoSProfile(depth=1000)
         )
         wait_until(self._client.service_is_ready, "the service", _CALL_TIMEOUT)
@@ -90,41 +83,53 @@ class Caller:
 
     def _call(self, timeout: float) -> bool:
         """Call once; return True if the answer came in time."""
-        deadline = time.monotonic() + timeout
         future = self._client.call_async(self._make_request())
-        while not future.done() and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=timeout)
-        return bool(future.done())
+        return self.spin_until(future.done, timeout)
 
     def concurrent_calls(self, count: int, in_flight: int) -> float:
         """Keep `in_flight` calls in flight; return the time that all calls took, in seconds."""
         begin = time.perf_counter()
-        started = done = 0
-
-        def start() -> None:
-            nonlocal started
-            if started < count:
-                started += 1
-                self._client.call_async(self._make_request()).add_done_callback(finish)
-
-        def finish(_future: Any) -> None:
-            nonlocal done
-            done += 1
-            start()
-
-        for _ in range(in_flight):
-            start()
-        deadline = time.monotonic() + 2 * _CALL_TIMEOUT
-        while done < count:
-            if time.monotonic() > deadline:
-                raise AssertionError(f"only {done} of {count} calls were answered")
-            self._executor.spin_once(timeout_sec=5.0)
+        load = self.start_load(in_flight, count)
+        if not self.spin_until(lambda: load.done >= count, 2 * _CALL_TIMEOUT):
+            raise AssertionError(f"only {load.done} of {count} calls were answered")
         return time.perf_counter() - begin
 
-    def close(self) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+    def start_load(self, in_flight: int, count: float = math.inf) -> Load:
+        """Keep `in_flight` calls of the selected service in flight while this node spins."""
+        return Load(partial(self._client.call_async, self._make_request()), in_flight, count)
+
+
+class Load:
+    """Calls of a service that are in flight all the time.
+
+    Args:
+        call: Makes a call; returns its future.
+        in_flight: Number of calls in flight.
+        count: Number of calls.
+
+    Attributes:
+        done: Number of answered calls.
+    """
+
+    def __init__(self, call: Callable[[], Any], in_flight: int, count: float) -> None:
+        self._call = call
+        self._left = count
+        self.done = 0
+        for _ in range(in_flight):
+            self._start()
+
+    def _start(self) -> None:
+        if self._left > 0:
+            self._left -= 1
+            self._call().add_done_callback(self._finished)
+
+    def _finished(self, _future: Any) -> None:
+        self.done += 1
+        self._start()
+
+    def end(self) -> None:
+        """Make no further calls."""
+        self._left = 0
 
 
 @contextlib.contextmanager

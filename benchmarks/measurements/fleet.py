@@ -28,8 +28,8 @@ STEP = 5
 """Number of robots added at a time, and number of robots that share a process."""
 MAX_ROBOTS = 120
 """Maximum number of robots that a measurement tries."""
-WAYS = {"one process per robot": False, f"{STEP} robots per process": True}
-"""The two ways to run several robots: True if robots share a process."""
+WAYS = {"one process per robot": 1, f"{STEP} robots per process": STEP}
+"""The two ways to run several robots, with the number of robots in a process."""
 _MAX_PER_DOMAIN = 20
 """Number of robots per ROS domain. DDS discovers at most 32 participants on the loopback."""
 _DURATION = 5.0
@@ -56,15 +56,15 @@ class Fleet:
 
     Args:
         options: Options of the measurement.
-        shared: Run several robots in one process instead of one process per robot.
+        per_process: Number of robots in a process.
 
     Attributes:
         agents: Programs that run the agents.
     """
 
-    def __init__(self, options: Options, *, shared: bool) -> None:
+    def __init__(self, options: Options, *, per_process: int) -> None:
         self._options = options
-        self._shared = shared
+        self._per_process = per_process
         self._stack = contextlib.ExitStack()
         self._domains: list[_Domain] = []
         self.agents: list[Program] = []
@@ -101,7 +101,8 @@ class Fleet:
                 self._domains.append(_Domain(self._stack.enter_context(own_domain())))
                 self._stack.push(self._domains[-1].stack)
             domain = self._domains[-1]
-            added = min(count, STEP, _MAX_PER_DOMAIN - len(domain.namespaces))
+            step = max(STEP, self._per_process)
+            added = min(count, step, _MAX_PER_DOMAIN - len(domain.namespaces))
             names = [f"robot_{self.robots + i}" for i in range(added)]
             self._start(domain.number, names)
             domain.namespaces += [f"/{name}" for name in names]
@@ -120,7 +121,7 @@ class Fleet:
         return self._path.push(RATE, self._options.samples(int(_DURATION * RATE)))
 
     def _start(self, domain: int, names: list[str]) -> None:
-        if self._shared:
+        if self._per_process > 1:
             commands = [self._shared_command(names)]
         else:
             commands = [agent_command(self._port, self._options, f"/{name}") for name in names]
@@ -155,12 +156,12 @@ def served(run: PushRun) -> bool:
     )
 
 
-def max_robots(options: Options, *, shared: bool) -> tuple[int, str]:
+def max_robots(options: Options, *, per_process: int) -> tuple[int, str]:
     """Return the maximum number of robots that are served, and their cost as text."""
     best, description = 0, "none"
-    with Fleet(options, shared=shared) as fleet:
+    with Fleet(options, per_process=per_process) as fleet:
         while fleet.robots < (1 if options.smoke else MAX_ROBOTS):
-            fleet.grow(1 + shared if options.smoke else STEP)
+            fleet.grow(min(2, per_process) if options.smoke else STEP)
             run = fleet.push()
             if not served(run):
                 run = fleet.push()  # a single failure may be a hiccup of the machine
@@ -181,6 +182,6 @@ def _describe(run: PushRun) -> str:
 
 def measure(_domain: int, options: Options) -> Measured:
     """Measure the maximum number of robots in both ways; the figure is the higher one."""
-    found = {way: max_robots(options, shared=shared) for way, shared in WAYS.items()}
+    found = {way: max_robots(options, per_process=count) for way, count in WAYS.items()}
     text = "; ".join(f"{way}: {count} robots, {cost}" for way, (count, cost) in found.items())
     return {"fleet": (max(count for count, _ in found.values()), text)}

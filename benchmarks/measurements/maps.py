@@ -5,21 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 from array import array
-from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.measurements.calls import CalledProgram, Caller, RoundTrips, calling
 from benchmarks.measurements.samples import Measured, Spread
+from benchmarks.measurements.velocities import VelocityPath, publishing
 from benchmarks.options import Options
 from benchmarks.processes import MIB, Program, running
 from benchmarks.programs.start import agent, echo_chassis
-from benchmarks.programs.velocity_publisher import STEP
 from woosh_common_msgs.msg import FileData
 from woosh_map_msgs.srv import Download, Upload
 from woosh_robot_agent.testing import own_domain
-from woosh_robot_agent.testing.agents import NAMESPACE
 
 _CALLS = 25
 """Number of transfers in each direction."""
@@ -53,10 +51,13 @@ class _Endpoint:
         program: The program.
         caller: Calls its services.
         size: Size of the map, in bytes.
+
+    Attributes:
+        program: The program.
     """
 
     def __init__(self, program: Program, caller: Caller, size: int) -> None:
-        self._program = program
+        self.program = program
         self._caller = caller
         self._size = size
         self._rss = program.rss
@@ -77,9 +78,9 @@ class _Endpoint:
 
     def transfer(self, direction: str, count: int) -> None:
         """Make some transfers in the selected direction, and record their cost."""
-        self._program.reset_peak_rss()
-        self._called.setdefault(direction, CalledProgram(self._program, self._caller)).call(count)
-        memory = (self._program.peak_rss - self._rss) / self._size
+        self.program.reset_peak_rss()
+        self._called.setdefault(direction, CalledProgram(self.program, self._caller)).call(count)
+        memory = (self.program.peak_rss - self._rss) / self._size
         self._memory[direction] = max(memory, self._memory.get(direction, 0.0))
 
     def transfers(self, direction: str) -> Transfers:
@@ -141,14 +142,12 @@ def measure_cost(domain: int, options: Options, *, velocities: bool = True) -> M
                 for each in (ours, floor):
                     each.transfer(direction, options.samples(_CALLS // options.turns))
         if velocities:
-            topic = f"{NAMESPACE}/cmd_vel"
-            program = ("benchmarks.programs.velocity_publisher", topic)
-            with running(*program, domain=domain) as publisher:
-                publisher.receive()
+            with publishing(domain) as publisher:
+                path = VelocityPath(publisher, ours.program, chassis)
                 count = options.samples(_VELOCITIES)
-                _latency(publisher, chassis, options.samples(100), None)
-                idle = _latency(publisher, chassis, count, None)
-                busy = _latency(publisher, chassis, count, caller)
+                path.drive(_VELOCITY_RATE, options.samples(100))
+                idle = Spread.of(path.drive(_VELOCITY_RATE, count))
+                busy = Spread.of(path.drive(_VELOCITY_RATE, count, lambda: caller.calls(1)))
     directions = ("Download", "Upload")
     return MapCost(
         {each: ours.transfers(each) for each in directions},
@@ -156,29 +155,6 @@ def measure_cost(domain: int, options: Options, *, velocities: bool = True) -> M
         idle,
         busy,
     )
-
-
-def _latency(publisher: Program, chassis: Program, count: int, caller: Caller | None) -> Spread:
-    """Return the latency of velocities; with a caller, it makes downloads at the same time.
-
-    A newer velocity takes the place of one that waits, so a velocity has arrived when it or a newer
-    one has.
-    """
-    chassis.send("velocities")
-    chassis.receive()
-    publisher.send("publish", _VELOCITY_RATE, count)
-    while caller is not None and not publisher.answered():
-        caller.calls(1)
-    sent = publisher.receive()
-    chassis.send("velocities")
-    arrivals = [(round(linear / STEP), at) for linear, at in chassis.receive() if linear]
-    numbers = [number for number, _ in arrivals]
-    latencies = []
-    for number, at in enumerate(sent, 1):
-        index = bisect_left(numbers, number)
-        if index < len(arrivals):
-            latencies.append(arrivals[index][1] - at)
-    return Spread.of(latencies)
 
 
 def measure(domain: int, options: Options) -> Measured:

@@ -42,10 +42,15 @@ def entities() -> Iterator[str]:
             yield f"{kind}:{entry.type}:{entry.name}:{entry.depth}"
 
 
+def floor_command(nodes: int) -> list[str]:
+    """Return module and arguments of the floor with a number of nodes."""
+    return ["benchmarks.floors.entities", str(nodes), *entities()]
+
+
 def _commands(port: int, options: Options) -> dict[str, list[str]]:
     return {
         "agent": agent_command(port, options),
-        "floor": ["benchmarks.floors.entities", *entities()],
+        "floor": floor_command(1),
     }
 
 

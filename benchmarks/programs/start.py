@@ -1,9 +1,10 @@
-"""Start the agent and the echo chassis for a measurement."""
+"""Start the agent and a chassis for a measurement."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from benchmarks.options import Options
@@ -12,11 +13,17 @@ from woosh_robot_agent.testing.agents import NAMESPACE
 
 
 @contextlib.contextmanager
-def echo_chassis(domain: int, transport: str, *options: str) -> Iterator[tuple[Program, int]]:
-    """Run the echo chassis; yield the program and its port."""
-    command = ("benchmarks.programs.echo_chassis", "--transport", transport, *options)
+def chassis_running(
+    name: str, domain: int, transport: str, *options: str
+) -> Iterator[tuple[Program, int]]:
+    """Run a chassis of this folder; yield the program and its port."""
+    command = (f"benchmarks.programs.{name}", "--transport", transport, *options)
     with running(*command, domain=domain) as program:
         yield program, program.receive()
+
+
+echo_chassis = partial(chassis_running, "echo_chassis")
+"""Runs the echo chassis; see `chassis_running`."""
 
 
 @contextlib.contextmanager

@@ -34,9 +34,9 @@ _DURATION = 5.0
 def robots(options: Options) -> Curves:
     """Vary the number of robots, for both ways to run them, up to the number that is served."""
     curves: Curves = {}
-    for way, shared in WAYS.items():
+    for way, per_process in WAYS.items():
         points = curves.setdefault(way, [])
-        with Fleet(options, shared=shared) as fleet:
+        with Fleet(options, per_process=per_process) as fleet:
             for count in ROBOTS[:1] if options.smoke else ROBOTS:
                 fleet.grow(count - fleet.robots)
                 run = fleet.push()

@@ -15,7 +15,19 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.measurements import calls, conversions, fleet, maps, presence, pushes
+from benchmarks.measurements import (
+    calls,
+    conversions,
+    fleet,
+    fleet_end,
+    goals,
+    maps,
+    presence,
+    pushes,
+    scans,
+    stops,
+    velocities,
+)
 from benchmarks.measurements.samples import Measured
 from benchmarks.options import Options, make_parser, parse, repetitions, scale
 from benchmarks.report.machine import describe_machine
@@ -63,6 +75,15 @@ TARGETS = {
     "push_latency": Target(1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
     "push_cpu": Target(1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
     "push_max": Target(0.5, 0.8, "highest rate without loss / bare publish's", True),
+    "cmd_vel_latency": Target(1.3, 1.1, "cmd_vel at 20 Hz to the chassis / bare subscriber"),
+    "cmd_vel_cpu": Target(1.5, 1.2, "agent's CPU per cmd_vel at 20 Hz / bare subscriber"),
+    "stop_latency": Target(
+        20.0, 5.0, "ms from a call of `stop` to the zero at the chassis, p99, amid 50 other calls"
+    ),
+    "goal_rtt": Target(
+        2.0, 1.5, "goal to the chassis, and last report to the result / bare action server"
+    ),
+    "scan_cpu": Target(1.5, 1.2, "agent's CPU per scan of 1080 beams at 10 Hz / bare publish"),
     "convert_pose": Target(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
     "convert_scan": Target(1 / 15, 1 / 25, "the same for a scan of 1080 beams"),
     "convert_info": Target(1 / 6, 1 / 12, "the same for a full RobotInfo"),
@@ -75,6 +96,7 @@ TARGETS = {
     "startup": Target(
         2.0, 1.3, "start to connected and discovered / a node with the same entities"
     ),
+    "fleet_end": Target(3.0, 1.5, "seconds until a process with 20 robots has ended"),
     "fleet": Target(None, 60, "robots served at 20 Hz each, in the better of two ways", True),
 }
 """All figures, by name."""
@@ -84,9 +106,14 @@ Measure = Callable[[int, Options], Measured]
 MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
     (calls.measure, ("service_rtt", "service_rtt_p99", "service_cpu", "concurrent")),
     (pushes.measure, ("push_latency", "push_cpu", "push_max")),
+    (velocities.measure, ("cmd_vel_latency", "cmd_vel_cpu")),
+    (stops.measure, ("stop_latency",)),
+    (goals.measure, ("goal_rtt",)),
+    (scans.measure, ("scan_cpu",)),
     (conversions.measure, ("convert_pose", "convert_scan", "convert_info")),
     (maps.measure, ("map_download", "map_upload")),
     (presence.measure, ("idle_rss", "idle_cpu", "startup")),
+    (fleet_end.measure, ("fleet_end",)),
     (fleet.measure, ("fleet",)),
 )
 """Measurements, each with the names of its figures."""

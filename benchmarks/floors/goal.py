@@ -1,0 +1,59 @@
+"""Floor of goals: an action server that writes a frame to a socket for each goal.
+
+    python -m benchmarks.floors.goal URL
+
+Each report of the chassis is published as feedback, and the last one ends the goal. The program
+does not read the reports: a prepared message takes the place of each.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionServer
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from benchmarks.floors.bare_socket import BareSocket
+from woosh_robot_msgs.action import ExecTask
+
+FRAME = '{"type":"woosh.robot.ExecTask","body":{"taskId":"%d"},"sn":1,"timestamp":1700000000000}'
+_REPORT = b"woosh.robot.TaskProc"
+_LAST = b'"state":7'
+
+
+def main(url: str) -> None:
+    rclpy.init()
+    node = rclpy.create_node("agent", namespace="/woosh_robot")
+    goals: list[Any] = []
+    feedback, result = ExecTask.Feedback(), ExecTask.Result()
+
+    def accepted(goal: Any) -> None:
+        goals.append(goal)
+        chassis.send(FRAME % goal.request.arg.task_id)
+
+    def reported(frame: bytes) -> None:
+        if _REPORT in frame:
+            goals[0].publish_feedback(feedback)
+            if _LAST in frame:
+                goals.pop(0).execute()
+
+    def execute(goal: Any) -> Any:
+        goal.succeed()
+        return result
+
+    chassis = BareSocket(url, reported)
+    server = ActionServer(
+        node, ExecTask, "robot/ExecTask", execute, handle_accepted_callback=accepted
+    )
+    print("connected to", url, file=sys.stderr, flush=True)
+    rclpy.spin(node, SingleThreadedExecutor())
+    server.destroy()
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1])
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass

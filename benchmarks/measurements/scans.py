@@ -1,0 +1,67 @@
+"""Laser scans on scan, through the agent and through the floor."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import LaserScan
+
+from benchmarks.measurements.bare_client import BareClient
+from benchmarks.measurements.samples import MICROSECONDS, Measured
+from benchmarks.options import Options
+from benchmarks.processes import running
+from benchmarks.programs.start import agent, echo_chassis
+from woosh_robot_agent.testing.agents import NAMESPACE
+
+_SCANS = 300
+"""Number of scans, at the default rate of 10 Hz."""
+_TIMEOUT = 60.0
+"""Timeout for the scans, in seconds."""
+
+
+class _Counter(BareClient):
+    """A subscriber that counts the scans on some topics."""
+
+    def __init__(self, domain: int, *topics: str) -> None:
+        super().__init__(domain)
+        self._counts = dict.fromkeys(topics, 0)
+        for topic in topics:
+            self.node.create_subscription(
+                LaserScan, topic, self._counting(topic), QoSProfile(depth=10)
+            )
+
+    def _counting(self, topic: str) -> Any:
+        def count(_scan: Any) -> None:
+            self._counts[topic] += 1
+
+        return count
+
+    def take(self, count: int) -> dict[str, int]:
+        """Wait until each topic has had a number of scans; return how many it had."""
+        self._counts = dict.fromkeys(self._counts, 0)
+        if not self.spin_until(lambda: min(self._counts.values()) >= count, _TIMEOUT):
+            raise AssertionError(f"too few scans came: {self._counts}")
+        return self._counts
+
+
+def measure(domain: int, options: Options) -> Measured:
+    """Measure scans of 1080 beams through agent and floor, both at the same time."""
+    topics = (f"{NAMESPACE}/scan", "/floor/scan")
+    with (
+        contextlib.closing(_Counter(domain, *topics)) as scans,
+        echo_chassis(domain, options.transport) as (_, port),
+        echo_chassis(domain, "websocket") as (_, floor_port),
+        agent(domain, port, options) as program,
+        running("benchmarks.floors.scan", f"ws://127.0.0.1:{floor_port}", domain=domain) as floor,
+    ):
+        scans.take(options.samples(50))
+        before = [each.cpu for each in (program, floor)]
+        counts = scans.take(options.samples(_SCANS)).values()
+        after = [each.cpu for each in (program, floor)]
+    ours, bare = (
+        (now - then) / count * MICROSECONDS
+        for then, now, count in zip(before, after, counts, strict=True)
+    )
+    return {"scan_cpu": (ours / bare, f"{ours:.0f} / {bare:.0f} µs")}

@@ -1,0 +1,133 @@
+"""Velocities on cmd_vel, through the agent and through the floor."""
+
+from __future__ import annotations
+
+import contextlib
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
+
+from benchmarks.measurements.samples import MICROSECONDS, Measured, Spread
+from benchmarks.options import Options
+from benchmarks.processes import Program, running
+from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.programs.velocity_publisher import STEP
+from woosh_robot_agent.testing import own_domain
+from woosh_robot_agent.testing.agents import NAMESPACE
+
+RATE = 20.0
+"""Rate of the velocities, in Hz; that of most joysticks and of Nav2."""
+_VELOCITIES = 1000
+"""Number of velocities in one repetition."""
+
+
+class VelocityPath:
+    """The path of velocities: a publisher, the program that forwards them, and a chassis.
+
+    Args:
+        publisher: Publishes the velocities.
+        program: The agent or the floor.
+        chassis: Receives them.
+    """
+
+    def __init__(self, publisher: Program, program: Program, chassis: Program) -> None:
+        self._publisher = publisher
+        self._program = program
+        self._chassis = chassis
+        self._latencies: list[float] = []
+        self._sent = 0
+        self._cpu = 0.0
+
+    def drive(
+        self, rate: float, count: int, meanwhile: Callable[[], object] | None = None
+    ) -> list[float]:
+        """Publish velocities; return their latencies to the chassis, in seconds.
+
+        A newer velocity takes the place of one that waits, so a velocity has arrived when it or a
+        newer one has.
+
+        Args:
+            rate: Rate of the velocities, in Hz.
+            count: Number of the velocities.
+            meanwhile: Called again and again while they are published.
+        """
+        self._arrivals()
+        cpu = self._program.cpu
+        self._publisher.send("publish", rate, count)
+        while meanwhile is not None and not self._publisher.answered():
+            meanwhile()
+        sent = self._publisher.receive()
+        self._cpu += self._program.cpu - cpu
+        self._sent += count
+        arrivals = self._arrivals()
+        numbers = [number for number, _ in arrivals]
+        latencies = []
+        for number, at in enumerate(sent, 1):
+            index = bisect_left(numbers, number)
+            if index < len(arrivals):
+                latencies.append(arrivals[index][1] - at)
+        self._latencies += latencies
+        return latencies
+
+    def _arrivals(self) -> list[tuple[int, float]]:
+        """Return number and time of each velocity that has arrived since the last call."""
+        self._chassis.send("velocities")
+        return [(round(linear / STEP), at) for linear, at in self._chassis.receive() if linear]
+
+    @property
+    def latency(self) -> Spread:
+        """Latency of all velocities so far."""
+        return Spread.of(self._latencies)
+
+    @property
+    def cpu_per_velocity(self) -> float:
+        """CPU time of the program per velocity, in microseconds."""
+        return self._cpu / self._sent * MICROSECONDS
+
+    def forget(self) -> None:
+        """Forget what has been recorded, which was a warm-up."""
+        self._latencies, self._sent, self._cpu = [], 0, 0.0
+
+
+@contextlib.contextmanager
+def publishing(domain: int) -> Iterator[Program]:
+    """Run a publisher of velocities; the block starts when it has found a subscriber."""
+    program = ("benchmarks.programs.velocity_publisher", f"{NAMESPACE}/cmd_vel")
+    with running(*program, domain=domain) as publisher:
+        publisher.receive()
+        yield publisher
+
+
+@contextlib.contextmanager
+def _path(domain: int, options: Options, *, floor: bool = False) -> Iterator[VelocityPath]:
+    """Provide a warmed-up path through the agent or the floor."""
+    with (
+        echo_chassis(domain, "websocket" if floor else options.transport) as (chassis, port),
+        running("benchmarks.floors.cmd_vel", f"ws://127.0.0.1:{port}", domain=domain)
+        if floor
+        else agent(domain, port, options) as program,
+        publishing(domain) as publisher,
+    ):
+        path = VelocityPath(publisher, program, chassis)
+        path.drive(RATE, options.samples(40))
+        path.forget()
+        yield path
+
+
+def measure(domain: int, options: Options) -> Measured:
+    """Measure velocities through agent and floor in turn."""
+    with (
+        own_domain() as floor_domain,
+        _path(domain, options) as ours,
+        _path(floor_domain, options, floor=True) as floor,
+    ):
+        for _ in range(options.turns):
+            for path in (ours, floor):
+                path.drive(RATE, options.samples(_VELOCITIES // options.turns))
+    cpu, floor_cpu = ours.cpu_per_velocity, floor.cpu_per_velocity
+    return {
+        "cmd_vel_latency": (
+            ours.latency.median / floor.latency.median,
+            f"{ours.latency} / {floor.latency} µs",
+        ),
+        "cmd_vel_cpu": (cpu / floor_cpu, f"{cpu:.0f} / {floor_cpu:.0f} µs"),
+    }
