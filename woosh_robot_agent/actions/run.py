@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
+from collections import deque
 from collections.abc import Iterable
 
 from google.protobuf.message import Message
@@ -76,6 +78,8 @@ class GoalRun:
         self._attribution = kind.attribution
         self._last_report: Message | None = None
         """The last report on this goal."""
+        self._feedback_times = deque([-math.inf, -math.inf], maxlen=2)
+        """Loop times of the last two pieces of feedback, oldest first."""
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
             kind.name,
@@ -123,11 +127,11 @@ class GoalRun:
             for task in (self._starting, self._polling):
                 if task is not None:
                     task.cancel()
-        if self._last_report is None:
+        due = self._feedback_times[0] + self._timing.result_delay
+        if due <= self._clock():
             self._finish(end)
         else:
-            loop = asyncio.get_running_loop()
-            loop.call_later(self._timing.result_delay, self._finish, end)
+            asyncio.get_running_loop().call_at(due, self._finish, end)
 
     def abort(self, reason: str) -> None:
         """Report the goal to the client as aborted, in any phase."""
@@ -256,6 +260,7 @@ class GoalRun:
             if report.begins_part and self._cancellation.requested:
                 self._cancellation.pending = True
             self._heard()
+            self._feedback_times.append(self._clock())
             self._goal.feedback(self._context.to_ros(report.message))
             if report.outcome is not None:
                 return End(report.outcome, report.message)

@@ -24,8 +24,9 @@ class GoalTiming:
     unknown_polls: int = 2
     """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
     result_delay: float = 0.1
-    """Delay of the result after the last feedback. If both arrive together, rclpy's action client
-    takes the result first, and drops the feedback."""
+    """Minimum time from the last but one piece of feedback to the result. rclpy's action client
+    reads one piece of feedback in each turn, the last one perhaps together with the result, and
+    drops those that it has not read by then."""
     min_cancel_timeout: float = 10.0
     """Lower bound of `cancel_timeout`."""
 

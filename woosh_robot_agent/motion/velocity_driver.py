@@ -12,6 +12,7 @@ from functools import partial
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.pace import Pace
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
@@ -87,8 +88,8 @@ class VelocityDriver:
         """Loop time of the last velocity that was received."""
         self._accepted = -math.inf
         """Loop time of the last velocity that was accepted."""
-        self._sent = -math.inf
-        """Loop time of the last velocity that was sent."""
+        self._pace = Pace()
+        """Loop times at which velocities may be sent."""
         self._silenced = ""
         """Reason why velocities are refused until the sender pauses or sends a zero; or empty."""
         self._needs_zero = False
@@ -183,7 +184,7 @@ class VelocityDriver:
         limits = self._limits()
         if self._waiting is not None:  # rule 4
             first_zero = self._driving and not may_move(self._waiting)
-            return 0.0 if first_zero else self._sent + 1.0 / limits.rate
+            return 0.0 if first_zero else self._pace.due(limits.rate)
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
             return self._accepted + limits.timeout
         return math.inf
@@ -198,7 +199,7 @@ class VelocityDriver:
 
     def _send(self, velocity: Twist) -> None:
         self._waiting = None
-        self._sent = asyncio.get_running_loop().time()
+        self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)
         task = asyncio.get_running_loop().create_task(self._request(velocity), name=self._name)
         self._requests.add(task)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import array
 import asyncio
 import logging
-import math
 from typing import Any
 
+import numpy as np
 from rclpy.duration import Duration
 from sensor_msgs.msg import LaserScan
 
@@ -116,11 +116,8 @@ def rep_117(ranges: Any, least: float, most: float) -> array.array[float]:
     A range above `most` is +inf, and so is 0, which some lasers report if nothing reflects. A range
     below `least` is -inf. NaN stays NaN.
     """
-    far, near = math.inf, -math.inf
-    return array.array(
-        "f",
-        [
-            far if r > most or r == 0.0 else near if r < least else r  # NaN fails all comparisons
-            for r in ranges
-        ],
-    )
+    found = np.array(ranges, dtype=np.float32)
+    far = (found > most) | (found == 0.0)  # NaN fails all comparisons
+    near = (found < least) & ~far
+    found[far], found[near] = np.inf, -np.inf
+    return array.array("f", found.tobytes())

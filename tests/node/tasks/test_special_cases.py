@@ -297,3 +297,13 @@ def test_an_ordinary_client_gets_the_last_feedback(
         assert result.status == SUCCEEDED
         assert [wire(fb) for fb in feedback.messages] == expected
     client.in_executor(action.destroy)
+
+
+def test_the_result_does_not_wait_if_there_is_no_older_feedback_to_be_read(
+    chassis: ScriptedChassis, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_timing(monkeypatch, result_delay=3600.0)
+    task_id = next(IDS)
+    goal = start(chassis, client, task_id)
+    chassis.push_all(TASK_PROC, reports(task_id, "only the end"))
+    assert_ended(goal, reports(task_id, "only the end"))
