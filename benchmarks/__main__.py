@@ -21,6 +21,7 @@ BENCHMARKS = {
     "real": ("benchmarks.report.real", "the simulated chassis, compared with a real robot"),
     "recording": ("benchmarks.report.recording", "cost of `record` at 1000 frames a second"),
     "scale": ("benchmarks.report.scale", "cost by number of robots, push rate and scan size"),
+    "setup": ("benchmarks.report.setup", "time of scripts/setup in new checkouts; takes minutes"),
     "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
     "speed": (
         "benchmarks.report.speed",

@@ -10,10 +10,8 @@ scripts/bench --speed --docs          also write the table to docs/speed.md
 from __future__ import annotations
 
 import json
-import statistics
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 from benchmarks.measurements import (
     calls,
@@ -32,39 +30,8 @@ from benchmarks.measurements.samples import Measured
 from benchmarks.options import Options, make_parser, parse, repetitions, scale
 from benchmarks.report.machine import describe_machine
 from benchmarks.report.pages import write_part
-from benchmarks.report.table import markdown
+from benchmarks.report.results import Results, Target, results_table
 from woosh_robot_agent.testing import own_domain
-
-
-@dataclass(frozen=True)
-class Target:
-    """Target values of a figure.
-
-    Attributes:
-        required: Value that must be reached; None if there is none.
-        aim: Value that should be reached.
-        description: Description of the figure.
-        higher_is_better: False if the figure should be at most these values.
-    """
-
-    required: float | None
-    aim: float
-    description: str
-    higher_is_better: bool = False
-
-    def verdict(self, value: float) -> str:
-        """Return in words how a value compares with both target values."""
-
-        def reaches(limit: float) -> bool:
-            return value >= limit if self.higher_is_better else value <= limit
-
-        if reaches(self.aim):
-            return "aim met"
-        if self.required is None:
-            return f"aim missed by {abs(value / self.aim - 1):.0%}"
-        if reaches(self.required):
-            return "met"
-        return f"missed by {abs(value / self.required - 1):.0%}"
 
 
 TARGETS = {
@@ -119,39 +86,6 @@ MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
 """Measurements, each with the names of its figures."""
 
 
-@dataclass
-class Results:
-    """Figures of all repetitions.
-
-    Attributes:
-        values: Values of each figure, one per repetition.
-        details: The values of agent and floor behind each of them, as text.
-    """
-
-    values: dict[str, list[float]] = field(default_factory=dict)
-    details: dict[str, list[str]] = field(default_factory=dict)
-
-    def add(self, measured: Measured) -> None:
-        """Add figures of one repetition."""
-        for name, (value, detail) in measured.items():
-            self.values.setdefault(name, []).append(value)
-            self.details.setdefault(name, []).append(detail)
-
-    def median(self, name: str) -> float:
-        """Return the median of a figure."""
-        return statistics.median(self.values[name])
-
-    def range(self, name: str) -> str:
-        """Return the smallest and the largest value of a figure, as text."""
-        return f"{min(self.values[name]):.3g} to {max(self.values[name]):.3g}"
-
-    def detail(self, name: str) -> str:
-        """Return the detail of the repetition whose value is closest to the median."""
-        values = self.values[name]
-        nearest = min(range(len(values)), key=lambda i: abs(values[i] - self.median(name)))
-        return self.details[name][nearest]
-
-
 def main(arguments: Sequence[str]) -> int:
     """Measure, and print the table. The exit status is 0, because machines differ too much."""
     parser = make_parser("speed", __doc__)
@@ -173,10 +107,9 @@ def main(arguments: Sequence[str]) -> int:
         repetitions(given),
         given.only,
     )
-    names = [name for name in TARGETS if name in results.values]
-    table = _table(results, names)
+    table = results_table(results, TARGETS)
     if given.json:
-        print(json.dumps({name: float(f"{results.median(name):.4g}") for name in names}))
+        print(json.dumps(results.medians(TARGETS)))
     else:
         print(table)
     if given.docs:
@@ -194,22 +127,3 @@ def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
                 with own_domain() as domain:
                     results.add(measure(domain, options))
     return results
-
-
-def _table(results: Results, names: Sequence[str]) -> str:
-    return markdown(
-        ("Figure", "Measured", "Repetitions", "Must", "Aim", "", "What", "Agent / floor"),
-        (
-            (
-                f"`{name}`",
-                f"{results.median(name):.3g}",
-                results.range(name),
-                "" if (required := TARGETS[name].required) is None else f"{required:.3g}",
-                f"{TARGETS[name].aim:.3g}",
-                TARGETS[name].verdict(results.median(name)),
-                TARGETS[name].description,
-                results.detail(name),
-            )
-            for name in names
-        ),
-    )

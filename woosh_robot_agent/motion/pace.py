@@ -11,8 +11,8 @@ _JITTER = 0.5
 class Pace:
     """The times at which the next message of a stream may be sent.
 
-    On average no more than the rate is sent. A message that comes a little late does not delay those
-    after it: at the maximum rate, they would all be as late.
+    On average, no more messages are sent than the rate allows. A message that comes a little late
+    does not delay the next ones: at the maximum rate, all of them would be as late.
     """
 
     def __init__(self) -> None:

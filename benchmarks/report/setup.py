@@ -1,0 +1,77 @@
+"""Measure scripts/setup in new checkouts: with empty compiler caches, then with filled ones.
+
+scripts/bench --setup                 print the table; takes some minutes
+scripts/bench --setup --docs          also write it to docs/speed.md
+
+The checkouts have the last commit, and are removed at the end. Packages from PyPI come from pip's
+cache if it has them; system packages are those of this machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.processes import ROOT
+from benchmarks.report.machine import describe_machine
+from benchmarks.report.pages import write_part
+from benchmarks.report.results import Results, Target, results_table
+
+TARGETS = {
+    "setup": Target(240.0, 180.0, "seconds of `scripts/setup`, with empty compiler caches"),
+    "setup_again": Target(60.0, 45.0, "the same for a second checkout on the same machine"),
+}
+
+
+def measure(repository: Path) -> dict[str, float]:
+    """Set up two new checkouts one after the other; return how long each took, in seconds."""
+    with tempfile.TemporaryDirectory() as folder:
+        caches = Path(folder, "caches")
+        return {name: _set_up(repository, Path(folder, name), caches) for name in TARGETS}
+
+
+def _set_up(repository: Path, checkout: Path, caches: Path) -> float:
+    """Make a checkout; return the time of its set-up, in seconds."""
+    subprocess.run(["git", "clone", "--quiet", repository, checkout], check=True)
+    home_cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    environment = {
+        **os.environ,
+        "CCACHE_DIR": str(caches / "ccache"),
+        "XDG_CACHE_HOME": str(caches),
+        "PIP_CACHE_DIR": os.environ.get("PIP_CACHE_DIR", f"{home_cache}/pip"),
+    }
+    begun = time.monotonic()
+    subprocess.run(
+        [checkout / "scripts/setup"],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=sys.stderr.fileno(),
+        check=True,
+    )
+    return time.monotonic() - begun
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure, and print the table. The exit status is 0, because machines differ too much."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/bench --setup",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, not a table")
+    parser.add_argument("--docs", action="store_true", help="write the results to docs/speed.md")
+    given = parser.parse_args(arguments)
+    results = Results()
+    results.add({name: (value, f"{value:.0f} s") for name, value in measure(ROOT).items()})
+    table = results_table(results, TARGETS)
+    print(json.dumps(results.medians(TARGETS)) if given.json else table)
+    if given.docs:
+        write_part("setup", f"{describe_machine()}.\n\n{table}")
+    return 0
