@@ -186,14 +186,16 @@ class Program:
     def end(self) -> None:
         """End the program, by force if it does not end in time."""
         self.interrupt()
+        assert self.process.stdin is not None
+        self.process.stdin.close()  # asyncio does not interrupt a program that waits for a command
         try:
             self.process.wait(_END_TIMEOUT)
         except subprocess.TimeoutExpired:
             self.process.kill()
         self.process.wait()
-        for file in (self.process.stdin, self.process.stdout, self._log_file):
-            assert file is not None
-            file.close()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        self._log_file.close()
 
 
 @contextlib.contextmanager

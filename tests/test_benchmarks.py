@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from benchmarks.processes import running
-from benchmarks.report import dashboard, links, maps, odom, pages, real, recording, scale, speed
+from benchmarks.report import (
+    dashboard,
+    links,
+    maps,
+    odom,
+    pages,
+    real,
+    recording,
+    scale,
+    setup,
+    speed,
+)
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -88,6 +100,26 @@ def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]
         assert found[name]["size"] > 0
 
 
+def test_set_up_is_measured_with_empty_and_with_filled_caches(tmp_path: Path) -> None:
+    repository = tmp_path / "repository"
+    script = repository / "scripts/setup"
+    script.parent.mkdir(parents=True)
+    log = tmp_path / "log"
+    script.write_text(
+        f'#!/bin/sh\ncat "$CCACHE_DIR" "$XDG_CACHE_HOME/idl" >>{log} 2>/dev/null && exit\n'
+        f'mkdir -p "$XDG_CACHE_HOME" && echo filled | tee "$CCACHE_DIR" >"$XDG_CACHE_HOME/idl"\n'
+    )
+    script.chmod(0o755)
+    for command in (["init", "--quiet"], ["add", "."], ["commit", "--quiet", "-m", "test"]):
+        subprocess.run(
+            ["git", "-c", "user.name=t", "-c", "user.email=t@t", *command],
+            cwd=repository,
+            check=True,
+        )
+    assert list(setup.measure(repository)) == ["setup", "setup_again"]
+    assert log.read_text() == "filled\nfilled\n"
+
+
 def test_error_of_a_program_that_dies_holds_its_log() -> None:
     with (
         pytest.raises(RuntimeError, match=r"ended with status 1(?s:.*)ConnectionRefused"),
@@ -101,7 +133,7 @@ def test_page_has_a_place_for_each_part() -> None:
     parts = re.findall(
         r"<!-- (\w+): made by [^\n]*-->\n(?s:.*?)<!-- end -->", pages.SPEED_PAGE.read_text()
     )
-    assert parts == ["figures", "links", "maps", *scale.SWEEPS]
+    assert parts == ["figures", "setup", "links", "maps", *scale.SWEEPS]
 
 
 def test_part_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

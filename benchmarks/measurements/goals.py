@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator
 from typing import Any
 
 from rclpy.action import ActionClient
@@ -13,8 +12,8 @@ from benchmarks.measurements.bare_client import BareClient
 from benchmarks.measurements.samples import Measured, Spread, no_garbage_collection
 from benchmarks.options import Options
 from benchmarks.processes import Program, running
-from benchmarks.programs.start import agent, chassis_running
-from woosh_robot_agent.testing import own_domain, wait_until
+from benchmarks.programs.start import FLOOR, agent, chassis_running
+from woosh_robot_agent.testing import wait_until
 from woosh_robot_agent.testing.agents import NAMESPACE
 from woosh_robot_msgs.action import ExecTask
 
@@ -25,18 +24,19 @@ _FIRST_TASK = 1_700_000_000_000
 """Id of the first task. Clients use the Unix time, in milliseconds."""
 
 
-class GoalSender(BareClient):
+class GoalSender:
     """An action client that sends goals one after the other, and records their times.
 
     Args:
-        domain: ROS_DOMAIN_ID.
+        client: Node of the action client.
+        namespace: Namespace of the action server.
         chassis: Executes the tasks.
     """
 
-    def __init__(self, domain: int, chassis: Program) -> None:
-        super().__init__(domain)
+    def __init__(self, client: BareClient, namespace: str, chassis: Program) -> None:
+        self._spin_until = client.spin_until
+        self._client = ActionClient(client.node, ExecTask, f"{namespace}/robot/ExecTask")
         self._chassis = chassis
-        self._client = ActionClient(self.node, ExecTask, f"{NAMESPACE}/robot/ExecTask")
         self._next_task = _FIRST_TASK
         self._starts: list[float] = []
         self._ends: list[float] = []
@@ -52,30 +52,32 @@ class GoalSender(BareClient):
         """Send goals, and record the time of their starts and ends."""
         with no_garbage_collection():
             sent = [self._send(_TIMEOUT) for _ in range(count)]
-        if None in sent:
-            raise AssertionError("a goal did not end")
-        for (begun, ended), (arrived, reported) in zip(sent, self._times(), strict=True):
+        times = self._times()
+        for goal in sent:
+            assert goal is not None, "a goal did not end"
+            task_id, begun, ended = goal
+            arrived, reported = times[str(task_id)]
             self._starts.append(arrived - begun)
             self._ends.append(ended - reported)
 
-    def _send(self, timeout: float) -> tuple[float, float] | None:
-        """Send a goal; return the times of the goal and of its result, None after a timeout."""
+    def _send(self, timeout: float) -> tuple[int, float, float] | None:
+        """Send a goal; return its task, its time and that of its result; None after a timeout."""
         self._next_task += 1
         goal: Any = ExecTask.Goal()
         goal.arg.task_id = self._next_task
         begun = time.monotonic()
         accepted = self._client.send_goal_async(goal, feedback_callback=lambda _feedback: None)
-        if not self.spin_until(accepted.done, timeout):
+        if not self._spin_until(accepted.done, timeout):
             return None
         result = accepted.result().get_result_async()
-        if not self.spin_until(result.done, timeout):
+        if not self._spin_until(result.done, timeout):
             return None
-        return begun, time.monotonic()
+        return self._next_task, begun, time.monotonic()
 
-    def _times(self) -> list[list[float]]:
-        """Return when each task reached the chassis, and when the chassis last reported on it."""
+    def _times(self) -> dict[str, list[float]]:
+        """Return when each task came to the chassis, and when it last reported, by task."""
         self._chassis.send("times")
-        times: list[list[float]] = self._chassis.receive()
+        times: dict[str, list[float]] = self._chassis.receive()
         return times
 
     @property
@@ -88,34 +90,20 @@ class GoalSender(BareClient):
         """Time from the last report of the chassis to the result."""
         return Spread.of(self._ends)
 
-    def close(self) -> None:
-        self._client.destroy()
-        super().close()
-
-
-@contextlib.contextmanager
-def _sending(domain: int, options: Options, *, floor: bool = False) -> Iterator[GoalSender]:
-    """Provide a warmed-up sender of goals to the agent or the floor."""
-    transport = "websocket" if floor else options.transport
-    with chassis_running("task_chassis", domain, transport) as (chassis, port):
-        sender = GoalSender(domain, chassis)
-        with (
-            contextlib.closing(sender),
-            running("benchmarks.floors.goal", f"ws://127.0.0.1:{port}", domain=domain)
-            if floor
-            else agent(domain, port, options),
-        ):
-            sender.warm_up()
-            yield sender
-
 
 def measure(domain: int, options: Options) -> Measured:
     """Measure goals of agent and floor in turn."""
     with (
-        own_domain() as floor_domain,
-        _sending(domain, options) as ours,
-        _sending(floor_domain, options, floor=True) as floor,
+        contextlib.closing(BareClient(domain)) as client,
+        chassis_running("task_chassis", domain, options.transport) as (chassis, port),
+        chassis_running("task_chassis", domain, "websocket") as (floor_chassis, floor_port),
+        agent(domain, port, options),
+        running("benchmarks.floors.goal", f"ws://127.0.0.1:{floor_port}", domain=domain),
     ):
+        ours = GoalSender(client, NAMESPACE, chassis)
+        floor = GoalSender(client, FLOOR, floor_chassis)
+        for sender in (ours, floor):
+            sender.warm_up()
         for _ in range(options.turns):
             for sender in (ours, floor):
                 sender.send(options.samples(_GOALS // options.turns))

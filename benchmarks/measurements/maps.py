@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.measurements.calls import CalledProgram, Caller, RoundTrips, calling
 from benchmarks.measurements.samples import Measured, Spread
-from benchmarks.measurements.velocities import VelocityPath, publishing
+from benchmarks.measurements.velocities import CMD_VEL, VelocityPath, publishing
 from benchmarks.options import Options
 from benchmarks.processes import MIB, Program, running
 from benchmarks.programs.start import agent, echo_chassis
@@ -142,8 +142,8 @@ def measure_cost(domain: int, options: Options, *, velocities: bool = True) -> M
                 for each in (ours, floor):
                     each.transfer(direction, options.samples(_CALLS // options.turns))
         if velocities:
-            with publishing(domain) as publisher:
-                path = VelocityPath(publisher, ours.program, chassis)
+            with publishing(domain, CMD_VEL) as publisher:
+                path = VelocityPath(publisher, CMD_VEL, ours.program, chassis)
                 count = options.samples(_VELOCITIES)
                 path.drive(_VELOCITY_RATE, options.samples(100))
                 idle = Spread.of(path.drive(_VELOCITY_RATE, count))

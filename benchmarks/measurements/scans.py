@@ -12,7 +12,7 @@ from benchmarks.measurements.bare_client import BareClient
 from benchmarks.measurements.samples import MICROSECONDS, Measured
 from benchmarks.options import Options
 from benchmarks.processes import running
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.programs.start import FLOOR, agent, echo_chassis
 from woosh_robot_agent.testing.agents import NAMESPACE
 
 _SCANS = 300
@@ -48,7 +48,7 @@ class _Counter(BareClient):
 
 def measure(domain: int, options: Options) -> Measured:
     """Measure scans of 1080 beams through agent and floor, both at the same time."""
-    topics = (f"{NAMESPACE}/scan", "/floor/scan")
+    topics = (f"{NAMESPACE}/scan", f"{FLOOR}/scan")
     with (
         contextlib.closing(_Counter(domain, *topics)) as scans,
         echo_chassis(domain, options.transport) as (_, port),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from bisect import bisect_left
 
 from std_srvs.srv import Trigger
 
@@ -11,7 +12,6 @@ from benchmarks.measurements.samples import Measured, Spread, no_garbage_collect
 from benchmarks.options import Options
 from benchmarks.processes import Program
 from benchmarks.programs.start import agent, echo_chassis
-from woosh_robot_agent.testing import own_domain
 
 _IN_FLIGHT = 50
 """Number of calls that wait for an answer all the time."""
@@ -23,36 +23,23 @@ _MILLISECOND = 1000
 
 
 def measure(domain: int, options: Options) -> Measured:
-    """Measure the time from a call of stop to the zero at the chassis, busy and idle in turn."""
+    """Measure the time from a call of stop to the zero at the chassis, idle and then busy."""
+    count = options.samples(_STOPS)
     with (
         calling(domain) as caller,
-        own_domain() as idle_domain,
-        calling(idle_domain) as idle_caller,
         echo_chassis(domain, options.transport) as (chassis, port),
-        echo_chassis(idle_domain, options.transport) as (idle_chassis, idle_port),
         agent(domain, port, options),
-        agent(idle_domain, idle_port, options),
         no_garbage_collection(),
     ):
-        idle_caller.use(Trigger, "stop")
+        caller.use(Trigger, "stop")
+        idle = Spread.of(_stops(caller, chassis, count))
         caller.use(*POSE_SPEED)
         chassis.send("delay", _DELAY)
         load = caller.start_load(_IN_FLIGHT)
         caller.use(Trigger, "stop", first_timeout=4 * _DELAY)
-        busy: list[float] = []
-        idle: list[float] = []
-        for _ in range(options.turns):
-            count = options.samples(_STOPS // options.turns)
-            busy += _stops(caller, chassis, count)
-            idle += _stops(idle_caller, idle_chassis, count)
+        busy = Spread.of(_stops(caller, chassis, count))
         load.end()
-    latency, idle_latency = Spread.of(busy), Spread.of(idle)
-    return {
-        "stop_latency": (
-            latency.p99 / _MILLISECOND,
-            f"{latency} µs; without other calls {idle_latency} µs",
-        )
-    }
+    return {"stop_latency": (busy.p99 / _MILLISECOND, f"{busy} µs; without other calls {idle} µs")}
 
 
 def _stops(caller: Caller, chassis: Program, count: int) -> list[float]:
@@ -62,7 +49,8 @@ def _stops(caller: Caller, chassis: Program, count: int) -> list[float]:
     for _ in range(count):
         called.append(time.monotonic())
         caller.calls(1)
-    return [at - begun for begun, at in zip(called, _zeros(chassis), strict=True)]
+    zeros = _zeros(chassis)
+    return [zeros[bisect_left(zeros, begun)] - begun for begun in called]
 
 
 def _zeros(chassis: Program) -> list[float]:

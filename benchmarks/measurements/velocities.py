@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from benchmarks.measurements.samples import MICROSECONDS, Measured, Spread
 from benchmarks.options import Options
 from benchmarks.processes import Program, running
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.programs.start import FLOOR, agent, echo_chassis
 from benchmarks.programs.velocity_publisher import STEP
-from woosh_robot_agent.testing import own_domain
 from woosh_robot_agent.testing.agents import NAMESPACE
 
 RATE = 20.0
 """Rate of the velocities, in Hz; that of most joysticks and of Nav2."""
+CMD_VEL = f"{NAMESPACE}/cmd_vel"
 _VELOCITIES = 1000
 """Number of velocities in one repetition."""
 
@@ -25,12 +25,14 @@ class VelocityPath:
 
     Args:
         publisher: Publishes the velocities.
+        topic: Topic of the program.
         program: The agent or the floor.
         chassis: Receives them.
     """
 
-    def __init__(self, publisher: Program, program: Program, chassis: Program) -> None:
+    def __init__(self, publisher: Program, topic: str, program: Program, chassis: Program) -> None:
         self._publisher = publisher
+        self._topic = topic
         self._program = program
         self._chassis = chassis
         self._latencies: list[float] = []
@@ -52,7 +54,7 @@ class VelocityPath:
         """
         self._arrivals()
         cpu = self._program.cpu
-        self._publisher.send("publish", rate, count)
+        self._publisher.send("publish", self._topic, rate, count)
         while meanwhile is not None and not self._publisher.answered():
             meanwhile()
         sent = self._publisher.receive()
@@ -89,37 +91,29 @@ class VelocityPath:
 
 
 @contextlib.contextmanager
-def publishing(domain: int) -> Iterator[Program]:
-    """Run a publisher of velocities; the block starts when it has found a subscriber."""
-    program = ("benchmarks.programs.velocity_publisher", f"{NAMESPACE}/cmd_vel")
+def publishing(domain: int, *topics: str) -> Iterator[Program]:
+    """Run a publisher of velocities; the block starts when each topic has a subscriber."""
+    program = ("benchmarks.programs.velocity_publisher", *topics)
     with running(*program, domain=domain) as publisher:
         publisher.receive()
         yield publisher
 
 
-@contextlib.contextmanager
-def _path(domain: int, options: Options, *, floor: bool = False) -> Iterator[VelocityPath]:
-    """Provide a warmed-up path through the agent or the floor."""
-    with (
-        echo_chassis(domain, "websocket" if floor else options.transport) as (chassis, port),
-        running("benchmarks.floors.cmd_vel", f"ws://127.0.0.1:{port}", domain=domain)
-        if floor
-        else agent(domain, port, options) as program,
-        publishing(domain) as publisher,
-    ):
-        path = VelocityPath(publisher, program, chassis)
-        path.drive(RATE, options.samples(40))
-        path.forget()
-        yield path
-
-
 def measure(domain: int, options: Options) -> Measured:
     """Measure velocities through agent and floor in turn."""
+    topics = (CMD_VEL, f"{FLOOR}/cmd_vel")
     with (
-        own_domain() as floor_domain,
-        _path(domain, options) as ours,
-        _path(floor_domain, options, floor=True) as floor,
+        echo_chassis(domain, options.transport) as (chassis, port),
+        echo_chassis(domain, "websocket") as (floor_chassis, floor_port),
+        agent(domain, port, options) as program,
+        running("benchmarks.floors.cmd_vel", f"ws://127.0.0.1:{floor_port}", domain=domain) as bare,
+        publishing(domain, *topics) as publisher,
     ):
+        ours = VelocityPath(publisher, topics[0], program, chassis)
+        floor = VelocityPath(publisher, topics[1], bare, floor_chassis)
+        for path in (ours, floor):
+            path.drive(RATE, options.samples(40))
+            path.forget()
         for _ in range(options.turns):
             for path in (ours, floor):
                 path.drive(RATE, options.samples(_VELOCITIES // options.turns))

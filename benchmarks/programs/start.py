@@ -11,6 +11,9 @@ from benchmarks.options import Options
 from benchmarks.processes import Program, running
 from woosh_robot_agent.testing.agents import NAMESPACE
 
+FLOOR = "/floor"
+"""Namespace of a floor that shares a ROS domain with the agent."""
+
 
 @contextlib.contextmanager
 def chassis_running(

@@ -3,8 +3,8 @@
     python -m benchmarks.programs.task_chassis [--transport websocket|tcp]
 
 It answers like `echo_chassis`, and prints its port. After each line on stdin it prints, as JSON,
-the time at which each task since the last such line came, and the time of its last report
-(time.monotonic, in seconds).
+by its id, the time at which each task since the last such line came, and the time of its last
+report (time.monotonic, in seconds).
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class TaskChassis(EchoChassis):
     """Answers every request, and reports on each task.
 
     Attributes:
-        times: Time of arrival and time of the last report of each task.
+        times: Time of arrival and time of the last report of each task, by its id.
     """
 
     def __init__(self) -> None:
         super().__init__(beams=0, map_size=0)
-        self.times: list[tuple[float, float]] = []
+        self.times: dict[int, tuple[float, float]] = {}
 
     async def _handle(self, transport: ServerTransport, frame: str | bytes) -> None:
         arrival = time.monotonic()
@@ -64,7 +64,7 @@ class TaskChassis(EchoChassis):
         await asyncio.sleep(_FIRST_REPORT)
         await transport.send(first)
         await asyncio.sleep(_DURATION)
-        self.times.append((arrival, time.monotonic()))
+        self.times[task_id] = (arrival, time.monotonic())
         await transport.send(last)
 
 
@@ -80,7 +80,7 @@ async def main() -> None:
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
     while await lines.readline():
         print(json.dumps(chassis.times), flush=True)
-        chassis.times = []
+        chassis.times = {}
 
 
 if __name__ == "__main__":

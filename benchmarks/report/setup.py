@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -24,6 +23,8 @@ from benchmarks.report.machine import describe_machine
 from benchmarks.report.pages import write_part
 from benchmarks.report.results import Results, Target, results_table
 
+_STDERR = 2
+"""File descriptor of stderr."""
 TARGETS = {
     "setup": Target(240.0, 180.0, "seconds of `scripts/setup`, with empty compiler caches"),
     "setup_again": Target(60.0, 45.0, "the same for a second checkout on the same machine"),
@@ -52,7 +53,7 @@ def _set_up(repository: Path, checkout: Path, caches: Path) -> float:
         [checkout / "scripts/setup"],
         env=environment,
         stdin=subprocess.DEVNULL,
-        stdout=sys.stderr.fileno(),
+        stdout=_STDERR,  # only the table goes to stdout
         check=True,
     )
     return time.monotonic() - begun

@@ -33,7 +33,6 @@ from benchmarks.report.pages import write_part
 from benchmarks.report.results import Results, Target, results_table
 from woosh_robot_agent.testing import own_domain
 
-
 TARGETS = {
     "service_rtt": Target(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
     "service_rtt_p99": Target(3.0, 2.0, "the same at p99"),
