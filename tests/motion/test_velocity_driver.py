@@ -280,7 +280,7 @@ async def test_a_velocity_without_a_link_is_not_kept(connected: bool) -> None:
     """Neither one that comes without a link, nor one that waits when the link is lost."""
     async with driving(rate=0.001) as rig:
         # the next velocity has to wait for its period
-        rig.driver._sent = asyncio.get_running_loop().time()
+        rig.driver._pace.sent(asyncio.get_running_loop().time(), rig.limits.rate)
         if connected:
             await rig.client.wait_ready(TIMEOUT)
             rig.driver.drive(0.2, 0.0, 0.0)

@@ -95,6 +95,8 @@ class VelocityDriver:
         self._needs_zero = False
         """True if the link was lost while the stream drove the robot."""
         self._wake = asyncio.Event()
+        self._alarm = -math.inf
+        """Loop time at which `run` next looks by itself what is due."""
         self._requests: set[asyncio.Task[None]] = set()
         gate.on_stop(partial(self._silence, "the robot was stopped"))
         chassis.on_state(self._link_changed)
@@ -109,6 +111,7 @@ class VelocityDriver:
                 self._send_due()
                 continue
             self._wake.clear()
+            self._alarm = due
             timer = loop.call_at(due, self._wake.set) if due < math.inf else None
             try:
                 await self._wake.wait()
@@ -152,7 +155,7 @@ class VelocityDriver:
             self._log.clear()
             self._accepted = now
             self._waiting = self._limited(*values)
-            self._wake.set()
+            self._send_or_wait(now)
 
     def refuse(self, kind: str, reason: str) -> None:
         """Log why a velocity is refused; repeated reasons of one kind are logged once.
@@ -188,6 +191,13 @@ class VelocityDriver:
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
             return self._accepted + limits.timeout
         return math.inf
+
+    def _send_or_wait(self, now: float) -> None:
+        """Send what is due at a loop time, without a turn of `run`; wake `run` if it is needed."""
+        if self._due() <= now:
+            self._send_due()
+        if self._due() < self._alarm:
+            self._wake.set()
 
     def _send_due(self) -> None:
         if self._waiting is not None:
