@@ -15,7 +15,7 @@ _SPIN_TIMEOUT = 0.2
 """Maximum delay before the executor thread notices a signal, in seconds.
 
 A signal does not interrupt rclpy's wait. The link thread is notified at once, through
-`StopSignals.fd`.
+`StopSignals.fd`, and then ends the executor's turn.
 """
 _CLOSE_SPIN_TIMEOUT = 0.05
 """Duration of one executor turn while the agents close, in seconds."""

@@ -52,6 +52,9 @@ class Fleet:
             loop.remove_reader(fd)
             for agent in self.agents:
                 agent.begin_close()
+            executor = self.agents[0].node.executor
+            if executor is not None:
+                executor.create_task(_end_turn)  # a signal does not interrupt rclpy's wait
 
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 
@@ -59,6 +62,10 @@ class Fleet:
         """Close all agents concurrently; see `Agent.close`."""
         close_all(self.agents, spin_once)
         self._thread.stop(_STOP_TIMEOUT)
+
+
+def _end_turn() -> None:
+    """Do nothing, so that the executor's turn ends."""
 
 
 def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
