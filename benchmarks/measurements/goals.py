@@ -11,8 +11,8 @@ from rclpy.action import ActionClient
 from benchmarks.measurements.bare_client import BareClient
 from benchmarks.measurements.samples import Measured, Spread, no_garbage_collection
 from benchmarks.options import Options
-from benchmarks.processes import Program, running
-from benchmarks.programs.start import FLOOR, agent, chassis_running
+from benchmarks.processes import Program
+from benchmarks.programs.start import FLOOR, agent, bare_program, two_chassis
 from woosh_robot_agent.testing import wait_until
 from woosh_robot_agent.testing.agents import NAMESPACE
 from woosh_robot_msgs.action import ExecTask
@@ -95,13 +95,12 @@ def measure(domain: int, options: Options) -> Measured:
     """Measure goals of agent and floor in turn."""
     with (
         contextlib.closing(BareClient(domain)) as client,
-        chassis_running("task_chassis", domain, options.transport) as (chassis, port),
-        chassis_running("task_chassis", domain, "websocket") as (floor_chassis, floor_port),
-        agent(domain, port, options),
-        running("benchmarks.floors.goal", f"ws://127.0.0.1:{floor_port}", domain=domain),
+        two_chassis("task_chassis", domain, options.transport) as (chassis, floor_chassis),
+        agent(domain, chassis[1], options),
+        bare_program("goal", domain, floor_chassis[1]),
     ):
-        ours = GoalSender(client, NAMESPACE, chassis)
-        floor = GoalSender(client, FLOOR, floor_chassis)
+        ours = GoalSender(client, NAMESPACE, chassis[0])
+        floor = GoalSender(client, FLOOR, floor_chassis[0])
         for sender in (ours, floor):
             sender.warm_up()
         for _ in range(options.turns):

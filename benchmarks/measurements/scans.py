@@ -11,8 +11,7 @@ from sensor_msgs.msg import LaserScan
 from benchmarks.measurements.bare_client import BareClient
 from benchmarks.measurements.samples import MICROSECONDS, Measured
 from benchmarks.options import Options
-from benchmarks.processes import running
-from benchmarks.programs.start import FLOOR, agent, echo_chassis
+from benchmarks.programs.start import FLOOR, agent, bare_program, two_chassis
 from woosh_robot_agent.testing.agents import NAMESPACE
 
 _SCANS = 300
@@ -51,10 +50,9 @@ def measure(domain: int, options: Options) -> Measured:
     topics = (f"{NAMESPACE}/scan", f"{FLOOR}/scan")
     with (
         contextlib.closing(_Counter(domain, *topics)) as scans,
-        echo_chassis(domain, options.transport) as (_, port),
-        echo_chassis(domain, "websocket") as (_, floor_port),
+        two_chassis("echo_chassis", domain, options.transport) as ((_, port), (_, floor_port)),
         agent(domain, port, options) as program,
-        running("benchmarks.floors.scan", f"ws://127.0.0.1:{floor_port}", domain=domain) as floor,
+        bare_program("scan", domain, floor_port) as floor,
     ):
         scans.take(options.samples(50))
         before = [each.cpu for each in (program, floor)]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from benchmarks.measurements.samples import MICROSECONDS, Measured, Spread
 from benchmarks.options import Options
 from benchmarks.processes import Program, running
-from benchmarks.programs.start import FLOOR, agent, echo_chassis
+from benchmarks.programs.start import FLOOR, agent, bare_program, two_chassis
 from benchmarks.programs.velocity_publisher import STEP
 from woosh_robot_agent.testing.agents import NAMESPACE
 
@@ -103,14 +103,13 @@ def measure(domain: int, options: Options) -> Measured:
     """Measure velocities through agent and floor in turn."""
     topics = (CMD_VEL, f"{FLOOR}/cmd_vel")
     with (
-        echo_chassis(domain, options.transport) as (chassis, port),
-        echo_chassis(domain, "websocket") as (floor_chassis, floor_port),
-        agent(domain, port, options) as program,
-        running("benchmarks.floors.cmd_vel", f"ws://127.0.0.1:{floor_port}", domain=domain) as bare,
+        two_chassis("echo_chassis", domain, options.transport) as (chassis, floor_chassis),
+        agent(domain, chassis[1], options) as program,
+        bare_program("cmd_vel", domain, floor_chassis[1]) as bare,
         publishing(domain, *topics) as publisher,
     ):
-        ours = VelocityPath(publisher, topics[0], program, chassis)
-        floor = VelocityPath(publisher, topics[1], bare, floor_chassis)
+        ours = VelocityPath(publisher, topics[0], program, chassis[0])
+        floor = VelocityPath(publisher, topics[1], bare, floor_chassis[0])
         for path in (ours, floor):
             path.drive(RATE, options.samples(40))
             path.forget()

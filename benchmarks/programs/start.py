@@ -25,8 +25,32 @@ def chassis_running(
         yield program, program.receive()
 
 
+@contextlib.contextmanager
+def two_chassis(
+    name: str, domain: int, transport: str
+) -> Iterator[tuple[tuple[Program, int], tuple[Program, int]]]:
+    """Run a chassis for the agent and one for a floor, which needs a WebSocket.
+
+    If the agent uses a WebSocket, too, both have the same chassis.
+    """
+    with contextlib.ExitStack() as stack:
+        ours = floor = stack.enter_context(chassis_running(name, domain, transport))
+        if transport != "websocket":
+            floor = stack.enter_context(chassis_running(name, domain, "websocket"))
+        yield ours, floor
+
+
 echo_chassis = partial(chassis_running, "echo_chassis")
 """Runs the echo chassis; see `chassis_running`."""
+
+
+@contextlib.contextmanager
+def bare_program(name: str, domain: int, port: int) -> Iterator[Program]:
+    """Run a floor that connects to the chassis at `port`; the block starts when it has."""
+    url = f"ws://127.0.0.1:{port}"
+    with running(f"benchmarks.floors.{name}", url, domain=domain) as program:
+        program.wait_logged("connected to")
+        yield program
 
 
 @contextlib.contextmanager

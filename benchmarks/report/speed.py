@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from benchmarks.measurements import (
     calls,
@@ -83,6 +84,8 @@ MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
     (fleet.measure, ("fleet",)),
 )
 """Measurements, each with the names of its figures."""
+_SMOKE_THREADS = 3
+"""Number of measurements at a time if their figures mean nothing. Most of the time they wait."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -118,11 +121,22 @@ def main(arguments: Sequence[str]) -> int:
 
 def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
     """Return the requested figures, and those that are measured together with them."""
+    wanted = [each for each in MEASUREMENTS if set(each[1]) & set(only)]
     results = Results()
     for repetition in range(repeat):
-        for measure, names in MEASUREMENTS:
-            if set(names) & set(only):
-                print(f"{repetition + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
-                with own_domain() as domain:
-                    results.add(measure(domain, options))
+
+        def run(measurement: tuple[Measure, tuple[str, ...]], number: int = repetition) -> Measured:
+            measure, names = measurement
+            print(f"{number + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
+            with own_domain() as domain:
+                return measure(domain, options)
+
+        if options.smoke:
+            # the outer domain keeps the variables set, which each inner one resets at its end
+            with own_domain(), ThreadPoolExecutor(_SMOKE_THREADS) as pool:
+                found = list(pool.map(run, wanted))
+        else:
+            found = list(map(run, wanted))
+        for measured in found:
+            results.add(measured)
     return results

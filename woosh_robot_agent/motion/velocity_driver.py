@@ -47,8 +47,8 @@ class VelocityDriver:
     2. While a goal, a task or an action drives the robot, velocities are refused, unless the limits
        have `override` set.
     3. After a stop, velocities are refused until their sender pauses or sends a zero.
-    4. At most `rate` velocities per second are sent, the newest one each time. The first zero is
-       sent at once.
+    4. On average at most `rate` velocities per second are sent, the newest one each time. The first
+       zero is sent at once.
     5. Each velocity is sent at most once, and none is kept for after a reconnect.
     6. Without a new velocity within `timeout`, the robot is stopped.
     7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
