@@ -24,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
 _END_TIMEOUT = 5.0
 """Time after which a program that was asked to end is killed, in seconds."""
+_LOG_TIMEOUT = 300.0
+"""Time in which a text must be logged, in seconds. A start takes minutes on a very busy machine."""
 _LOG_TAIL = 4000
 """Length of the log that is shown when a program dies, in characters."""
 
@@ -138,7 +140,7 @@ class Program:
         # opened again, because reading would move the file position shared with the program
         return Path(f"/proc/self/fd/{self._log_file.fileno()}").read_text()[-_LOG_TAIL:]
 
-    def wait_logged(self, text: str, times: int = 1, timeout: float = 60.0) -> None:
+    def wait_logged(self, text: str, times: int = 1, timeout: float = _LOG_TIMEOUT) -> None:
         """Wait until its log contains `text` the given number of times."""
 
         def logged() -> bool:
