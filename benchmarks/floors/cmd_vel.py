@@ -22,7 +22,7 @@ FRAME = '{"type":"woosh.robot.Twist","body":{"linear":%r},"sn":1,"timestamp":170
 
 def main(url: str) -> None:
     rclpy.init()
-    node = rclpy.create_node("agent", namespace="/floor")
+    node = rclpy.create_node("floor", namespace="/floor")
     chassis = BareSocket(url, lambda _frame: None)
 
     def drive(message: Any) -> None:

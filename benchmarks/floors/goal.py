@@ -25,7 +25,7 @@ _LAST = b'"state":7'
 
 def main(url: str) -> None:
     rclpy.init()
-    node = rclpy.create_node("agent", namespace="/floor")
+    node = rclpy.create_node("floor", namespace="/floor")
     goals: list[Any] = []
     feedback, result = ExecTask.Feedback(), ExecTask.Result()
 

@@ -23,7 +23,7 @@ _REQUEST = '{"type":"woosh.robot.ScannerData","body":{},"sn":%d,"timestamp":1700
 
 async def main(url: str) -> None:
     rclpy.init()
-    node = rclpy.create_node("agent", namespace="/floor")
+    node = rclpy.create_node("floor", namespace="/floor")
     publisher = node.create_publisher(LaserScan, "scan", QoSProfile(depth=10))
     message = LaserScan(angle_min=-2.2, angle_max=2.2, range_max=25.0)
     message.header.frame_id = "laser"
