@@ -44,10 +44,11 @@ class BareSocket:
         """Write one frame. Its masking key is zero, so the text needs no masking."""
         payload = text.encode()
         size = len(payload)
-        length = (
-            bytes((_MASKED | size,)) if size < _TWO_BYTES else b"\xfe" + size.to_bytes(2, "big")
-        )
-        self._socket.sendall(bytes((_TEXT,)) + length + bytes(4) + payload)
+        if size < _TWO_BYTES:
+            head = bytes((_TEXT, _MASKED | size))
+        else:
+            head = bytes((_TEXT, _MASKED | _TWO_BYTES)) + size.to_bytes(2, "big")
+        self._socket.sendall(head + bytes(4) + payload)
 
     def _read(self, receive: Callable[[bytes], object]) -> None:
         while head := self._stream.read(2):
