@@ -69,8 +69,8 @@ class Connection:
         stats: counters to add to.
         log: log for bad frames.
         drops: log for refused requests.
-        on_push: called with each push, and with True if it arrived alone, that is, if no other frame
-            had been waiting to be read; must not block.
+        on_push: called with each push, and with True if it arrived alone, that is, if no other
+            frame was waiting to be read; must not block.
 
     Attributes:
         config: timeouts and limits. A new configuration takes effect at once, except for
