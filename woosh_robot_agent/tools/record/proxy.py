@@ -26,6 +26,8 @@ _LOG = logging.getLogger(__name__)
 _CHUNK_SIZE = 256 * 1024
 _LINGER_TIMEOUT = 5.0
 """Time that one side gets to close the connection after the other one did, in seconds."""
+_READ_PERIOD = 0.005
+"""Time between two reads of what arrives at high rates, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
 
@@ -56,10 +58,15 @@ class RecordingProxy:
     Args:
         chassis: Address of the chassis; each client gets a connection of its own to it.
         writer: Writer of the recording.
+        read_period: Time between two reads of what arrives at high rates, in seconds. It delays
+            frames at these rates.
     """
 
-    def __init__(self, chassis: LinkConfig, writer: RecordingWriter) -> None:
+    def __init__(
+        self, chassis: LinkConfig, writer: RecordingWriter, read_period: float = _READ_PERIOD
+    ) -> None:
         self._chassis = chassis
+        self._read_period = read_period
         self._recorder = FrameRecorder(writer)
         self._log = LogOnce(_LOG)
         self._count = 0
@@ -163,7 +170,8 @@ class RecordingProxy:
         )
         receiver: Side = "chassis" if sender == "client" else "client"
         client_writer, chassis_writer = connection.writers
-        pace = ReadPace((client_writer if sender == "client" else chassis_writer).transport)
+        source = client_writer if sender == "client" else chassis_writer
+        pace = ReadPace(source.transport, self._read_period)
         is_reading = True
         try:
             while data := await reader.read(_CHUNK_SIZE):

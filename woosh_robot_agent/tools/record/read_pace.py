@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 
-_PERIOD = 0.005
-"""Time between two reads at high rates, in seconds."""
 _BURST = 20
 """Number of reads that may follow each other at once."""
 _LARGE = 16 * 1024
@@ -19,11 +17,13 @@ class ReadPace:
 
     Args:
         transport: Transport that the stream is read from.
+        period: Time between two reads at high rates, in seconds.
     """
 
-    def __init__(self, transport: asyncio.BaseTransport) -> None:
+    def __init__(self, transport: asyncio.BaseTransport, period: float) -> None:
         assert isinstance(transport, asyncio.ReadTransport)
         self._transport = transport
+        self._period = period
         self._now = asyncio.get_running_loop().time
         self._due = 0.0
         """Loop time at which the next read would follow at an even rate."""
@@ -37,7 +37,7 @@ class ReadPace:
         if size >= _LARGE:
             return
         now = self._now()
-        self._due = max(self._due, now - _BURST * _PERIOD) + _PERIOD
+        self._due = max(self._due, now - _BURST * self._period) + self._period
         if self._due > now:
             self._transport.pause_reading()
             await asyncio.sleep(self._due - now)
