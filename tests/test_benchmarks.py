@@ -80,7 +80,12 @@ def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
 def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]) -> None:
     assert recording.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert list(found) == [recording.FLOOR, recording.PROXY, recording.ALONE]
+    assert list(found) == [
+        recording.PROXY_FLOOR,
+        recording.PROXY,
+        recording.CLIENT_FLOOR,
+        recording.ALONE,
+    ]
     assert all(figures["cpu"] > 0 for figures in found.values()), found
     for name in (recording.PROXY, recording.ALONE):
         assert found[name]["lost"] == 0
