@@ -6,6 +6,7 @@ import json
 import uuid
 from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
+from itertools import pairwise
 from types import TracebackType
 from typing import Any
 
@@ -147,7 +148,7 @@ def edge(start: Message, end: Message, *, actions: Sequence[Message] = (), **mor
 
 
 def plain_edges(nodes: Sequence[Message]) -> list[Message]:
-    return [edge(start, end) for start, end in zip(nodes, nodes[1:], strict=False)]
+    return [edge(start, end) for start, end in pairwise(nodes)]
 
 
 def action(kind: str, name: str = "", *, blocking: str = "HARD", **parameters: Any) -> Message:

@@ -22,6 +22,16 @@ class CancelDrive:
 
 
 @dataclass(frozen=True)
+class PauseDrive:
+    """Pause the drive."""
+
+
+@dataclass(frozen=True)
+class ResumeDrive:
+    """Resume the paused drive."""
+
+
+@dataclass(frozen=True)
 class Perform:
     """Perform an action, and report its progress with `OrderMachine.action_changed`."""
 
@@ -35,5 +45,5 @@ class EndAction:
     action: Action
 
 
-Command: TypeAlias = Drive | CancelDrive | Perform | EndAction
+Command: TypeAlias = Drive | CancelDrive | PauseDrive | ResumeDrive | Perform | EndAction
 """A command to whoever executes the order."""

@@ -26,7 +26,9 @@ from woosh_robot_agent.vda5050.orders.commands import (
     Command,
     Drive,
     EndAction,
+    PauseDrive,
     Perform,
+    ResumeDrive,
 )
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
@@ -71,9 +73,18 @@ class OrderMachine:
         self._commands: list[Command] = []
         """Commands that `poll` has not returned yet."""
         self._canceling = False
+        self._holds: set[str] = set()
+        """Names of what holds the vehicle."""
+        self._is_held = False
+        """True if the drive was paused because of `_holds`."""
         self._position: Position | None = None
 
     # What the order is
+
+    @property
+    def held(self) -> bool:
+        """True while something holds the vehicle."""
+        return bool(self._holds)
 
     @property
     def busy(self) -> bool:
@@ -199,6 +210,18 @@ class OrderMachine:
         if status.ended:
             self._running.pop(action_id, None)
 
+    def hold(self, name: str) -> None:
+        """Pause the drive, and start none, until each `hold` has its `release`.
+
+        Args:
+            name: name of what holds the vehicle.
+        """
+        self._holds.add(name)
+
+    def release(self, name: str) -> None:
+        """End a hold; idempotent."""
+        self._holds.discard(name)
+
     def cancel(self) -> None:
         """Cancel the order. It is cancelled when `canceling` is False again."""
         self._canceling = True
@@ -223,7 +246,8 @@ class OrderMachine:
             self._finish_cancel()
         else:
             self._start_actions()
-            if may_drive:
+            self._hold_drive()
+            if may_drive and not self._holds:
                 self._start_drive()
         commands, self._commands = self._commands, []
         return commands
@@ -297,6 +321,12 @@ class OrderMachine:
             self._commands.append(Perform(action))
         del self._triggered[:count]
 
+    def _hold_drive(self) -> None:
+        """Pause or resume the drive."""
+        if self._leg is not None and self._is_held != self.held:
+            self._is_held = self.held
+            self._commands.append(PauseDrive() if self.held else ResumeDrive())
+
     def _start_drive(self) -> None:
         if self._leg is not None or self.error is not None:
             return
@@ -311,6 +341,7 @@ class OrderMachine:
             if stops((*self._triggered, *self._running.values())):
                 return
         self._leg = leg
+        self._is_held = False
         self._commands.append(Drive(leg))
 
     def _finish_cancel(self) -> None:
