@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
@@ -23,6 +23,8 @@ VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Mosquitto]:
     """A broker on a port of its own."""
+    if mosquitto_path() is None:
+        pytest.skip("mosquitto is not installed")
     mosquitto = Mosquitto(tmp_path)
     mosquitto.start()
     try:

@@ -44,10 +44,9 @@ async def test_the_connection_is_reported_and_the_factsheet_kept(
         async with vehicle():
             await master.online()
         await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
-    assert [each["connectionState"] for each in recorder.sent("connection")] == [
-        "ONLINE",
-        "OFFLINE",
-    ]
+    await eventually(lambda: len(recorder.sent("connection")) == 2)
+    first, last = recorder.sent("connection")
+    assert (first["connectionState"], last["connectionState"]) == ("ONLINE", "OFFLINE")
     async with Master(broker.port) as late:
         await eventually(lambda: late.last("factsheet"))
         assert late.last("connection")["connectionState"] == "OFFLINE"

@@ -262,7 +262,9 @@ class Vehicle:
 
     def _factsheet(self) -> Factsheet | None:
         info = self._facts.info
-        return info and factsheet(info, self._config.limits, self._registry.types)
+        if info is None:
+            return None
+        return factsheet(info, self._config.limits, self._registry.types)
 
     def _state(self) -> VehicleState | None:
         robot = self._facts.status
