@@ -60,11 +60,12 @@ class OrderCheck:
         for action in actions:
             if objection := self._registry.objection(action, scope):
                 raise self._error(
-                    objection,
+                    objection.reason,
                     "see the factsheet for the actions of the vehicle",
                     **place,
                     actionId=action.id,
                     actionType=action.type,
+                    **objection.references,
                 )
 
     def _error(self, reason: str, hint: str, **references: object) -> RejectedError:

@@ -222,6 +222,11 @@ class OrderMachine:
         """End a hold; idempotent."""
         self._holds.discard(name)
 
+    def placed(self, node_id: str) -> None:
+        """Take the id of the node on which the vehicle was placed by hand."""
+        number = self._last_node.sequence_id if self._last_node else 0
+        self._last_node = Node(node_id, number)
+
     def cancel(self) -> None:
         """Cancel the order. It is cancelled when `canceling` is False again."""
         self._canceling = True
