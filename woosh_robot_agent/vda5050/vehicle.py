@@ -131,6 +131,8 @@ class Vehicle:
         """Why the last order or message was rejected; None if an order was accepted since."""
         self._cancelled: asyncio.Future[None] | None = None
         """Done when the order has been cancelled; None if it is not being cancelled."""
+        self._was_driving = False
+        """The robot drove at its last report of a pose."""
         self._mqtt: MqttConnection | None = None
         """None until the serial number is known."""
         self._reports = Reports(
@@ -224,6 +226,9 @@ class Vehicle:
             self._machine.moved(status.position)
             if self._machine.status.last_node_sequence_id != before:
                 self._step()
+        if status is not None and status.driving != self._was_driving:
+            self._was_driving = status.driving
+            self._reports.changed()
         self._conditions.check()
         self._reports.moved()
 

@@ -7,7 +7,7 @@ from woosh_robot_agent.vda5050.actions.performer import PlainPerformer, Report
 from woosh_robot_agent.vda5050.model.factsheet import ActionType, Scope
 from woosh_robot_agent.vda5050.model.order import Action
 
-_TIMEOUT = 10.0
+TIMEOUT = 10.0
 """Maximum time until the robot has paused or resumed everything, in seconds."""
 
 
@@ -22,10 +22,10 @@ class StartPause(PlainPerformer):
         pause, vehicle = self._context.pause, self._context.vehicle
         pause.set(True)
         if not await self._context.conditions.wait(
-            lambda: vehicle.paused or not pause.wanted, _TIMEOUT
+            lambda: vehicle.paused or not pause.wanted, TIMEOUT
         ):
             pause.set(False)
-            raise ActionFailedError(f"the robot did not pause within {_TIMEOUT:g} s")
+            raise ActionFailedError(f"the robot did not pause within {TIMEOUT:g} s")
         if not pause.wanted:
             raise ActionFailedError("a stopPause came meanwhile")
         return ""
@@ -43,9 +43,9 @@ class StopPause(PlainPerformer):
         elif vehicle.paused:
             vehicle.resume()
         if not await self._context.conditions.wait(
-            lambda: not vehicle.paused or pause.wanted, _TIMEOUT
+            lambda: not vehicle.paused or pause.wanted, TIMEOUT
         ):
-            raise ActionFailedError(f"the robot did not resume within {_TIMEOUT:g} s")
+            raise ActionFailedError(f"the robot did not resume within {TIMEOUT:g} s")
         if pause.wanted:
             raise ActionFailedError("a startPause came meanwhile")
         return ""

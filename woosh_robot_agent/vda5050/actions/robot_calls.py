@@ -52,7 +52,7 @@ class _Run:
 
     Args:
         command: the command, without its `action`.
-        report: called with each change of the status.
+        report: called with each new status: it runs, or is paused.
 
     Attributes:
         accepted: the robot has accepted the start.
@@ -133,7 +133,7 @@ class RobotCalls:
 
         Args:
             command: the command, a member of CallAction.
-            report: called when the robot pauses or resumes the action.
+            report: called when the robot accepts, pauses or resumes the action.
 
         Raises:
             ActionFailedError: the action failed.
@@ -165,6 +165,8 @@ class RobotCalls:
     async def _start(self, run: _Run) -> None:
         def answered(answer: Answer) -> None:
             run.accepted = answer.ok
+            if answer.ok and not run.heard:
+                run.report(ActionStatus.RUNNING)
 
         request = run.call(action_pb2.kExecute)
         try:
@@ -202,6 +204,8 @@ class RobotCalls:
     def _judge(self, run: _Run, report: Feedback) -> None:
         """Take a report on an action."""
         if report.state == ros_pack_pb2.kRosExecuting:
+            if not (run.accepted or run.heard):
+                run.report(ActionStatus.RUNNING)
             run.heard = True
             self._show_paused(run, False)
         elif report.state == ros_pack_pb2.kRosPause:

@@ -56,7 +56,7 @@ class RobotTasks:
 
         Args:
             request: the task; it gets a new id.
-            report: called when the robot pauses or resumes the task.
+            report: called when the task begins, and when the robot pauses or resumes it.
             is_done: returns True if the rest of the task need not be awaited.
 
         Raises:
@@ -67,6 +67,7 @@ class RobotTasks:
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report = end, report
         self._driver.execute(request)
+        report(ActionStatus.RUNNING)
         try:
             await self._conditions.wait(lambda: end.done() or is_done())
         except asyncio.CancelledError:

@@ -113,9 +113,11 @@ class ActionRunner:
         def report(status: ActionStatus) -> None:
             self._watcher.action_changed(action.id, status, "")
 
-        report(ActionStatus.RUNNING)
+        performer = self._registry.get(action.type)
+        # what moves the robot runs once the robot has accepted it
+        report(ActionStatus.INITIALIZING if performer.type.pausable else ActionStatus.RUNNING)
         try:
-            result = await self._registry.get(action.type).perform(action, report)
+            result = await performer.perform(action, report)
         except asyncio.CancelledError:
             self._ended(action, ActionStatus.FAILED, _ENDED)
             raise
