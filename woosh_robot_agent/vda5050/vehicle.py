@@ -103,10 +103,10 @@ class Vehicle:
             self._chassis, self._gate, requests, self._drive_ended, self._robot_changed
         )
         self._maps = MapLibrary(self._chassis, self._robot_changed)
-        self._conditions = Conditions()
+        self._waits = Conditions()
         self._pause = Pause()
         self._pause.join(self._apply_pause, lambda: not self._is_driving())
-        work = (self._chassis, self._gate, requests, self._pause, self._conditions)
+        work = (self._chassis, self._gate, requests, self._pause, self._waits)
         self._calls = RobotCalls(*work)
         self._robot_tasks = RobotTasks(*work)
         context = Context(
@@ -116,7 +116,7 @@ class Vehicle:
             facts=self._facts,
             maps=self._maps,
             pause=self._pause,
-            conditions=self._conditions,
+            conditions=self._waits,
             calls=self._calls,
             tasks=self._robot_tasks,
             vehicle=self,
@@ -229,7 +229,7 @@ class Vehicle:
         if status is not None and status.driving != self._was_driving:
             self._was_driving = status.driving
             self._reports.changed()
-        self._conditions.check()
+        self._waits.check()
         self._reports.moved()
 
     def _robot_changed(self) -> None:
@@ -269,7 +269,7 @@ class Vehicle:
             self._cancelled.set_result(None)
             self._cancelled = None
         self._runner.poll()
-        self._conditions.check()
+        self._waits.check()
         self._reports.changed()
 
     # Controls for actions

@@ -33,6 +33,8 @@ _SOURCE = "vda5050"
 """Name of the sender at the motion gate."""
 _CANCEL_TIMEOUT = 10.0
 """Maximum wait for the end of an action after its cancellation, in seconds."""
+_READY_TIMEOUT = 5.0
+"""Maximum time from a snapshot until the link is ready, in seconds."""
 _FAILURES = {
     ros_pack_pb2.kRosCancel: "it was cancelled at the robot",
     ros_pack_pb2.kRosFailure: "the robot failed",
@@ -263,6 +265,7 @@ class RobotCalls:
                 run.end("the link was lost meanwhile, and the robot does not tell how it ended")
 
         try:
+            await self._chassis.wait_ready(_READY_TIMEOUT)  # a snapshot comes shortly before
             await self._chassis.request(self._requests.empty(Feedbacks), tap=found)
         except LinkError as error:
             _LOG.debug("reports on %s: %s", run.name, error)  # asked again after a reconnect

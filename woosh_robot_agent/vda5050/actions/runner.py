@@ -75,6 +75,8 @@ class ActionRunner:
 
     def poll(self) -> None:
         """Start the actions that may start now."""
+        if self._closing:
+            return
         waiting = self._waiting
         if self._pause.wanted:
             waiting = list(takewhile(lambda each: not self._moves(each), waiting))
@@ -84,6 +86,11 @@ class ActionRunner:
             self._active[action.id] = action
             self._launch(action)
 
+    @property
+    def is_running(self) -> bool:
+        """True while an action runs."""
+        return bool(self._tasks)
+
     def end(self, action: Action) -> None:
         """End an action; it fails, unless it ends by itself before."""
         if action in self._waiting:
@@ -92,11 +99,18 @@ class ActionRunner:
         elif action.id in self._tasks:
             self._tasks[action.id].cancel()
 
+    def end_all(self) -> None:
+        """End all actions; they fail."""
+        waiting, self._waiting = self._waiting, []
+        for action in waiting:
+            self._watcher.action_changed(action.id, ActionStatus.FAILED, _ENDED)
+        for task in tuple(self._tasks.values()):
+            task.cancel()
+
     async def close(self) -> None:
         """Stop following the actions. The robot goes on with them."""
         self._closing = True
-        self._waiting.clear()
-        running = list(self._tasks.values())
+        running = tuple(self._tasks.values())
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)

@@ -13,6 +13,8 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.vda5050.model.state import Map
 
 _LOG = logging.getLogger(__name__)
+_READY_TIMEOUT = 5.0
+"""Maximum time from a snapshot until the link is ready, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,7 @@ class MapLibrary:
 
     async def _read_quietly(self) -> None:
         try:
+            await self._chassis.wait_ready(_READY_TIMEOUT)  # a snapshot comes shortly before
             await self.read()
         except LinkError as error:
             _LOG.debug("the list of maps was not read: %s", error)  # read after a reconnect
