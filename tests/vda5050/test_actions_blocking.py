@@ -165,7 +165,8 @@ async def test_an_action_of_an_edge_ends_with_the_edge(
         ended = await master.wait_state(
             lambda state: status_of(state, "lift") not in ("RUNNING", "INITIALIZING")
         )
-        assert left["driving"] and result_of(ended, "lift")
+        assert left["driving"]
+        assert result_of(ended, "lift")
         assert status_of(ended, "words") == "FINISHED"
         assert chassis.state.spoken == ("caution",)
         await master.wait_state(lambda state: state["lastNodeId"] == "c")

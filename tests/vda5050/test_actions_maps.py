@@ -136,7 +136,8 @@ async def test_a_position_on_another_map_is_initialised(
         state = await master.wait_state(lambda state: status_of(state, "i") == "FINISHED")
         place = state["agvPosition"]
         assert {key: place[key] for key in pose} == pytest.approx(pose)
-        assert place["mapId"] == "scenex2" and place["positionInitialized"]
+        assert place["mapId"] == "scenex2"
+        assert place["positionInitialized"]
         assert (state["lastNodeId"], state["lastNodeSequenceId"]) == ("lift", 0)
         master.order(
             [node("lift", 0, 1.0, 2.0, map_id="scenex2"), node("b", 2, 2.0, 2.0, map_id="scenex2")]

@@ -26,7 +26,8 @@ async def test_a_drive_is_paused_and_resumed(
 
         master.instant(action("startPause", "p1"))
         paused = await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
-        assert paused["paused"] and paused["nodeStates"]
+        assert paused["paused"]
+        assert paused["nodeStates"]
         standing = await master.wait_state(lambda state: not state["driving"])
         assert standing["lastNodeId"] == "a"
         assert chassis.state.velocity.speed == 0.0
@@ -54,7 +55,8 @@ async def test_a_pause_before_an_order_holds_it_back(
         held = await master.wait_state(lambda state: state["orderId"] == "order")
         master.instant(action("stateRequest", "s"))
         held = await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
-        assert held["paused"] and status_of(held, "step") == "WAITING"
+        assert held["paused"]
+        assert status_of(held, "step") == "WAITING"
         assert commands(chassis) == []
         master.instant(action("stopPause", "r"))
         await master.wait_state(lambda state: state["lastNodeId"] == "b")
@@ -84,7 +86,8 @@ async def test_a_pause_also_pauses_what_the_robot_moves(
         where = chassis.state.odometer
         master.instant(action("stopPause", "r"))
         ended = await master.wait_state(lambda state: status_of(state, "step") == "FINISHED")
-        assert status_of(ended, "r") == "FINISHED" and chassis.state.odometer > where
+        assert status_of(ended, "r") == "FINISHED"
+        assert chassis.state.odometer > where
     assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
     running, pause = ActionStatus.RUNNING, ActionStatus.PAUSED
     assert seen[-4:] == [running, pause, running, ActionStatus.FINISHED]

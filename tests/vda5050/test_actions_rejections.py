@@ -51,13 +51,13 @@ WRONG_INSTANT = [
 ]
 EVERYWHERE = {Scope.INSTANT, Scope.NODE, Scope.EDGE}
 SCOPES: dict[str, set[Scope]] = {
-    **dict.fromkeys(("startPause", "stopPause", "cancelOrder"), {Scope.INSTANT}),
-    **dict.fromkeys(("stateRequest", "factsheetRequest"), {Scope.INSTANT}),
-    **dict.fromkeys(("downloadMap", "deleteMap"), {Scope.INSTANT}),
-    **dict.fromkeys(("startCharging", "stopCharging"), {Scope.INSTANT, Scope.NODE}),
-    **dict.fromkeys(("initPosition", "enableMap"), {Scope.INSTANT, Scope.NODE}),
-    **dict.fromkeys(("step", "rotate", "switchFootprint"), {Scope.INSTANT, Scope.NODE}),
-    **dict.fromkeys(("pick", "drop"), {Scope.NODE}),
+    **{key: {Scope.INSTANT} for key in ("startPause", "stopPause", "cancelOrder")},
+    **{key: {Scope.INSTANT} for key in ("stateRequest", "factsheetRequest")},
+    **{key: {Scope.INSTANT} for key in ("downloadMap", "deleteMap")},
+    **{key: {Scope.INSTANT, Scope.NODE} for key in ("startCharging", "stopCharging")},
+    **{key: {Scope.INSTANT, Scope.NODE} for key in ("initPosition", "enableMap")},
+    **{key: {Scope.INSTANT, Scope.NODE} for key in ("step", "rotate", "switchFootprint")},
+    **{key: {Scope.NODE} for key in ("pick", "drop")},
     **dict.fromkeys(("liftTo", "speak"), EVERYWHERE),
 }
 """All actions in version 2.1, and where they may be requested."""
@@ -84,13 +84,15 @@ async def test_orders_with_wrong_actions_are_rejected(
                 return any(references(each).get("orderId") == wanted for each in state["errors"])
 
             state = await master.wait_state(is_rejected, wanted)
-            assert state["orderId"] == "" and state["actionStates"] == []
+            assert state["orderId"] == ""
+            assert state["actionStates"] == []
             (error,) = state["errors"]
             assert error["errorType"] == "orderError"
             assert error["errorLevel"] == "WARNING"
             assert reason in error["errorDescription"]
             named = references(error)
-            assert named["actionId"] == wrong["actionId"] and named["nodeId"] == "a"
+            assert named["actionId"] == wrong["actionId"]
+            assert named["nodeId"] == "a"
             assert named.get("actionParameter", "") == parameter
 
         a, b = node("a", 0, *START), node("b", 2, 7.0, -7.0)

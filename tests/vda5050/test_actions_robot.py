@@ -38,7 +38,8 @@ async def test_an_order_charges_and_an_instant_action_ends_it(
         await master.wait_state(lambda state: status_of(state, "again") == "FINISHED")
         master.instant(action("stopCharging", "stop"))
         ended = await master.wait_state(lambda state: status_of(state, "stop") == "FINISHED")
-        assert not ended["batteryState"]["charging"] and ended["errors"] == []
+        assert not ended["batteryState"]["charging"]
+        assert ended["errors"] == []
     assert commands(chassis) == ["drive", "charge C1", "cancel"]
     assert statuses(recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import http.client
 import io
-import urllib.error
 import urllib.request
 import zipfile
 import zlib
@@ -69,8 +68,7 @@ def fetch(link: str, expected: str = "") -> bytes:
         with opener.open(link, timeout=_TIMEOUT) as response:
             data: bytes = response.read(_MAX_BYTES + 1)
     except (OSError, ValueError, http.client.HTTPException) as error:
-        reason = error.reason if isinstance(error, urllib.error.URLError) else error
-        raise MapFileError(f"{link} cannot be fetched: {reason}") from None
+        raise MapFileError(f"{link} cannot be fetched: {error}") from None
     if len(data) > _MAX_BYTES:
         raise MapFileError(f"{link} has more than {_MAX_BYTES} bytes")
     if expected:
