@@ -30,6 +30,11 @@ class ActionRunner:
         self._on_changed = on_changed
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
+    @property
+    def is_running(self) -> bool:
+        """True while an action runs."""
+        return bool(self._tasks)
+
     def start(self, action: Action) -> None:
         """Start an action."""
         work = self._run(action)
@@ -42,11 +47,15 @@ class ActionRunner:
         if action.id in self._tasks:
             self._tasks[action.id].cancel()
 
-    async def close(self) -> None:
-        """End all actions."""
-        running = list(self._tasks.values())
-        for task in running:
+    def end_all(self) -> None:
+        """End all actions that run; they fail."""
+        for task in tuple(self._tasks.values()):
             task.cancel()
+
+    async def close(self) -> None:
+        """End all actions, and wait for that."""
+        running = tuple(self._tasks.values())
+        self.end_all()
         await asyncio.gather(*running, return_exceptions=True)
 
     async def _run(self, action: Action) -> None:
