@@ -265,20 +265,20 @@ class Driver:
 
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time
-        deadline = clock() + _REPORT_AFTER
-        while task_id == self.task_id and self._chassis.state is LinkState.READY:
+        deadline = math.inf
+        while task_id == self.task_id:
             try:
-                is_current = await self._ask_current(task_id)
-                is_known = is_current or await self._ask_history(task_id)
-            except LinkError as error:  # after a reconnect, the snapshot asks again
+                await self._chassis.wait_ready(_ASK_EVERY)
+                if await self._ask_current(task_id) or await self._ask_history(task_id):
+                    return
+            except LinkError as error:
                 _LOG.debug("no answer about task %d: %s", task_id, error)
-                await asyncio.sleep(_ASK_EVERY)
-                continue
-            if is_known:
-                return
-            if clock() > deadline:
-                self._end_task(task_id, "the robot does not know the task")
-                return
+                deadline = math.inf
+            else:
+                if clock() > deadline:
+                    self._end_task(task_id, "the robot does not know the task")
+                    return
+                deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
 
     async def _ask_current(self, task_id: int) -> bool:
