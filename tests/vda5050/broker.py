@@ -35,7 +35,7 @@ class Mosquitto:
     def __init__(self, folder: Path, options: str = "", *, anonymous: bool = True) -> None:
         self.port = free_port()
         self._folder = folder
-        self._options = f"allow_anonymous {str(anonymous).lower()}\n{options}\n"
+        self._options = f"allow_anonymous {str(anonymous).lower()}\nuser root\n{options}\n"
         self._process: subprocess.Popen[bytes] | None = None
 
     @property

@@ -29,8 +29,9 @@ async def drive(master: Master, chassis: SimulatorThread) -> None:
     await master.online()
     set_speed(chassis, 1.0)
     master.order([node("a", 0, *START), node("b", 2, 8.0, -7.5, theta=0.0)])
-    await master.wait_state(lambda state: state["driving"])
+    await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
     set_speed(chassis, 0.1)
+    await master.wait_state(lambda state: state["orderId"] == "order")
 
 
 @aio
