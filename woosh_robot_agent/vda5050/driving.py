@@ -92,7 +92,7 @@ class Driver:
         self._stopping: asyncio.Task[None] | None = None
         """Sends `_wanted` until the robot obeys."""
         self._report = asyncio.Event()
-        """Set when the task was paused, resumed or ended, and when `_wanted` changes."""
+        """Set by a pause, a resumption or the end, and when `_wanted` or the link changes."""
         self._inquiry: asyncio.Task[None] | None = None
         """Asks the robot about the current task."""
         self._log = LogOnce(_LOG)
@@ -100,6 +100,7 @@ class Driver:
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_robot_changed(self._robot_changed)
+        chassis.on_state(lambda state: self._report.set())
 
     def start(self, leg: Leg, position: Position | None) -> None:
         """Drive a leg.

@@ -154,8 +154,8 @@ class OrderMachine:
         if verdict is Verdict.KNOWN:
             return verdict
         check(order)
-        self.error = None
         if verdict is Verdict.NEW:
+            self.error = None
             self._take(order)
         else:
             self._append(order)
@@ -243,7 +243,7 @@ class OrderMachine:
         """
         if self._canceling:
             self._finish_cancel()
-        elif self._is_in_place():
+        elif self._is_in_place(may_drive=may_drive):
             self._start_actions()
             self._hold_drive()
             if may_drive and not self._holds:
@@ -312,13 +312,14 @@ class OrderMachine:
 
     # Steps
 
-    def _is_in_place(self) -> bool:
+    def _is_in_place(self, *, may_drive: bool) -> bool:
         """Return True if the vehicle stands where the order goes on, or is on its way."""
         last = self._last_node
-        if not self._doubts_place or self._leg is not None:
+        goes_on = self._triggered or (self._edges and self._edges[0].released)
+        if not self._doubts_place or self._leg is not None or not goes_on:
             return True
-        if self.busy and last is not None and last.position is not None:
-            if self._position is None:
+        if last is not None and last.position is not None:
+            if self._position is None or not may_drive:
                 return False
             if not self._stands_on(last) and self.error is None:
                 self.error = self._stuck(
