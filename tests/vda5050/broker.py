@@ -32,22 +32,30 @@ def free_port() -> int:
 class Mosquitto:
     """A mosquitto on a port of its own. It can be stopped and started again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, options: str = "", *, anonymous: bool = True) -> None:
         self.port = free_port()
         self._folder = folder
+        self._options = f"allow_anonymous {str(anonymous).lower()}\nuser root\n{options}\n"
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
     def url(self) -> str:
         return f"mqtt://127.0.0.1:{self.port}"
 
+    @property
+    def _log(self) -> Path:
+        return self._folder / f"mosquitto-{self.port}.log"
+
+    def refusals(self) -> int:
+        """Number of clients whose login was refused."""
+        return self._log.read_text().count("not authorised")
+
     def start(self) -> None:
         config = self._folder / f"mosquitto-{self.port}.conf"
-        config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        config.write_text(f"listener {self.port} 127.0.0.1\n{self._options}")
         path = mosquitto_path()
         assert path, "mosquitto is not installed; scripts/test installs it"
-        log = (self._folder / f"mosquitto-{self.port}.log").open("ab")
-        with log:
+        with self._log.open("ab") as log:
             self._process = subprocess.Popen(
                 [path, "-v", "-c", str(config)], stderr=log, stdout=log
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import time
@@ -17,6 +18,7 @@ from woosh_robot_agent.link import (
     LinkState,
     RequestTimeoutError,
 )
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
@@ -31,6 +33,12 @@ from woosh_robot_agent.vda5050.orders.legs import Leg
 _LOG = logging.getLogger(__name__)
 _SOURCE = "vda5050"
 """Name of the sender at the motion gate."""
+_REPORT_AFTER = 3.0
+"""Time after which the robot must have reported a task that it executes, in seconds."""
+_ASK_EVERY = 1.0
+"""Pause between two questions about a task, in seconds."""
+_REPEAT_AFTER = 3.0
+"""Time after which an order that stops the robot is repeated if it had no effect, in seconds."""
 _ENDED = {
     task.kCompleted: "",
     task.kCanceled: "the task was cancelled at the robot",
@@ -42,8 +50,8 @@ _ENDED = {
 class Driver:
     """Drives one leg at a time by a task of the robot. Used in the event loop of the link.
 
-    No start is repeated. If its answer is lost, the reports of the robot decide whether the task
-    runs.
+    No start is repeated. While it is in doubt what became of a task, the robot is asked. A pause
+    and a cancel are repeated until the robot reports their effect, because they only stop it.
 
     Args:
         chassis: the link.
@@ -51,7 +59,13 @@ class Driver:
         requests: addresses the requests.
         on_end: called when the robot does not drive the leg any more, with the reason why it did
             not reach the goal; empty if it did.
-        on_changed: called when the robot pauses or resumes the task.
+        on_changed: called when the robot pauses or resumes the task, or when a task of somebody
+            else begins or ends.
+
+    Attributes:
+        task_id: id of the current task; 0 without one.
+        paused: True while the robot pauses the task.
+        other_task: id of the task of somebody else that the robot executes; 0 without one.
     """
 
     def __init__(
@@ -67,17 +81,26 @@ class Driver:
         self._requests = requests
         self._on_end = on_end
         self._on_changed = on_changed
-        self._task_id = 0
-        """Id of the current task; 0 without one."""
+        self.task_id = 0
         self._last_id = 0
         self._is_reported = False
         """True once the robot has reported on the current task."""
         self.paused = False
-        """True while the robot pauses the task."""
+        self.other_task = 0
+        self._wanted: action.Order | None = None
+        """kPause or kCancel while the robot must obey it."""
+        self._stopping: asyncio.Task[None] | None = None
+        """Sends `_wanted` until the robot obeys."""
+        self._report = asyncio.Event()
+        """Set by a pause, a resumption or the end, and when `_wanted` or the link changes."""
+        self._inquiry: asyncio.Task[None] | None = None
+        """Asks the robot about the current task."""
+        self._log = LogOnce(_LOG)
         self._tasks: set[asyncio.Task[None]] = set()
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
-        chassis.on_robot_changed(lambda: self._end("another robot answers now"))
+        chassis.on_robot_changed(self._robot_changed)
+        chassis.on_state(lambda state: self._report.set())
 
     def start(self, leg: Leg, position: Position | None) -> None:
         """Drive a leg.
@@ -90,25 +113,36 @@ class Driver:
 
     def execute(self, request: ExecTask) -> None:
         """Execute a task; it gets a new id."""
-        self._task_id = self._last_id = max(self._last_id + 1, int(time.time() * 1000))
-        self._is_reported = self.paused = False
-        request.task_id = self._task_id
-        self._spawn(self._start(self._task_id, request))
+        request.task_id = max(self._last_id + 1, int(time.time() * 1000))
+        self._set_task(request.task_id)
+        self._spawn(self._start(request.task_id, request))
+
+    def restore(self, task_id: int, info: RobotInfo) -> None:
+        """Follow a task that was started before a restart of the program.
+
+        Args:
+            task_id: id of the task; 0 if the start of a leg was not sent.
+            info: the first report of the robot.
+        """
+        self._set_task(task_id)
+        if task_id:
+            self._snapshot(info)
+        else:
+            self._on_end("the connector was restarted before it sent the task")
 
     def cancel(self) -> None:
         """Cancel the task of the leg."""
-        if self._task_id:
-            self._spawn(self._order(self._task_id, action.kCancel))
+        self._insist(action.kCancel)
 
     def pause(self) -> None:
         """Pause the task of the leg."""
-        if self._task_id:
-            self._spawn(self._order(self._task_id, action.kPause))
+        self._insist(action.kPause)
 
     def resume(self) -> None:
         """Resume the task of the leg."""
-        if self._task_id:
-            self._spawn(self._order(self._task_id, action.kContinue))
+        self._wanted = None
+        if self.task_id:
+            self._spawn(self._resume(self.task_id))
 
     async def close(self) -> None:
         """Stop waiting for answers; the robot goes on with its task."""
@@ -116,46 +150,99 @@ class Driver:
             each.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+    # Commands
+
+    def _set_task(self, task_id: int) -> None:
+        self.task_id = task_id
+        self._last_id = max(self._last_id, task_id)
+        self._is_reported = self.paused = False
+        self._wanted = None
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         running = asyncio.get_running_loop().create_task(work, name="vda5050 driving")
         self._tasks.add(running)
         running.add_done_callback(self._tasks.discard)
+        return running
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
             answer = await self._gate.request(self._requests.address(request), source=_SOURCE)
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of task %d was not answered: %s", task_id, error)
-            if self._chassis.state is LinkState.READY:
-                await self._find_end(task_id)
+            self._inquire()
         except LinkError as error:
             self._end_task(task_id, str(error))
         else:
             if not answer.ok:
                 self._end_task(task_id, f"the robot refused the task: {answer.msg}")
 
-    async def _order(self, task_id: int, order: action.Order) -> None:
+    def _insist(self, order: action.Order) -> None:
+        """Send an order that stops the robot until it obeys."""
+        if not self.task_id:
+            return
+        self._wanted = order
+        self._report.set()
+        if self._stopping is None or self._stopping.done():
+            self._stopping = self._spawn(self._stop())
+
+    async def _stop(self) -> None:
+        while (order := self._order_to_send()) is not None:
+            self._report.clear()
+            if self._chassis.state is LinkState.READY and not self.other_task:
+                await self._send(order, self.task_id)
+                self._inquire()
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._report.wait(), _REPEAT_AFTER)
+
+    def _order_to_send(self) -> action.Order | None:
+        """Return the order that the robot has not obeyed; None without one."""
+        if self._wanted == action.kPause and self.paused:
+            self._wanted = None
+        return self._wanted
+
+    async def _resume(self, task_id: int) -> None:
+        if not await self._send(action.kContinue, task_id):
+            self._inquire()
+
+    async def _send(self, order: action.Order, task_id: int) -> bool:
+        """Send an order to the current task; return True if the robot has accepted it."""
+        name = action.Order.Name(order)
         request = ActionOrder(order=order)
         try:
             answer = await self._gate.request(self._requests.address(request), source=_SOURCE)
         except LinkError as error:
-            _LOG.warning("an order to task %d was not sent or not answered: %s", task_id, error)
-            return
-        if not answer.ok and task_id == self._task_id:
-            _LOG.warning("the robot refused an order to task %d: %s", task_id, answer.msg)
-            await self._find_end(task_id)
+            self._log.warn(f"{name} {task_id}", f"{name} of task {task_id} failed: {error}")
+            return False
+        if not answer.ok and task_id == self.task_id:
+            self._log.warn(
+                f"{name} {task_id}", f"the robot refused {name} of task {task_id}: {answer.msg}"
+            )
+        return answer.ok
+
+    # Reports
 
     def _reported(self, report: TaskProc) -> None:
-        if not self._task_id:
+        self._note_other(report)
+        if not self.task_id:
             return
-        if report.robot_task_id == self._task_id:
-            self._is_reported = True
+        if report.robot_task_id == self.task_id:
             self._judge(report)
         elif self._is_reported:  # the last report on our task was lost
-            self._spawn(self._find_end(self._task_id))
+            self._inquire()
+
+    def _note_other(self, report: TaskProc) -> None:
+        """Remember if the robot executes a task of somebody else."""
+        is_running = report.robot_task_id and report.state not in _ENDED
+        other = report.robot_task_id if is_running else 0
+        if other == self.task_id:
+            other = 0
+        if other != self.other_task:
+            self.other_task = other
+            self._on_changed()
 
     def _judge(self, report: TaskProc) -> None:
         """Take a report on the current task."""
+        self._is_reported = True
         if report.state in _ENDED:
             reason = _ENDED[report.state]
             self._end(f"{reason}: {report.msg}" if reason and report.msg else reason)
@@ -163,43 +250,83 @@ class Driver:
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
         if paused != self.paused:
             self.paused = paused
+            self._report.set()
             self._on_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
         """Find out what became of the task while there was no link."""
-        if not self._task_id:
+        self._note_other(info.task_proc)
+        if not self.task_id:
             return
-        if info.task_proc.robot_task_id == self._task_id:
-            self._is_reported = True
+        if info.task_proc.robot_task_id == self.task_id:
             self._judge(info.task_proc)
         else:
-            self._spawn(self._find_end(self._task_id))
+            self._inquire()
 
-    async def _find_end(self, task_id: int) -> None:
-        """Look up the end of a task in the history of the robot."""
+    def _inquire(self) -> None:
+        """Ask the robot what became of the current task, until that is known."""
+        if self.task_id and (self._inquiry is None or self._inquiry.done()):
+            self._inquiry = self._spawn(self._ask(self.task_id))
+
+    async def _ask(self, task_id: int) -> None:
+        clock = asyncio.get_running_loop().time
+        deadline = math.inf
+        while task_id == self.task_id:
+            try:
+                await self._chassis.wait_ready(_ASK_EVERY)
+                if await self._ask_current(task_id) or await self._ask_history(task_id):
+                    return
+            except LinkError as error:
+                _LOG.debug("no answer about task %d: %s", task_id, error)
+                deadline = math.inf
+            else:
+                if clock() > deadline:
+                    self._end_task(task_id, "the robot does not know the task")
+                    return
+                deadline = min(deadline, clock() + _REPORT_AFTER)
+            await asyncio.sleep(_ASK_EVERY)
+
+    async def _ask_current(self, task_id: int) -> bool:
+        """Return True if the robot executes the task."""
 
         def found(answer: Answer) -> None:
-            if task_id != self._task_id or not isinstance(answer.body, TaskHistory):
-                return
-            for report in answer.body.tes:
-                if report.robot_task_id == task_id and report.state in _ENDED:
-                    self._judge(report)
-                    return
-            self._end_task(task_id, "the robot does not know the task any more")
+            if isinstance(answer.body, TaskProc):
+                self._note_other(answer.body)
+                if answer.body.robot_task_id == task_id == self.task_id:
+                    self._judge(answer.body)
 
-        try:
-            await self._chassis.request(self._requests.empty(TaskHistory), tap=found)
-        except LinkError as error:
-            _LOG.debug("history of task %d: %s", task_id, error)  # asked again after a reconnect
+        answer = await self._chassis.request(self._requests.empty(TaskProc), tap=found)
+        return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
+
+    async def _ask_history(self, task_id: int) -> bool:
+        """Return True if the robot remembers the end of the task."""
+
+        def end_of(answer: Answer) -> TaskProc | None:
+            reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
+            ended = (each for each in reports if each.state in _ENDED)
+            return next((each for each in ended if each.robot_task_id == task_id), None)
+
+        def found(answer: Answer) -> None:
+            report = end_of(answer)
+            if report is not None and task_id == self.task_id:
+                self._judge(report)
+
+        answer = await self._chassis.request(self._requests.empty(TaskHistory), tap=found)
+        return end_of(answer) is not None
+
+    def _robot_changed(self) -> None:
+        self.other_task = 0
+        self._end("another robot answers now")
 
     def _end_task(self, task_id: int, reason: str) -> None:
-        if task_id == self._task_id:
+        if task_id == self.task_id:
             self._end(reason)
 
     def _end(self, reason: str) -> None:
-        if self._task_id:
-            self._task_id = 0
-            self.paused = False
+        if self.task_id:
+            self._set_task(0)
+            self._report.set()
+            self._log.clear()
             self._on_end(reason)
 
 

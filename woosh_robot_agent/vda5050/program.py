@@ -6,11 +6,13 @@ import argparse
 import asyncio
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import add_link_options, link_config
 from woosh_robot_agent.tools.stop_event import stop_event
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.store import state_folder
 from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
 
 
@@ -44,6 +46,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=VehicleConfig.interface,
         help="first level of the topics (default: %(default)s)",
     )
+    parser.add_argument(
+        "--state-folder",
+        type=Path,
+        default=state_folder(),
+        metavar="FOLDER",
+        help="folder for the order and the header ids, which survive a restart "
+        "(default: %(default)s)",
+    )
     options = parser.parse_args(arguments)
     try:
         broker = BrokerConfig.from_url(options.broker)
@@ -54,6 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         manufacturer=options.manufacturer,
         serial_number=options.serial_number,
         interface=options.interface,
+        state_folder=options.state_folder,
     )
     logging.basicConfig(level=logging.INFO, format="%(levelname)s: %(message)s")
     asyncio.run(_run(Vehicle(config, broker)))

@@ -67,7 +67,7 @@ class Reports:
             self._publish(Topic.FACTSHEET, self._publisher.version.factsheet(factsheet))
 
     async def close(self, timeout: float) -> None:
-        """Publish that the vehicle goes offline.
+        """Publish that the vehicle goes offline, and nothing more.
 
         Args:
             timeout: maximum wait for the broker, in seconds.
@@ -76,7 +76,8 @@ class Reports:
         self._position_schedule.stop()
         if self._mqtt is not None and self._mqtt.connected:
             self._publish_connection(ConnectionState.OFFLINE)
-            await self._mqtt.flush(timeout)
+            mqtt, self._mqtt = self._mqtt, None
+            await mqtt.flush(timeout)
 
     def _publish_state(self) -> None:
         state = self._state()

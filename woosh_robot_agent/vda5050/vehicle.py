@@ -10,6 +10,8 @@ from pathlib import Path
 
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.link.log_once import LogOnce, one_line
+from woosh_robot_agent.link.robot_identity import RobotIdentity
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.requests import RequestMaker
@@ -20,6 +22,7 @@ from woosh_robot_agent.vda5050.actions.log_report import LogReport
 from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.actions.performer import Context
 from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.actions.requests import CancelOrder
 from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
@@ -29,11 +32,12 @@ from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     RejectedError,
     VehicleError,
+    warning,
 )
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.model.state import ActionStatus, OperatingMode, VehicleState
-from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.order_check import OrderCheck
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.commands import (
@@ -46,14 +50,15 @@ from woosh_robot_agent.vda5050.orders.commands import (
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.protocol.base import Version
-from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
+from woosh_robot_agent.vda5050.protocol.header import Identity, timestamp
 from woosh_robot_agent.vda5050.protocol.topics import Topic
 from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
-from woosh_robot_agent.vda5050.publisher import Publisher
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
 from woosh_robot_agent.vda5050.robot.maps import MapLibrary
+from woosh_robot_agent.vda5050.session import Session, SessionConfig
+from woosh_robot_agent.vda5050.store import Record
 
 _LOG = logging.getLogger(__name__)
 _CLOSE_TIMEOUT = 1.0
@@ -72,6 +77,8 @@ class VehicleConfig:
         version: version of the standard.
         limits: what the robot does not report about itself.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
+        state_folder: folder of the file that keeps the order and the header ids over a restart;
+            None to forget them.
     """
 
     link: LinkConfig
@@ -81,6 +88,7 @@ class VehicleConfig:
     version: Version = field(default_factory=Version21)
     limits: Limits = field(default_factory=Limits)
     log_folder: Path | None = None
+    state_folder: Path | None = None
 
 
 class Vehicle:
@@ -127,19 +135,26 @@ class Vehicle:
         self._registry = Registry(context, config.version.number, further)
         self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
         self._instant = InstantActions(self._registry, self._runner, self)
-        self._rejection: VehicleError | None = None
-        """Why the last order or message was rejected; None if an order was accepted since."""
+        self._order_error: VehicleError | None = None
+        """Why the last order was rejected or dropped; None if one was accepted since."""
+        self._message_error: VehicleError | None = None
+        """Why the last message with instant actions was rejected; None if it was not."""
         self._cancelled: asyncio.Future[None] | None = None
         """Done when the order has been cancelled; None if it is not being cancelled."""
         self._was_driving = False
         """The robot drove at its last report of a pose."""
-        self._mqtt: MqttConnection | None = None
-        """None until the serial number is known."""
+        self._session: Session | None = None
+        """None until the robot has told who it is."""
+        self._former: asyncio.Task[None] | None = None
+        """End of the last session, of another robot; None without one."""
+        self._is_closing = False
+        self._log = LogOnce(_LOG)
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
-        self._tasks: list[asyncio.Task[None]] = []
         self._chassis.on_snapshot(self._identified)
+        self._chassis.on_robot_changed(self._robot_replaced)
+        self._chassis.on_state(lambda state: self._step())
 
     # Life
 
@@ -149,6 +164,8 @@ class Vehicle:
 
     async def close(self) -> None:
         """Close both connections. The robot goes on with the task that it executes."""
+        self._remember()
+        self._is_closing = True  # what ends from now on is no event of the order
         try:
             await self._gate.close(_CLOSE_TIMEOUT)
         except LinkError as error:
@@ -158,49 +175,152 @@ class Vehicle:
         await self._robot_tasks.close()
         await self._runner.close()
         await self._maps.close()
-        await self._reports.close(_CLOSE_TIMEOUT)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._session is not None:
+            await self._session.close(_CLOSE_TIMEOUT)
+        if self._former is not None:
+            await self._former
         await self._chassis.close()
 
     def _identified(self, info: RobotInfo) -> None:
-        """Connect to the broker: the robot has told its serial number."""
-        if self._mqtt is not None:
+        """Connect to the broker when the robot has told who it is."""
+        if self._is_closing:
+            return
+        if self._session is not None:
+            self._machine.doubt_place()  # the robot may have been moved while there was no link
+            self._step()
             return
         config = self._config
         number = config.serial_number or str(info.genral.serial_number or info.robot_id)
-        publisher = Publisher(
-            config.version, Identity(config.manufacturer, number), config.interface, HeaderIds()
+        session = SessionConfig(
+            broker=self._broker,
+            version=config.version,
+            identity=Identity(config.manufacturer, number),
+            interface=config.interface,
+            state_folder=config.state_folder,
         )
-        self._mqtt = MqttConnection(
-            self._broker,
-            client_id=f"{config.interface}-{config.manufacturer}-{number}",
-            last_will=publisher.last_will,
-            handlers={
-                publisher.topic(Topic.ORDER): self._order_received,
-                publisher.topic(Topic.INSTANT_ACTIONS): self._instant_actions_received,
+        self._session = Session(
+            session,
+            RobotIdentity.of(info),
+            self._reports,
+            {
+                Topic.ORDER: self._order_received,
+                Topic.INSTANT_ACTIONS: self._instant_actions_received,
             },
-            on_connected=self._reports.connected,
+            self._restore,
+            self._step,
         )
-        self._reports.use(publisher, self._mqtt)
-        run = self._mqtt.run()
-        self._tasks.append(asyncio.get_running_loop().create_task(run, name="vda5050 mqtt"))
+        self._session.start(self._former)
+
+    def _restore(self, record: Record, damage: VehicleError | None) -> None:
+        """Go on with the order from before a restart, and ask the robot what became of its task."""
+        info, session = self._facts.info, self._session
+        if info is None or session is None:
+            return
+        self._order_error = damage
+        former = RobotIdentity(record.robot_id, record.serial_number)
+        if former.differs_from(session.robot):
+            reason = f"order {record.order.order_id} was dropped, because it was for {former}"
+            _LOG.error("%s; now %s answers", reason, session.robot)
+            self._order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
+            return
+        self._machine.restore(record.order)
+        self._instant.restore(record.instant_actions, again=CancelOrder.type.name)
+        if self._machine.driving:
+            self._driver.restore(record.task_id, info)
+        if self._machine.busy:
+            _LOG.info("order %s goes on after a restart", record.order.order_id)
+        self._robot_changed()
+
+    def _remember(self) -> None:
+        """Save what a restart must not lose."""
+        session = self._session
+        if session is not None:
+            session.save(
+                Record(
+                    robot_id=session.robot.robot_id,
+                    serial_number=session.robot.serial_number,
+                    task_id=self._driver.task_id,
+                    order=self._machine.memory,
+                    instant_actions=self._instant.states,
+                )
+            )
+
+    def _robot_replaced(self) -> None:
+        """Another robot answers: it is another vehicle, and does not take over the order."""
+        session, self._session = self._session, None
+        if session is None or self._is_closing:
+            return
+        order = self._machine.status.order_id if self._machine.busy else ""
+        _LOG.error("another robot answers now%s", f"; order {order} was dropped" if order else "")
+        leave = session.close(_CLOSE_TIMEOUT)
+        self._former = asyncio.get_running_loop().create_task(leave, name="vda5050 farewell")
+        self._machine = OrderMachine()
+        self._instant = InstantActions(self._registry, self._runner, self)
+        self._pause.set(False)
+        self._order_error = self._message_error = None
+        if self._cancelled is not None:
+            self._cancelled.set_result(None)
+            self._cancelled = None
+        self._runner.end_all()
+
+    def _clear_order(self, mode: OperatingMode) -> None:
+        """Clear the order, as the standard demands in modes that are not automatic."""
+        if not self._machine.busy or self._machine.canceling:
+            return
+        order = self._machine.status.order_id
+        reason = f"order {order} was cleared, because the operating mode is {mode.value}"
+        _LOG.warning("%s", reason)
+        self._order_error = warning(
+            ErrorType.INTERRUPTED, reason, "send a new order in mode AUTOMATIC", orderId=order
+        )
+        self._machine.cancel()
+
+    def _is_driven_otherwise(self) -> bool:
+        """Return True if something else than the order drives the robot, or may do so."""
+        if self._machine.driving or self._runner.is_running:
+            return False
+        return bool(self._driver.other_task or self._gate.reported_owner)
+
+    def _conditions(self) -> list[VehicleError]:
+        """Return errors of the connector itself."""
+        errors = [] if self._session is None else list(self._session.errors)
+        if self._chassis.state is not LinkState.READY:
+            since = timestamp(self._chassis.since)
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_CONNECTION,
+                    f"there is no link to the robot since {since}; its state is from then",
+                    "check that the robot is on, and that the network reaches it",
+                )
+            )
+        if self._machine.busy and self._is_driven_otherwise():
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_BUSY,
+                    "the order waits, because something else drives the robot",
+                    "wait for its end, or cancel the order",
+                )
+            )
+        return errors
 
     # From the master control
 
     def _order_received(self, payload: bytes) -> None:
+        if self._session is None:
+            return
         try:
-            order = read_order(payload, self._config.version)
+            order = read_order(payload, self._config.version, self._session.identity)
             if self._machine.receive(order, self._check_order) is Verdict.KNOWN:
                 return
         except RejectedError as rejected:
-            _LOG.warning("an order was rejected: %s", rejected)
-            self._rejection = rejected.error
+            self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
+            self._order_error = rejected.error
         else:
-            _LOG.info("order %s, update %d accepted", order.id, order.update_id)
-            self._rejection = None
+            _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
+            self._log.clear()
+            self._order_error = None
             if order.update_id == 0:
+                self._message_error = None
                 self._instant.forget_ended()
         self._step()
 
@@ -208,12 +328,15 @@ class Vehicle:
         OrderCheck(order, self._registry).check(self._facts.status)
 
     def _instant_actions_received(self, payload: bytes) -> None:
+        if self._session is None:
+            return
         try:
-            actions = read_instant_actions(payload, self._config.version)
+            actions = read_instant_actions(payload, self._config.version, self._session.identity)
         except RejectedError as rejected:
-            _LOG.warning("instant actions were rejected: %s", rejected)
-            self._rejection = rejected.error
+            self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
+            self._message_error = rejected.error
         else:
+            self._message_error = None
             self._instant.receive(actions)
         self._step()
 
@@ -236,6 +359,8 @@ class Vehicle:
         status = self._facts.status
         if status is not None and status.position is not None:
             self._machine.moved(status.position)
+        if status is not None and status.mode is not OperatingMode.AUTOMATIC:
+            self._clear_order(status.mode)
         self._step()
 
     def _drive_ended(self, reason: str) -> None:
@@ -246,11 +371,18 @@ class Vehicle:
 
     def _step(self) -> None:
         """Execute what follows from the events so far, and publish the state soon."""
+        if self._is_closing or self._session is None or not self._session.is_open:
+            return
         status = self._facts.status
+        is_driven_otherwise = self._is_driven_otherwise()
+        if is_driven_otherwise:
+            self._machine.doubt_place()
         may_drive = (
             status is not None
             and status.mode is OperatingMode.AUTOMATIC
             and self._chassis.state is LinkState.READY
+            and not is_driven_otherwise
+            and not self._session.has_other_connector
         )
         for command in self._machine.poll(may_drive=may_drive):
             if isinstance(command, Drive):
@@ -269,6 +401,7 @@ class Vehicle:
             self._cancelled.set_result(None)
             self._cancelled = None
         self._runner.poll()
+        self._remember()  # before the commands are sent: nothing has been awaited since
         self._waits.check()
         self._reports.changed()
 
@@ -356,5 +489,14 @@ class Vehicle:
         order = replace(order, actions=order.actions + self._instant.states, paused=self.paused)
         if self._facts.info is not None:
             robot = replace(robot, maps=self._maps.listed(self._facts.info))
-        errors = (self._rejection, self._machine.error, *self._instant.errors, *robot.errors)
+        if self._chassis.state is not LinkState.READY:
+            robot = replace(robot, velocity=None)
+        errors = (
+            self._order_error,
+            self._message_error,
+            self._machine.error,
+            *self._instant.errors,
+            *self._conditions(),
+            *robot.errors,
+        )
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+from woosh_robot_agent.vda5050.actions.errors import Objection
 from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
@@ -14,10 +15,10 @@ from woosh_robot_agent.vda5050.model.factsheet import ActionType, Scope
 from woosh_robot_agent.vda5050.model.order import Action, BlockingType
 from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 
-_MAX_ENDED = 200
-"""Maximum number of ended actions whose states are kept."""
+_MAX_STATES = 200
+"""Number of instant actions above which those that have ended are forgotten."""
 _MAX_ERRORS = 50
-"""Maximum number of errors of actions that are kept."""
+"""Maximum number of errors of actions; the oldest ones are forgotten."""
 
 
 class InstantActions:
@@ -49,11 +50,13 @@ class InstantActions:
         for action in actions:
             if action.id in self._states:
                 continue
-            self._forget_oldest()
             self._states[action.id] = ActionState(
                 action.id, action.type, ActionStatus.WAITING, description=action.description
             )
-            if objection := self._registry.objection(action, Scope.INSTANT):
+            objection = self._registry.objection(action, Scope.INSTANT)
+            if sum(not state.status.ended for state in self._states.values()) > _MAX_STATES:
+                objection = Objection(f"more than {_MAX_STATES} instant actions run")
+            if objection is not None:
                 self.errors.append(
                     warning(
                         ErrorType.INSTANT_ACTION,
@@ -67,6 +70,24 @@ class InstantActions:
                 self.changed(action.id, ActionStatus.FAILED, objection.reason)
             else:
                 self._start(action, self._registry.get(action.type).type)
+        self._forget_oldest()
+
+    def restore(self, states: Sequence[ActionState], *, again: str) -> None:
+        """Take the states from before a restart. Actions that ran have failed.
+
+        Args:
+            states: the states.
+            again: type of the actions that are performed again, because they do no harm.
+        """
+        for state in states:
+            self._states[state.id] = state
+            if state.status.ended:
+                continue
+            if state.type == again:
+                action = Action(state.id, state.type, description=state.description)
+                self._runner.start(action, at_once=True)
+            else:
+                self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
         """Take the new status of an action; return False if it is not an instant action."""
@@ -99,8 +120,10 @@ class InstantActions:
         self._runner.start(action)
 
     def _forget_oldest(self) -> None:
+        """Forget the oldest actions that have ended, if there are too many."""
+        surplus = len(self._states) - _MAX_STATES
         ended = [key for key, state in self._states.items() if state.status.ended]
-        for key in ended[: max(0, len(ended) - _MAX_ENDED + 1)]:
+        for key in ended[: max(0, surplus)]:
             del self._states[key]
 
 

@@ -36,6 +36,16 @@ class ErrorType(str, Enum):
     """An action failed."""
     DUPLICATE_MAP = "duplicateMap"
     """The vehicle has the map already."""
+    INTERRUPTED = "interruptedError"
+    """The order was interrupted by a restart of the connector, or by people at the robot."""
+    ROBOT_CONNECTION = "robotConnectionError"
+    """The connector has no link to the robot."""
+    ROBOT_BUSY = "robotBusyError"
+    """Something else than the order drives the robot."""
+    SECOND_CONNECTOR = "secondConnectorError"
+    """Another connector uses the topics of the vehicle."""
+    STATE_FILE = "stateFileError"
+    """The file with the order cannot be used."""
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,11 @@ from woosh_robot_agent.vda5050.orders.commands import (
     ResumeDrive,
 )
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
+from woosh_robot_agent.vda5050.orders.memory import Memory
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
 
 _CANCELED = "the order was cancelled"
+_RESTARTED = "the connector was restarted while the action ran"
 
 
 class OrderMachine:
@@ -78,6 +80,8 @@ class OrderMachine:
         self._is_held = False
         """True if the drive was paused because of `_holds`."""
         self._position: Position | None = None
+        self._doubts_place = False
+        """True if the vehicle may have been moved away from the last node."""
 
     # What the order is
 
@@ -150,8 +154,8 @@ class OrderMachine:
         if verdict is Verdict.KNOWN:
             return verdict
         check(order)
-        self.error = None
         if verdict is Verdict.NEW:
+            self.error = None
             self._take(order)
         else:
             self._append(order)
@@ -184,16 +188,11 @@ class OrderMachine:
             return
         if reason:
             node = self._nodes[0]
-            self.error = VehicleError(
-                ErrorType.DRIVING.value,
-                ErrorLevel.FATAL,
+            self.error = self._stuck(
+                ErrorType.DRIVING,
                 f"the robot did not reach node {node.id}: {reason}",
-                "remove the cause, then cancel the order with cancelOrder and send a new one",
-                (
-                    Reference("orderId", self._order.id if self._order else ""),
-                    Reference("nodeId", node.id),
-                    Reference("edgeId", self._edges[0].id),
-                ),
+                Reference("nodeId", node.id),
+                Reference("edgeId", self._edges[0].id),
             )
             return
         while self._last_node is not leg.goal:
@@ -249,7 +248,7 @@ class OrderMachine:
         """
         if self._canceling:
             self._finish_cancel()
-        else:
+        elif self._is_in_place(may_drive=may_drive):
             self._start_actions()
             self._hold_drive()
             if may_drive and not self._holds:
@@ -257,7 +256,94 @@ class OrderMachine:
         commands, self._commands = self._commands, []
         return commands
 
+    def doubt_place(self) -> None:
+        """Check that the vehicle stands on the last node before the order goes on."""
+        self._doubts_place = True
+
+    # Memory
+
+    @property
+    def memory(self) -> Memory:
+        """What a restart of the program must not lose."""
+        order, leg = self._order, self._leg
+        ends = (leg is not None and node is leg.goal for node in self._nodes)
+        return Memory(
+            order_id=order.id if order else "",
+            update_id=order.update_id if order else 0,
+            last_node=self._last_node,
+            nodes=tuple(self._nodes),
+            edges=tuple(self._edges),
+            on_edge=self._on_edge,
+            leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
+            actions=tuple(self._actions.values()),
+            triggered=tuple(self._triggered),
+            running=tuple(self._running.values()),
+            edge_actions=tuple(self._edge_actions.values()),
+            canceling=self._canceling,
+            holds=tuple(sorted(self._holds)),
+            error=self.error,
+        )
+
+    def restore(self, memory: Memory) -> None:
+        """Go on with an order after a restart. Actions that ran have failed.
+
+        If there is a leg, report its end with `drive_ended`, as if it had just been started.
+        """
+        if not memory.order_id:
+            return
+        self._order = Order(memory.order_id, memory.update_id, (), ())
+        self._last_node = memory.last_node
+        self._nodes, self._edges = deque(memory.nodes), deque(memory.edges)
+        self._on_edge = memory.on_edge
+        self._actions = {state.id: state for state in memory.actions}
+        self._triggered = list(memory.triggered)
+        self._edge_actions = {action.id: action for action in memory.edge_actions}
+        if length := memory.leg_length:
+            self._leg = Leg(memory.edges[:length], memory.nodes[:length])
+        self._holds = set(memory.holds)
+        self._is_held = self.held
+        self.error = memory.error
+        self._doubts_place = True
+        for action in memory.running:
+            self.action_changed(action.id, ActionStatus.FAILED, _RESTARTED)
+            if stops((action,)) and self.error is None:
+                self.error = self._stuck(
+                    ErrorType.INTERRUPTED,
+                    f"{_RESTARTED}: {action.type}",
+                    Reference("actionId", action.id),
+                )
+        if memory.canceling:
+            self.cancel()
+
     # Steps
+
+    def _is_in_place(self, *, may_drive: bool) -> bool:
+        """Return True if the vehicle stands where the order goes on, or is on its way."""
+        last = self._last_node
+        goes_on = self._triggered or (self._edges and self._edges[0].released)
+        if not self._doubts_place or self._leg is not None or not goes_on:
+            return True
+        if last is not None and last.position is not None:
+            if self._position is None or not may_drive:
+                return False
+            if not self._stands_on(last) and self.error is None:
+                self.error = self._stuck(
+                    ErrorType.INTERRUPTED,
+                    f"the robot was moved away from node {last.id}",
+                    Reference("nodeId", last.id),
+                )
+        self._doubts_place = False
+        return True
+
+    def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
+        """Return an error after which the order does not go on."""
+        return VehicleError(
+            kind.value,
+            ErrorLevel.FATAL,
+            reason,
+            "remove the cause, then cancel the order with cancelOrder and send a new one",
+            (Reference("orderId", self._order.id if self._order else ""), *references),
+        )
 
     def _stands_on(self, node: Node) -> bool:
         if node.position is None or self._position is None:
@@ -319,6 +405,8 @@ class OrderMachine:
         self._triggered += edge.actions
 
     def _start_actions(self) -> None:
+        if self.error is not None:
+            return
         count = startable(self._triggered, self._running.values(), driving=self.driving)
         for action in self._triggered[:count]:
             self._running[action.id] = action

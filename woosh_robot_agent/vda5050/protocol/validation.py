@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from jsonschema.protocols import Validator
 
 SCHEMAS = Path(__file__).with_name("schemas")
 """Folder of the schemas, with a folder for each version of the standard."""
+_MAX_ERRORS = 100
+"""Number of defects of a message among which the most important one is looked for."""
 
 
 @functools.cache
@@ -31,7 +34,7 @@ def validator(version: str, topic: str) -> Validator:
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
     """Return the path of a defective field of a message, and the reason; None without a defect."""
-    errors = validator(version, topic).iter_errors(message)
+    errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)  # type: ignore[no-untyped-call]
     if error is None:
         return None
