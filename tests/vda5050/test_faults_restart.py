@@ -252,7 +252,10 @@ async def test_a_finished_order_is_not_driven_again(
 
 
 @aio
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"order": 5}', b"[" * 100_000, b"\xff"])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"order": 5}', b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
+)
 async def test_a_damaged_file_is_reported_and_put_aside(
     vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path, content: bytes
 ) -> None:

@@ -116,6 +116,7 @@ class Session:
             former: end of the former session, which is waited for.
         """
         self._task = asyncio.get_running_loop().create_task(self._run(former), name="vda5050")
+        self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
         """Save what a restart must not lose. What the order needs is on the disk on return."""
@@ -173,6 +174,10 @@ class Session:
         )
         self._reports.use(publisher, mqtt)
         await mqtt.run()
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _LOG.error("the vehicle is offline by an error of the program", exc_info=error)
 
     async def _open(self) -> tuple[Record, VehicleError | None]:
         while True:

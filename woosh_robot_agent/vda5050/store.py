@@ -168,6 +168,9 @@ class Store:
         record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
             raise ValueError(f"its format is {record.format}, not {_FORMAT}")
+        order = record.order
+        if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
+            raise ValueError("the parts of its order do not fit together")
         return record
 
     def _put_aside(self, path: Path, error: Exception) -> VehicleError:
