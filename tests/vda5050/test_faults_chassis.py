@@ -13,6 +13,7 @@ from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
@@ -81,6 +82,25 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(
         off.clear()
         await master.wait_state(lambda state: state["lastNodeId"] == "b")
     assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
+        master.order([first, second | {"released": False}])
+        await master.wait_state(lambda state: state["orderId"] == "order")
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        off.clear()
+        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        master.order([first, second], update=1)
+        await master.wait_state(lambda state: "interruptedError" in error_types(state))
+    assert chassis.counts[EXEC] == 0
 
 
 @pytest.fixture

@@ -55,6 +55,7 @@ RUBBISH = {
     "huge number": order(orderUpdateId=10**30),
     "endless number": order().replace(b'"orderUpdateId": 0', b'"orderUpdateId": ' + b"9" * 10_000),
     "long text": order(orderId="x" * 1_000_000),
+    "half a character": order(orderId="\ud800"),
     "10 MiB": order(padding="x" * 10 * 2**20),
     "another robot": order(serialNumber="30002"),
     "another manufacturer": order(manufacturer="Other"),

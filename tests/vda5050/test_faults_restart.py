@@ -167,8 +167,10 @@ async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(
             await eventually(lambda: abs(chassis.state.pose.x - 5.0) < 0.1)
             await idle(chassis)
         async with vehicle(state_folder=tmp_path):
+            await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
+            master.order([second, third], update=1)
             state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
-            assert state["orderId"] == "order"
+            assert state["orderUpdateId"] == 1
             assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
             assert chassis.counts[EXEC] == 2
 
@@ -250,7 +252,10 @@ async def test_a_finished_order_is_not_driven_again(
 
 
 @aio
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"order": 5}', b"[" * 100_000, b"\xff"])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"order": 5}', b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
+)
 async def test_a_damaged_file_is_reported_and_put_aside(
     vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path, content: bytes
 ) -> None:

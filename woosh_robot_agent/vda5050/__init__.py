@@ -9,6 +9,8 @@ the bottom up:
 - `robot/`: what the robot reports, as values of the model.
 - `actions/`: the actions that the robot can perform.
 - `driving`: driving along the edges of an order by tasks of the robot.
-- `mqtt`: the connection to the broker.
+- `mqtt`: the connection to the broker. `other_connector`: detection of a second one.
+- `store`: the file that keeps the order and the header ids over a restart.
+- `session`: one identity of a vehicle at the broker.
 - `vehicle`: one robot with all of these parts.
 """

@@ -90,8 +90,10 @@ def _check_limits(message: Any) -> None:
     for _ in range(_MAX_DEPTH):
         following: list[Any] = []
         for value in level:
-            if isinstance(value, str) and len(value) > _MAX_TEXT:
-                raise ValueError(f"a text has {len(value)} characters, more than {_MAX_TEXT}")
+            if isinstance(value, str):
+                value.encode()  # JSON can hold texts that are not Unicode
+                if len(value) > _MAX_TEXT:
+                    raise ValueError(f"a text has {len(value)} characters, more than {_MAX_TEXT}")
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
                 raise ValueError(f"a number is not between -{_MAX_NUMBER:g} and {_MAX_NUMBER:g}")
             if isinstance(value, dict):

@@ -23,6 +23,8 @@ from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 _LOG = logging.getLogger(__name__)
 _RETRY = 2.0
 """Pause between attempts to open the file of the vehicle, in seconds."""
+_SAVE_WITHIN = 1.0
+"""Time within which the states of instant actions are saved, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,10 @@ class Session:
         self._header_ids: HeaderIds | None = None
         """None until the file has been read."""
         self._other: OtherConnector | None = None
+        self._late: asyncio.TimerHandle | None = None
+        """Saves `_record` later; None if it has been saved."""
+        self._record = Record()
+        """What is to be saved."""
         self._log = LogOnce(_LOG)
         self._task: asyncio.Task[None] | None = None
 
@@ -110,11 +116,17 @@ class Session:
             former: end of the former session, which is waited for.
         """
         self._task = asyncio.get_running_loop().create_task(self._run(former), name="vda5050")
+        self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
-        """Save what a restart must not lose. It is on the disk when this returns."""
-        if self.is_open:
-            self._store.save(record)
+        """Save what a restart must not lose. What the order needs is on the disk on return."""
+        if not self.is_open:
+            return
+        self._record = record
+        if not self._store.has_order_of(record):
+            self._save()
+        elif self._late is None:  # a flood of instant actions must not stop everything
+            self._late = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save)
 
     async def close(self, timeout: float) -> None:
         """Say that the vehicle goes offline, and disconnect from the broker.
@@ -128,9 +140,17 @@ class Session:
             await asyncio.gather(self._task, return_exceptions=True)
         if self._other is not None:
             self._other.close()
+        if self._late is not None:
+            self._save()
         if self._header_ids is not None:
             self._header_ids.close()
         self._store.close()
+
+    def _save(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+        self._store.save(self._record)
 
     async def _run(self, former: asyncio.Task[None] | None) -> None:
         if former is not None:
@@ -154,6 +174,10 @@ class Session:
         )
         self._reports.use(publisher, mqtt)
         await mqtt.run()
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _LOG.error("the vehicle is offline by an error of the program", exc_info=error)
 
     async def _open(self) -> tuple[Record, VehicleError | None]:
         while True:

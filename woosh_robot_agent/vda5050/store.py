@@ -114,6 +114,12 @@ class Store:
             return self._record, self._put_aside(self._path, error)
         return self._record, None
 
+    def has_order_of(self, record: Record) -> bool:
+        """Return True if a record differs from the saved one only in its instant actions."""
+        saved = self._record
+        same = replace(record, instant_actions=saved.instant_actions, header_ids=saved.header_ids)
+        return self.error is None and same == saved
+
     def save(self, record: Record) -> None:
         """Save a record with the header ids of the last one, if anything else has changed.
 
@@ -162,6 +168,9 @@ class Store:
         record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
             raise ValueError(f"its format is {record.format}, not {_FORMAT}")
+        order = record.order
+        if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
+            raise ValueError("the parts of its order do not fit together")
         return record
 
     def _put_aside(self, path: Path, error: Exception) -> VehicleError:
