@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, references, result_of, statuses
 from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, action, node, status_of
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.actions import pausing
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
 START = (4.23276472, -6.6727581)
@@ -142,3 +149,46 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(
     assert sent[:2] == ["lift_control3 execute", "drive"]
     assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
     assert statuses(recorder, "c")[-2:] == ["RUNNING", "FINISHED"]
+
+
+@aio
+async def test_a_pause_survives_a_restart(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+            await eventually(lambda: chassis.state.velocity.speed > 0.0)
+            master.instant(action("startPause", "p"))
+            await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        master.received.clear()
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            await master.wait_state(lambda state: state["paused"])
+            master.instant(action("stopPause", "s"))
+            await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["drive", "pause", "continue"]
+
+
+@aio
+async def test_a_pause_that_the_robot_refuses_fails_and_the_robot_drives_on(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pausing, "TIMEOUT", 0.2)
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+        chassis.refuse(full_name(ActionOrder), "not now")
+        master.instant(action("startPause", "p"))
+        failed = await master.wait_state(lambda state: status_of(state, "p") == "FAILED")
+        assert failed["driving"]
+        assert not failed["paused"]
+        assert error_types(failed) == ["actionError"]
+        await master.wait_state(lambda state: state["lastNodeId"] == "c")
+    assert commands(chassis)[:2] == ["drive", "pause"]

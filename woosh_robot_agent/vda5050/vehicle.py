@@ -61,6 +61,8 @@ from woosh_robot_agent.vda5050.session import Session, SessionConfig
 from woosh_robot_agent.vda5050.store import Record
 
 _LOG = logging.getLogger(__name__)
+_PAUSE = "pause"
+"""Name of the hold of the pause."""
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
 
@@ -224,6 +226,7 @@ class Vehicle:
             self._order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
         self._machine.restore(record.order)
+        self._pause.set(_PAUSE in record.order.holds)
         self._instant.restore(record.instant_actions, again=CancelOrder.type.name)
         if self._machine.driving:
             self._driver.restore(record.task_id, info)
@@ -444,9 +447,9 @@ class Vehicle:
 
     def _apply_pause(self, pause: bool) -> None:
         if pause:
-            self.hold("pause")
+            self.hold(_PAUSE)
         else:
-            self.release("pause")
+            self.release(_PAUSE)
 
     def _is_driving(self) -> bool:
         return self._machine.driving and not self._driver.paused
