@@ -1,0 +1,16 @@
+"""A Woosh robot as a VDA 5050 vehicle, without ROS.
+
+The connector talks to the robot over the link and to the master control over MQTT. Its parts, from
+the bottom up:
+
+- `model/`: orders, states and factsheets as Python values, the same for all versions.
+- `orders/`: acceptance and execution of an order, as a state machine without I/O and clocks.
+- `protocol/`: the messages of each version of the standard as JSON, and their validation.
+- `robot/`: what the robot reports, as values of the model.
+- `actions/`: the actions that the robot can perform.
+- `driving`: driving along the edges of an order by tasks of the robot.
+- `mqtt`: the connection to the broker. `other_connector`: detection of a second one.
+- `store`: the file that keeps the order and the header ids over a restart.
+- `session`: one identity of a vehicle at the broker.
+- `vehicle`: one robot with all of these parts.
+"""

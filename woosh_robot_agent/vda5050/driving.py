@@ -1,0 +1,362 @@
+"""Driving the legs of an order by tasks of the robot."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import time
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from woosh_robot_agent.link import (
+    Answer,
+    ChassisClient,
+    ConnectionLostError,
+    LinkError,
+    LinkState,
+    RequestTimeoutError,
+)
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
+from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.model.state import Position
+from woosh_robot_agent.vda5050.orders.legs import Leg
+
+_LOG = logging.getLogger(__name__)
+_SOURCE = "vda5050"
+"""Name of the sender at the motion gate."""
+_REPORT_AFTER = 3.0
+"""Time after which the robot must have reported a task that it executes, in seconds."""
+_ASK_EVERY = 1.0
+"""Pause between two questions about a task, in seconds."""
+_REPEAT_AFTER = 3.0
+"""Time after which an order that stops the robot is repeated if it had no effect, in seconds."""
+_ENDED = {
+    task.kCompleted: "",
+    task.kCanceled: "the task was cancelled at the robot",
+    task.kFailed: "the task failed",
+}
+"""Reasons why a leg was not driven to its end, by the state of its task; empty if it was."""
+
+
+class Driver:
+    """Drives one leg at a time by a task of the robot. Used in the event loop of the link.
+
+    No start is repeated. While it is in doubt what became of a task, the robot is asked. A pause
+    and a cancel are repeated until the robot reports their effect, because they only stop it.
+
+    Args:
+        chassis: the link.
+        gate: sends the commands.
+        requests: addresses the requests.
+        on_end: called when the robot does not drive the leg any more, with the reason why it did
+            not reach the goal; empty if it did.
+        on_changed: called when the robot pauses or resumes the task, or when a task of somebody
+            else begins or ends.
+
+    Attributes:
+        task_id: id of the current task; 0 without one.
+        paused: True while the robot pauses the task.
+        other_task: id of the task of somebody else that the robot executes; 0 without one.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        requests: RequestMaker,
+        on_end: Callable[[str], None],
+        on_changed: Callable[[], None],
+    ) -> None:
+        self._chassis = chassis
+        self._gate = gate
+        self._requests = requests
+        self._on_end = on_end
+        self._on_changed = on_changed
+        self.task_id = 0
+        self._last_id = 0
+        self._is_reported = False
+        """True once the robot has reported on the current task."""
+        self.paused = False
+        self.other_task = 0
+        self._wanted: action.Order | None = None
+        """kPause or kCancel while the robot must obey it."""
+        self._stopping: asyncio.Task[None] | None = None
+        """Sends `_wanted` until the robot obeys."""
+        self._report = asyncio.Event()
+        """Set by a pause, a resumption or the end, and when `_wanted` or the link changes."""
+        self._inquiry: asyncio.Task[None] | None = None
+        """Asks the robot about the current task."""
+        self._log = LogOnce(_LOG)
+        self._tasks: set[asyncio.Task[None]] = set()
+        chassis.subscribe(TaskProc, self._reported)
+        chassis.on_snapshot(self._snapshot)
+        chassis.on_robot_changed(self._robot_changed)
+        chassis.on_state(lambda state: self._report.set())
+
+    def start(self, leg: Leg, position: Position | None) -> None:
+        """Drive a leg.
+
+        Args:
+            leg: the leg.
+            position: position of the robot; the heading at a node without one follows from it.
+        """
+        self.execute(leg_task(0, leg, position))
+
+    def execute(self, request: ExecTask) -> None:
+        """Execute a task; it gets a new id."""
+        request.task_id = max(self._last_id + 1, int(time.time() * 1000))
+        self._set_task(request.task_id)
+        self._spawn(self._start(request.task_id, request))
+
+    def restore(self, task_id: int, info: RobotInfo) -> None:
+        """Follow a task that was started before a restart of the program.
+
+        Args:
+            task_id: id of the task; 0 if the start of a leg was not sent.
+            info: the first report of the robot.
+        """
+        self._set_task(task_id)
+        if task_id:
+            self._snapshot(info)
+        else:
+            self._on_end("the connector was restarted before it sent the task")
+
+    def cancel(self) -> None:
+        """Cancel the task of the leg."""
+        self._insist(action.kCancel)
+
+    def pause(self) -> None:
+        """Pause the task of the leg."""
+        self._insist(action.kPause)
+
+    def resume(self) -> None:
+        """Resume the task of the leg."""
+        self._wanted = None
+        if self.task_id:
+            self._spawn(self._resume(self.task_id))
+
+    async def close(self) -> None:
+        """Stop waiting for answers; the robot goes on with its task."""
+        for each in self._tasks:
+            each.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    # Commands
+
+    def _set_task(self, task_id: int) -> None:
+        self.task_id = task_id
+        self._last_id = max(self._last_id, task_id)
+        self._is_reported = self.paused = False
+        self._wanted = None
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        running = asyncio.get_running_loop().create_task(work, name="vda5050 driving")
+        self._tasks.add(running)
+        running.add_done_callback(self._tasks.discard)
+        return running
+
+    async def _start(self, task_id: int, request: ExecTask) -> None:
+        try:
+            answer = await self._gate.request(self._requests.address(request), source=_SOURCE)
+        except (ConnectionLostError, RequestTimeoutError) as error:
+            _LOG.warning("the start of task %d was not answered: %s", task_id, error)
+            self._inquire()
+        except LinkError as error:
+            self._end_task(task_id, str(error))
+        else:
+            if not answer.ok:
+                self._end_task(task_id, f"the robot refused the task: {answer.msg}")
+
+    def _insist(self, order: action.Order) -> None:
+        """Send an order that stops the robot until it obeys."""
+        if not self.task_id:
+            return
+        self._wanted = order
+        self._report.set()
+        if self._stopping is None or self._stopping.done():
+            self._stopping = self._spawn(self._stop())
+
+    async def _stop(self) -> None:
+        while (order := self._order_to_send()) is not None:
+            self._report.clear()
+            if self._chassis.state is LinkState.READY and not self.other_task:
+                await self._send(order, self.task_id)
+                self._inquire()
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._report.wait(), _REPEAT_AFTER)
+
+    def _order_to_send(self) -> action.Order | None:
+        """Return the order that the robot has not obeyed; None without one."""
+        if self._wanted == action.kPause and self.paused:
+            self._wanted = None
+        return self._wanted
+
+    async def _resume(self, task_id: int) -> None:
+        if not await self._send(action.kContinue, task_id):
+            self._inquire()
+
+    async def _send(self, order: action.Order, task_id: int) -> bool:
+        """Send an order to the current task; return True if the robot has accepted it."""
+        name = action.Order.Name(order)
+        request = ActionOrder(order=order)
+        try:
+            answer = await self._gate.request(self._requests.address(request), source=_SOURCE)
+        except LinkError as error:
+            self._log.warn(f"{name} {task_id}", f"{name} of task {task_id} failed: {error}")
+            return False
+        if not answer.ok and task_id == self.task_id:
+            self._log.warn(
+                f"{name} {task_id}", f"the robot refused {name} of task {task_id}: {answer.msg}"
+            )
+        return answer.ok
+
+    # Reports
+
+    def _reported(self, report: TaskProc) -> None:
+        self._note_other(report)
+        if not self.task_id:
+            return
+        if report.robot_task_id == self.task_id:
+            self._judge(report)
+        elif self._is_reported:  # the last report on our task was lost
+            self._inquire()
+
+    def _note_other(self, report: TaskProc) -> None:
+        """Remember if the robot executes a task of somebody else."""
+        is_running = report.robot_task_id and report.state not in _ENDED
+        other = report.robot_task_id if is_running else 0
+        if other == self.task_id:
+            other = 0
+        if other != self.other_task:
+            self.other_task = other
+            self._on_changed()
+
+    def _judge(self, report: TaskProc) -> None:
+        """Take a report on the current task."""
+        self._is_reported = True
+        if report.state in _ENDED:
+            reason = _ENDED[report.state]
+            self._end(f"{reason}: {report.msg}" if reason and report.msg else reason)
+            return
+        paused = report.state == task.kPaused and report.action.state == action.kSuspend
+        if paused != self.paused:
+            self.paused = paused
+            self._report.set()
+            self._on_changed()
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        """Find out what became of the task while there was no link."""
+        self._note_other(info.task_proc)
+        if not self.task_id:
+            return
+        if info.task_proc.robot_task_id == self.task_id:
+            self._judge(info.task_proc)
+        else:
+            self._inquire()
+
+    def _inquire(self) -> None:
+        """Ask the robot what became of the current task, until that is known."""
+        if self.task_id and (self._inquiry is None or self._inquiry.done()):
+            self._inquiry = self._spawn(self._ask(self.task_id))
+
+    async def _ask(self, task_id: int) -> None:
+        clock = asyncio.get_running_loop().time
+        deadline = math.inf
+        while task_id == self.task_id:
+            try:
+                await self._chassis.wait_ready(_ASK_EVERY)
+                if await self._ask_current(task_id) or await self._ask_history(task_id):
+                    return
+            except LinkError as error:
+                _LOG.debug("no answer about task %d: %s", task_id, error)
+                deadline = math.inf
+            else:
+                if clock() > deadline:
+                    self._end_task(task_id, "the robot does not know the task")
+                    return
+                deadline = min(deadline, clock() + _REPORT_AFTER)
+            await asyncio.sleep(_ASK_EVERY)
+
+    async def _ask_current(self, task_id: int) -> bool:
+        """Return True if the robot executes the task."""
+
+        def found(answer: Answer) -> None:
+            if isinstance(answer.body, TaskProc):
+                self._note_other(answer.body)
+                if answer.body.robot_task_id == task_id == self.task_id:
+                    self._judge(answer.body)
+
+        answer = await self._chassis.request(self._requests.empty(TaskProc), tap=found)
+        return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
+
+    async def _ask_history(self, task_id: int) -> bool:
+        """Return True if the robot remembers the end of the task."""
+
+        def end_of(answer: Answer) -> TaskProc | None:
+            reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
+            ended = (each for each in reports if each.state in _ENDED)
+            return next((each for each in ended if each.robot_task_id == task_id), None)
+
+        def found(answer: Answer) -> None:
+            report = end_of(answer)
+            if report is not None and task_id == self.task_id:
+                self._judge(report)
+
+        answer = await self._chassis.request(self._requests.empty(TaskHistory), tap=found)
+        return end_of(answer) is not None
+
+    def _robot_changed(self) -> None:
+        self.other_task = 0
+        self._end("another robot answers now")
+
+    def _end_task(self, task_id: int, reason: str) -> None:
+        if task_id == self.task_id:
+            self._end(reason)
+
+    def _end(self, reason: str) -> None:
+        if self.task_id:
+            self._set_task(0)
+            self._report.set()
+            self._log.clear()
+            self._on_end(reason)
+
+
+def leg_task(task_id: int, leg: Leg, position: Position | None) -> ExecTask:
+    """Return the task that drives a leg.
+
+    Args:
+        task_id: id of the task.
+        leg: the leg.
+        position: position of the robot; None if unknown.
+    """
+    request = ExecTask(task_id=task_id, type=task.kPick)
+    if leg.goal.mark:
+        request.mark_no = leg.goal.mark
+        return request
+    poses: list[Pose2D] = []
+    here = None if position is None else (position.x, position.y)
+    heading = 0.0 if position is None else position.theta
+    for node in leg.nodes:
+        place = node.position
+        if place is None:
+            continue
+        if here is not None and here != (place.x, place.y):
+            heading = math.atan2(place.y - here[1], place.x - here[0])
+        here = (place.x, place.y)
+        heading = heading if place.theta is None else place.theta
+        poses.append(Pose2D(x=place.x, y=place.y, theta=heading))
+    if len(poses) == 1:
+        request.pose.CopyFrom(poses[0])
+    else:
+        stretch = request.plan_path.plan_path.add(target=poses[-1], optimal=PlanPath.kOptimal)
+        stretch.path.poses.extend(poses)
+    return request

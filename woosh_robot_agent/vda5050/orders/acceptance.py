@@ -1,0 +1,113 @@
+"""Acceptance of an order: is it a new one, an update, or none that the vehicle can take?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+
+from woosh_robot_agent.vda5050.model.errors import (
+    ErrorType,
+    RejectedError,
+    VehicleError,
+    warning,
+)
+from woosh_robot_agent.vda5050.model.order import Node, Order
+from woosh_robot_agent.vda5050.orders.structure import check_structure
+
+
+class Verdict(Enum):
+    """What to do with an order that is not rejected."""
+
+    NEW = "new"
+    """Replace the current order by it."""
+    UPDATE = "update"
+    """Append it to the current order."""
+    KNOWN = "known"
+    """Ignore it: the vehicle has it already."""
+
+
+def judge(
+    order: Order,
+    current: Order | None,
+    *,
+    busy: bool,
+    decision_point: Node | None,
+    in_reach: Callable[[Node], bool],
+) -> Verdict:
+    """Judge an order by the current one.
+
+    Args:
+        order: the order that arrived.
+        current: the last order or update that the vehicle took; None if there was none.
+        busy: the vehicle executes the current order, or waits for an update of it.
+        decision_point: last node of the current base, or the last one that was reached if there is
+            no base left.
+        in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
+
+    Raises:
+        RejectedError: the vehicle cannot take the order.
+    """
+    check_structure(order)
+    if current is None or order.id != current.id:
+        if busy:
+            raise RejectedError(
+                _error(
+                    ErrorType.ORDER,
+                    order,
+                    "the vehicle still executes another order, or waits for its update",
+                    "wait for its end, or cancel it with cancelOrder",
+                )
+            )
+        if not in_reach(order.nodes[0]):
+            raise RejectedError(
+                _error(
+                    ErrorType.NO_ROUTE,
+                    order,
+                    "the vehicle is not within the permitted deviation from the first node",
+                    "start the order where the vehicle stands, or permit a larger deviation",
+                    nodeId=order.nodes[0].id,
+                )
+            )
+        return Verdict.NEW
+    if order.update_id < current.update_id:
+        raise RejectedError(
+            _error(
+                ErrorType.ORDER_UPDATE,
+                order,
+                f"the vehicle has orderUpdateId {current.update_id} already",
+                "send updates with increasing orderUpdateId",
+            )
+        )
+    if order.update_id == current.update_id:
+        return Verdict.KNOWN
+    first = order.nodes[0]
+    if decision_point is None or (first.id, first.sequence_id) != (
+        decision_point.id,
+        decision_point.sequence_id,
+    ):
+        raise RejectedError(
+            _error(
+                ErrorType.ORDER_UPDATE,
+                order,
+                "the update does not begin with the last node of the base",
+                "begin the update with the last released node of the order"
+                if decision_point is None
+                else f"begin the update with node {decision_point.id}, "
+                f"sequenceId {decision_point.sequence_id}",
+                nodeId=first.id,
+            )
+        )
+    return Verdict.UPDATE
+
+
+def _error(
+    kind: ErrorType, order: Order, description: str, hint: str, **references: object
+) -> VehicleError:
+    return warning(
+        kind,
+        description,
+        hint,
+        orderId=order.id,
+        orderUpdateId=order.update_id,
+        **references,
+    )

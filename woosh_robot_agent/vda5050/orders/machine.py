@@ -1,0 +1,452 @@
+"""The state machine of the current order."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from woosh_robot_agent.vda5050.model.errors import (
+    ErrorLevel,
+    ErrorType,
+    Reference,
+    VehicleError,
+)
+from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
+from woosh_robot_agent.vda5050.model.state import (
+    ActionState,
+    ActionStatus,
+    OrderStatus,
+    Position,
+)
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict, judge
+from woosh_robot_agent.vda5050.orders.blocking import startable
+from woosh_robot_agent.vda5050.orders.commands import (
+    CancelDrive,
+    Command,
+    Drive,
+    EndAction,
+    PauseDrive,
+    Perform,
+    ResumeDrive,
+)
+from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
+from woosh_robot_agent.vda5050.orders.memory import Memory
+from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+
+_CANCELED = "the order was cancelled"
+_RESTARTED = "the connector was restarted while the action ran"
+
+
+class OrderMachine:
+    """The current order: what is left of it, and what to do next.
+
+    Call a method for each event, and then `poll` for the commands.
+
+    Args:
+        tolerance: deviation from a node that counts as none.
+
+    Attributes:
+        error: why the order does not go on; None while it does.
+    """
+
+    def __init__(self, tolerance: Tolerance | None = None) -> None:
+        self._tolerance = tolerance or Tolerance()
+        self.error: VehicleError | None = None
+        self._order: Order | None = None
+        """The order or update that was taken last."""
+        self._last_node: Node | None = None
+        """The node that was reached last."""
+        self._nodes: deque[Node] = deque()
+        """Nodes still to be reached."""
+        self._edges: deque[Edge] = deque()
+        """Edges still to be left; the vehicle is on the first one if `_on_edge`."""
+        self._on_edge = False
+        self._actions: dict[str, ActionState] = {}
+        """States of the actions of the order, by id."""
+        self._triggered: list[Action] = []
+        """Triggered actions that have not started, in the sequence in which they must start."""
+        self._running: dict[str, Action] = {}
+        """Actions that have started and not ended, by id."""
+        self._edge_actions: dict[str, Action] = {}
+        """Actions of the edge that the vehicle is on, by id."""
+        self._leg: Leg | None = None
+        """The leg that the vehicle drives."""
+        self._commands: list[Command] = []
+        """Commands that `poll` has not returned yet."""
+        self._canceling = False
+        self._holds: set[str] = set()
+        """Names of what holds the vehicle."""
+        self._is_held = False
+        """True if the drive was paused because of `_holds`."""
+        self._position: Position | None = None
+        self._doubts_place = False
+        """True if the vehicle may have been moved away from the last node."""
+
+    # What the order is
+
+    @property
+    def held(self) -> bool:
+        """True while something holds the vehicle."""
+        return bool(self._holds)
+
+    @property
+    def busy(self) -> bool:
+        """True if the vehicle executes an order, or waits for an update of it."""
+        return bool(self._nodes or self._edges or self._leg or self._running or self._triggered)
+
+    @property
+    def driving(self) -> bool:
+        """True if the vehicle drives a leg."""
+        return self._leg is not None
+
+    @property
+    def canceling(self) -> bool:
+        """True from the cancellation of the order until everything has stopped."""
+        return self._canceling
+
+    @property
+    def status(self) -> OrderStatus:
+        """How far the order is."""
+        order, last = self._order, self._last_node
+        return OrderStatus(
+            order_id=order.id if order else "",
+            update_id=order.update_id if order else 0,
+            last_node_id=last.id if last else "",
+            last_node_sequence_id=last.sequence_id if last else 0,
+            nodes=tuple(self._nodes),
+            edges=tuple(self._edges),
+            actions=tuple(self._actions.values()),
+            new_base_request=self._needs_base,
+        )
+
+    @property
+    def _needs_base(self) -> bool:
+        """True if the vehicle drives towards the last released node, and a horizon follows."""
+        released = sum(node.released for node in self._nodes)
+        return released < len(self._nodes) and released <= 1 and not self._canceling
+
+    @property
+    def _decision_point(self) -> Node | None:
+        """Last node of the base, or the last one that was reached."""
+        released = [node for node in self._nodes if node.released]
+        return released[-1] if released else self._last_node
+
+    # Events
+
+    def receive(self, order: Order, check: Callable[[Order], None] = lambda order: None) -> Verdict:
+        """Take an order or an update.
+
+        Args:
+            order: the order.
+            check: raises a RejectedError if the vehicle cannot perform the order.
+
+        Raises:
+            RejectedError: the vehicle cannot take it; nothing has changed.
+        """
+        verdict = judge(
+            order,
+            self._order,
+            busy=self.busy,
+            decision_point=self._decision_point,
+            in_reach=self._stands_on,
+        )
+        if verdict is Verdict.KNOWN:
+            return verdict
+        check(order)
+        if verdict is Verdict.NEW:
+            self.error = None
+            self._take(order)
+        else:
+            self._append(order)
+        self._order = order
+        return verdict
+
+    def moved(self, position: Position) -> None:
+        """Take a new position, and find the nodes of the leg that the vehicle has passed."""
+        before, self._position = self._position, position
+        leg = self._leg
+        if leg is None or self._canceling:
+            return
+        while self._nodes and self._nodes[0] is not leg.goal:
+            node = self._nodes[0]
+            if node.position is None or not is_reached(
+                node.position, before, position, self._tolerance
+            ):
+                return
+            self._reach()
+            self._enter_edge()
+
+    def drive_ended(self, reason: str = "") -> None:
+        """The vehicle does not drive any more.
+
+        Args:
+            reason: why it did not reach the goal of the leg; empty if it did.
+        """
+        leg, self._leg = self._leg, None
+        if leg is None or self._canceling:
+            return
+        if reason:
+            node = self._nodes[0]
+            self.error = self._stuck(
+                ErrorType.DRIVING,
+                f"the robot did not reach node {node.id}: {reason}",
+                Reference("nodeId", node.id),
+                Reference("edgeId", self._edges[0].id),
+            )
+            return
+        while self._last_node is not leg.goal:
+            self._reach()
+            if self._last_node is not leg.goal:
+                self._enter_edge()
+
+    def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
+        """Take the new status of an action that was started by a `Perform` command."""
+        state = self._actions.get(action_id)
+        if state is None or state.status.ended:
+            return
+        self._actions[action_id] = replace(state, status=status, result=result)
+        if status.ended:
+            self._running.pop(action_id, None)
+
+    def hold(self, name: str) -> None:
+        """Pause the drive, and start none, until each `hold` has its `release`.
+
+        Args:
+            name: name of what holds the vehicle.
+        """
+        self._holds.add(name)
+
+    def release(self, name: str) -> None:
+        """End a hold; idempotent."""
+        self._holds.discard(name)
+
+    def placed(self, node_id: str) -> None:
+        """Take the id of the node on which the vehicle was placed by hand."""
+        number = self._last_node.sequence_id if self._last_node else 0
+        self._last_node = Node(node_id, number)
+
+    def cancel(self) -> None:
+        """Cancel the order. It is cancelled when `canceling` is False again."""
+        self._canceling = True
+        self.error = None
+        for action_id, state in self._actions.items():
+            if action_id not in self._running and not state.status.ended:
+                self._actions[action_id] = replace(
+                    state, status=ActionStatus.FAILED, result=_CANCELED
+                )
+        self._triggered.clear()
+        self._commands = [EndAction(action) for action in self._running.values()]
+        if self._leg is not None:
+            self._commands.append(CancelDrive())
+
+    def poll(self, *, may_drive: bool = True) -> list[Command]:
+        """Return the commands that follow from the events so far.
+
+        Args:
+            may_drive: the vehicle may start to drive.
+        """
+        if self._canceling:
+            self._finish_cancel()
+        elif self._is_in_place(may_drive=may_drive):
+            self._start_actions()
+            self._hold_drive()
+            if may_drive and not self._holds:
+                self._start_drive()
+        commands, self._commands = self._commands, []
+        return commands
+
+    def doubt_place(self) -> None:
+        """Check that the vehicle stands on the last node before the order goes on."""
+        self._doubts_place = True
+
+    # Memory
+
+    @property
+    def memory(self) -> Memory:
+        """What a restart of the program must not lose."""
+        order, leg = self._order, self._leg
+        ends = (leg is not None and node is leg.goal for node in self._nodes)
+        return Memory(
+            order_id=order.id if order else "",
+            update_id=order.update_id if order else 0,
+            last_node=self._last_node,
+            nodes=tuple(self._nodes),
+            edges=tuple(self._edges),
+            on_edge=self._on_edge,
+            leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
+            actions=tuple(self._actions.values()),
+            triggered=tuple(self._triggered),
+            running=tuple(self._running.values()),
+            edge_actions=tuple(self._edge_actions.values()),
+            canceling=self._canceling,
+            holds=tuple(sorted(self._holds)),
+            error=self.error,
+        )
+
+    def restore(self, memory: Memory) -> None:
+        """Go on with an order after a restart. Actions that ran have failed.
+
+        If there is a leg, report its end with `drive_ended`, as if it had just been started.
+        """
+        if not memory.order_id:
+            return
+        self._order = Order(memory.order_id, memory.update_id, (), ())
+        self._last_node = memory.last_node
+        self._nodes, self._edges = deque(memory.nodes), deque(memory.edges)
+        self._on_edge = memory.on_edge
+        self._actions = {state.id: state for state in memory.actions}
+        self._triggered = list(memory.triggered)
+        self._edge_actions = {action.id: action for action in memory.edge_actions}
+        if length := memory.leg_length:
+            self._leg = Leg(memory.edges[:length], memory.nodes[:length])
+        self._holds = set(memory.holds)
+        self._is_held = self.held
+        self.error = memory.error
+        self._doubts_place = True
+        for action in memory.running:
+            self.action_changed(action.id, ActionStatus.FAILED, _RESTARTED)
+            if stops((action,)) and self.error is None:
+                self.error = self._stuck(
+                    ErrorType.INTERRUPTED,
+                    f"{_RESTARTED}: {action.type}",
+                    Reference("actionId", action.id),
+                )
+        if memory.canceling:
+            self.cancel()
+
+    # Steps
+
+    def _is_in_place(self, *, may_drive: bool) -> bool:
+        """Return True if the vehicle stands where the order goes on, or is on its way."""
+        last = self._last_node
+        goes_on = self._triggered or (self._edges and self._edges[0].released)
+        if not self._doubts_place or self._leg is not None or not goes_on:
+            return True
+        if last is not None and last.position is not None:
+            if self._position is None or not may_drive:
+                return False
+            if not self._stands_on(last) and self.error is None:
+                self.error = self._stuck(
+                    ErrorType.INTERRUPTED,
+                    f"the robot was moved away from node {last.id}",
+                    Reference("nodeId", last.id),
+                )
+        self._doubts_place = False
+        return True
+
+    def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
+        """Return an error after which the order does not go on."""
+        return VehicleError(
+            kind.value,
+            ErrorLevel.FATAL,
+            reason,
+            "remove the cause, then cancel the order with cancelOrder and send a new one",
+            (Reference("orderId", self._order.id if self._order else ""), *references),
+        )
+
+    def _stands_on(self, node: Node) -> bool:
+        if node.position is None or self._position is None:
+            return False
+        return is_reached(node.position, None, self._position, self._tolerance)
+
+    def _take(self, order: Order) -> None:
+        self._actions.clear()
+        self._edge_actions.clear()
+        self._on_edge = False
+        self._nodes = deque(order.nodes)
+        self._edges = deque(order.edges)
+        self._add_actions(order)
+        self._reach()
+
+    def _append(self, order: Order) -> None:
+        """Replace the horizon by the nodes and edges of an update."""
+        for part in _parts_of(self._nodes, self._edges):
+            if not part.released:
+                for action in part.actions:
+                    self._actions.pop(action.id, None)
+        self._nodes = deque(node for node in self._nodes if node.released)
+        self._edges = deque(edge for edge in self._edges if edge.released)
+        update = replace(order, nodes=order.nodes[1:])
+        self._nodes += update.nodes
+        self._edges += update.edges
+        self._add_actions(update)
+
+    def _add_actions(self, order: Order) -> None:
+        for part in _parts_of(order.nodes, order.edges):
+            for action in part.actions:
+                self._actions[action.id] = ActionState(
+                    action.id, action.type, ActionStatus.WAITING, description=action.description
+                )
+
+    def _reach(self) -> None:
+        """Leave the current edge, if any, and reach the next node."""
+        if self._on_edge:
+            self._on_edge = False
+            self._edges.popleft()
+            for action in self._edge_actions.values():
+                self._leave_behind(action)
+            self._edge_actions.clear()
+        self._last_node = self._nodes.popleft()
+        self._triggered += self._last_node.actions
+
+    def _leave_behind(self, action: Action) -> None:
+        """End an action of an edge that the vehicle leaves."""
+        if action in self._triggered:
+            self._triggered.remove(action)
+            self.action_changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
+        elif action.id in self._running:
+            self._commands.append(EndAction(action))
+
+    def _enter_edge(self) -> None:
+        edge = self._edges[0]
+        self._on_edge = True
+        self._edge_actions = {action.id: action for action in edge.actions}
+        self._triggered += edge.actions
+
+    def _start_actions(self) -> None:
+        if self.error is not None:
+            return
+        count = startable(self._triggered, self._running.values(), driving=self.driving)
+        for action in self._triggered[:count]:
+            self._running[action.id] = action
+            self.action_changed(action.id, ActionStatus.INITIALIZING)
+            self._commands.append(Perform(action))
+        del self._triggered[:count]
+
+    def _hold_drive(self) -> None:
+        """Pause or resume the drive."""
+        if self._leg is not None and self._is_held != self.held:
+            self._is_held = self.held
+            self._commands.append(PauseDrive() if self.held else ResumeDrive())
+
+    def _start_drive(self) -> None:
+        if self._leg is not None or self.error is not None:
+            return
+        if stops((*self._triggered, *self._running.values())):
+            return
+        leg = next_leg(self._edges, self._nodes)
+        if leg is None:
+            return
+        if not self._on_edge:
+            self._enter_edge()
+            self._start_actions()
+            if stops((*self._triggered, *self._running.values())):
+                return
+        self._leg = leg
+        self._is_held = False
+        self._commands.append(Drive(leg))
+
+    def _finish_cancel(self) -> None:
+        if self._leg is None and not self._running:
+            self._canceling = False
+            self._on_edge = False
+            self._edge_actions.clear()
+            self._nodes.clear()
+            self._edges.clear()
+
+
+def _parts_of(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:
+    """Return nodes and edges in the sequence of traversal."""
+    parts: list[Node | Edge] = [*nodes, *edges]
+    return sorted(parts, key=lambda part: part.sequence_id)

@@ -1,0 +1,46 @@
+"""What the state machine of the order must remember over a restart of the program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from woosh_robot_agent.vda5050.model.errors import VehicleError
+from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
+from woosh_robot_agent.vda5050.model.state import ActionState
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What is left of an order, and what runs.
+
+    Attributes:
+        order_id: id of the order; empty without any.
+        update_id: number of its last update.
+        last_node: the node that was reached last; None if there is none.
+        nodes: nodes still to be reached.
+        edges: edges still to be left.
+        on_edge: the vehicle is on the first of the edges.
+        leg_length: number of nodes of the current leg that are still to be reached; 0 without one.
+        actions: states of the actions.
+        triggered: triggered actions that have not started.
+        running: actions that have started and not ended.
+        edge_actions: actions of the edge that the vehicle is on.
+        canceling: the order is being cancelled.
+        holds: names of what holds the vehicle.
+        error: why the order does not go on; None while it does.
+    """
+
+    order_id: str = ""
+    update_id: int = 0
+    last_node: Node | None = None
+    nodes: tuple[Node, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    on_edge: bool = False
+    leg_length: int = 0
+    actions: tuple[ActionState, ...] = ()
+    triggered: tuple[Action, ...] = ()
+    running: tuple[Action, ...] = ()
+    edge_actions: tuple[Action, ...] = ()
+    canceling: bool = False
+    holds: tuple[str, ...] = ()
+    error: VehicleError | None = None

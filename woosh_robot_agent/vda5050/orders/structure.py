@@ -1,0 +1,66 @@
+"""Check of the structure of an order: its nodes and edges form one path."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
+from woosh_robot_agent.vda5050.model.order import Edge, Node, Order
+
+
+def check_structure(order: Order) -> None:
+    """Check that the nodes and edges of an order form one path, the base before the horizon.
+
+    Raises:
+        RejectedError: they do not.
+    """
+    if not order.nodes:
+        raise _malformed(order, "the order has no node")
+    if len(order.edges) != len(order.nodes) - 1:
+        raise _malformed(
+            order,
+            f"the order has {len(order.nodes)} nodes and {len(order.edges)} edges; it needs one "
+            "edge less than nodes",
+        )
+    if not order.nodes[0].released:
+        raise _malformed(order, "the first node is not released", nodeId=order.nodes[0].id)
+    path: list[Node | Edge] = [order.nodes[0]]
+    for edge, node in zip(order.edges, order.nodes[1:], strict=True):
+        path += [edge, node]
+        if (edge.start_node_id, edge.end_node_id) != (path[-3].id, node.id):
+            raise _malformed(
+                order, "the edge does not connect the nodes before and after it", edgeId=edge.id
+            )
+        if edge.released and not node.released:
+            raise _malformed(order, "the edge is released, its end node is not", edgeId=edge.id)
+    for before, after in pairwise(path):
+        key = "nodeId" if isinstance(after, Node) else "edgeId"
+        if after.sequence_id != before.sequence_id + 1:
+            raise _malformed(
+                order,
+                f"sequenceId {after.sequence_id} does not follow {before.sequence_id}",
+                **{key: after.id},
+            )
+        if after.released and not before.released:
+            raise _malformed(
+                order, "it is released, though what precedes it is not", **{key: after.id}
+            )
+    seen: set[str] = set()
+    for part in path:
+        for action in part.actions:
+            if action.id in seen:
+                raise _malformed(order, "two actions have the same id", actionId=action.id)
+            seen.add(action.id)
+
+
+def _malformed(order: Order, reason: str, **references: object) -> RejectedError:
+    return RejectedError(
+        warning(
+            ErrorType.VALIDATION,
+            reason,
+            "correct the order and send it again",
+            orderId=order.id,
+            orderUpdateId=order.update_id,
+            **references,
+        )
+    )

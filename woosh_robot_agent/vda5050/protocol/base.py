@@ -1,0 +1,46 @@
+"""What the connector needs from a version of the standard."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol
+
+from woosh_robot_agent.vda5050.model.factsheet import Factsheet
+from woosh_robot_agent.vda5050.model.order import Action, Order
+from woosh_robot_agent.vda5050.model.state import (
+    ConnectionState,
+    Position,
+    VehicleState,
+    Velocity,
+)
+from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+
+
+class Version(Protocol):
+    """Messages of a version of the standard, without their headers.
+
+    Attributes:
+        number: number of the version, e.g. `2.1.0`.
+        quality: QoS level and retain flag of each topic that the vehicle publishes.
+    """
+
+    number: ClassVar[str]
+    quality: ClassVar[Mapping[Topic, Quality]]
+
+    def order(self, message: Mapping[str, Any]) -> Order:
+        """Return a received order, which the schema has been checked for."""
+
+    def instant_actions(self, message: Mapping[str, Any]) -> list[Action]:
+        """Return received instant actions, which the schema has been checked for."""
+
+    def state(self, state: VehicleState) -> dict[str, Any]:
+        """Return the message of a state."""
+
+    def visualization(self, position: Position | None, velocity: Velocity | None) -> dict[str, Any]:
+        """Return the message of a position."""
+
+    def connection(self, state: ConnectionState) -> dict[str, Any]:
+        """Return the message of the connection's state."""
+
+    def factsheet(self, factsheet: Factsheet) -> dict[str, Any]:
+        """Return the message of a factsheet."""

@@ -1,0 +1,80 @@
+"""Publishing the messages of a vehicle: headers, topics, QoS."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from woosh_robot_agent.vda5050.model.state import ConnectionState
+from woosh_robot_agent.vda5050.mqtt import MqttConnection, Publication
+from woosh_robot_agent.vda5050.protocol.base import Version
+from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity, header
+from woosh_robot_agent.vda5050.protocol.topics import Topic
+
+_OWN_CONNECTIONS = 64
+"""Number of own messages about the connection that are remembered."""
+
+
+class Publisher:
+    """Makes the messages of a vehicle, and publishes them.
+
+    Args:
+        version: version of the standard.
+        identity: manufacturer and serial number of the vehicle.
+        interface: first level of the topics.
+        header_ids: number of the last message of each topic.
+    """
+
+    def __init__(
+        self, version: Version, identity: Identity, interface: str, header_ids: HeaderIds
+    ) -> None:
+        self.version = version
+        self.identity = identity
+        major = version.number.split(".")[0]
+        self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
+        self._header_ids = header_ids
+        self._will_id = -1
+        """Header id of the last will of the last connection."""
+        self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
+        """The last messages about the connection, last wills included."""
+
+    def topic(self, topic: Topic) -> str:
+        """Return the full name of a topic."""
+        return self._prefix + topic.value
+
+    def last_will(self) -> Publication:
+        """Return the message that the broker publishes when the connection breaks.
+
+        Its header id follows that of the message with which the connection begins.
+        """
+        topic = Topic.CONNECTION
+        ids = self._header_ids
+        if ids.peek(topic.value) == self._will_id:  # the broker may have published the last will
+            ids.next(topic.value)
+        self._will_id = ids.peek(topic.value) + 1
+        return self._message(
+            topic, self.version.connection(ConnectionState.BROKEN), header_id=self._will_id
+        )
+
+    def is_own_connection(self, payload: bytes) -> bool:
+        """Return True for a message about the connection that was made here."""
+        return payload in self._connections
+
+    def publish(self, mqtt: MqttConnection, topic: Topic, content: Mapping[str, Any]) -> None:
+        """Publish a message with this content."""
+        if mqtt.connected:
+            mqtt.publish(self._message(topic, content))
+
+    def _message(
+        self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
+    ) -> Publication:
+        if header_id is None:
+            header_id = self._header_ids.next(topic.value)
+        head = header(self.identity, self.version.number, header_id, time.time())
+        payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
+        if topic is Topic.CONNECTION:
+            self._connections.append(payload.encode())
+        return Publication(self.topic(topic), payload, *self.version.quality[topic])

@@ -1,0 +1,99 @@
+"""The messages of a vehicle to the master control, and when they are published."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from woosh_robot_agent.vda5050.model.factsheet import Factsheet
+from woosh_robot_agent.vda5050.model.state import ConnectionState, RobotStatus, VehicleState
+from woosh_robot_agent.vda5050.mqtt import MqttConnection
+from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.publisher import Publisher
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.schedule import Schedule
+
+
+class Reports:
+    """Publishes the messages of a vehicle. What changes while the broker is lost is not queued.
+
+    Args:
+        limits: intervals of the messages.
+        state: returns the state of the vehicle; None while it is unknown.
+        position: returns the state of the robot; None while it is unknown.
+        factsheet: returns the factsheet; None while it is unknown.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        state: Callable[[], VehicleState | None],
+        position: Callable[[], RobotStatus | None],
+        factsheet: Callable[[], Factsheet | None],
+    ) -> None:
+        self._state = state
+        self._position = position
+        self._factsheet = factsheet
+        self._publisher: Publisher | None = None
+        self._mqtt: MqttConnection | None = None
+        self._state_schedule = Schedule(
+            self._publish_state, limits.min_state_interval, limits.state_interval
+        )
+        self._position_schedule = Schedule(self._publish_position, limits.visualization_interval)
+
+    def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
+        """Publish with these from now on."""
+        self._publisher = publisher
+        self._mqtt = mqtt
+
+    def changed(self) -> None:
+        """Publish the state soon."""
+        self._state_schedule.changed()
+
+    def moved(self) -> None:
+        """Publish the position soon."""
+        self._position_schedule.changed()
+
+    def connected(self) -> None:
+        """Publish everything that a master control must know after a connection."""
+        self._publish_connection(ConnectionState.ONLINE)
+        self.publish_factsheet()
+        self._state_schedule.changed()
+
+    def publish_factsheet(self) -> None:
+        """Publish the factsheet."""
+        factsheet = self._factsheet()
+        if self._publisher is not None and factsheet is not None:
+            self._publish(Topic.FACTSHEET, self._publisher.version.factsheet(factsheet))
+
+    async def close(self, timeout: float) -> None:
+        """Publish that the vehicle goes offline, and nothing more.
+
+        Args:
+            timeout: maximum wait for the broker, in seconds.
+        """
+        self._state_schedule.stop()
+        self._position_schedule.stop()
+        if self._mqtt is not None and self._mqtt.connected:
+            self._publish_connection(ConnectionState.OFFLINE)
+            mqtt, self._mqtt = self._mqtt, None
+            await mqtt.flush(timeout)
+
+    def _publish_state(self) -> None:
+        state = self._state()
+        if self._publisher is not None and state is not None:
+            self._publish(Topic.STATE, self._publisher.version.state(state))
+
+    def _publish_position(self) -> None:
+        robot = self._position()
+        if self._publisher is not None and robot is not None:
+            message = self._publisher.version.visualization(robot.position, robot.velocity)
+            self._publish(Topic.VISUALIZATION, message)
+
+    def _publish_connection(self, state: ConnectionState) -> None:
+        if self._publisher is not None:
+            self._publish(Topic.CONNECTION, self._publisher.version.connection(state))
+
+    def _publish(self, topic: Topic, content: dict[str, Any]) -> None:
+        if self._publisher is not None and self._mqtt is not None:
+            self._publisher.publish(self._mqtt, topic, content)

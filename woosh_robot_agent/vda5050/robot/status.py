@@ -1,0 +1,103 @@
+"""The state of a vehicle from what its robot reports."""
+
+from __future__ import annotations
+
+import math
+
+from woosh_robot_agent import readiness
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, RobotInfo
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.vda5050.model.state import (
+    Battery,
+    EmergencyStop,
+    Load,
+    OperatingMode,
+    Position,
+    RobotStatus,
+    Velocity,
+)
+from woosh_robot_agent.vda5050.robot.code_errors import code_errors, field_violated
+
+_MODES = {
+    robot.kDeployMode: OperatingMode.TEACH_IN,
+    robot.kTaskMode: OperatingMode.AUTOMATIC,
+}
+"""Operating modes of a robot in automatic control mode, by its work mode. In any other work mode,
+the master control does not control the robot."""
+
+
+def robot_status(info: RobotInfo) -> RobotStatus:
+    """Return the state of a robot."""
+    motion = info.pose_speed.twist
+    return RobotStatus(
+        driving=bool(motion.linear or motion.angular),
+        mode=operating_mode(info),
+        battery=_battery(info.battery),
+        emergency_stop=EmergencyStop.MANUAL
+        if info.device_state.hardware & DeviceState.kEmgBtn
+        else EmergencyStop.NONE,
+        field_violation=field_violated(info.abnormal_codes),
+        position=position(info),
+        velocity=velocity(info),
+        loads=_loads(info),
+        errors=code_errors(info.abnormal_codes),
+    )
+
+
+def operating_mode(info: RobotInfo) -> OperatingMode:
+    """Return who controls the robot."""
+    if info.mode.ctrl == robot.kMaintain:
+        return OperatingMode.SERVICE
+    if info.mode.ctrl != robot.kAuto:
+        return OperatingMode.MANUAL
+    return _MODES.get(info.mode.work, OperatingMode.MANUAL)
+
+
+def position(info: RobotInfo) -> Position | None:
+    """Return the position of the robot; None if it has none on a map."""
+    report = info.pose_speed
+    if not report.map_id:
+        return None
+    return Position(
+        x=_rounded(report.pose.x),
+        y=_rounded(report.pose.y),
+        theta=_rounded(math.remainder(report.pose.theta, math.tau)),
+        map_id=map_id(info),
+        initialised=info.state != robot.kUninit and readiness.is_located(info) is not False,
+    )
+
+
+def velocity(info: RobotInfo) -> Velocity | None:
+    """Return the velocity of the robot; None if it does not report one."""
+    if not info.pose_speed.HasField("twist"):
+        return None
+    return Velocity(_rounded(info.pose_speed.twist.linear), _rounded(info.pose_speed.twist.angular))
+
+
+def map_id(info: RobotInfo) -> str:
+    """Return the id of the map that the robot's position belongs to."""
+    report = info.pose_speed
+    if info.scene.map_name and info.scene.map_id in (0, report.map_id):
+        return info.scene.map_name
+    return str(report.map_id)
+
+
+def _battery(report: BatteryReport) -> Battery:
+    return Battery(
+        charge=float(report.power),
+        charging=report.charge_state in (BatteryReport.kManual, BatteryReport.kAuto),
+        health=float(report.health) if 0 < report.health <= 100 else None,
+    )
+
+
+def _loads(info: RobotInfo) -> tuple[Load, ...] | None:
+    """Return the loads; None if the robot does not detect goods."""
+    if info.device_state.software & DeviceState.kGoodsState:
+        return (Load(),)
+    return () if info.setting.allow.goods_check else None
+
+
+def _rounded(value: float) -> float:
+    """Return a value of the robot without the digits that 32-bit numbers do not have."""
+    return round(value, 6)

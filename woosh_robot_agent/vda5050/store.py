@@ -1,0 +1,198 @@
+"""The file in which a vehicle remembers its order and its header ids over a restart."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import IO
+from urllib.parse import quote
+
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
+from woosh_robot_agent.vda5050.model.plain import from_plain, to_plain
+from woosh_robot_agent.vda5050.model.state import ActionState
+from woosh_robot_agent.vda5050.orders.memory import Memory
+
+_LOG = logging.getLogger(__name__)
+_FORMAT = 1
+"""Number of the format of the file."""
+_MAX_SIZE = 16 * 2**20
+"""Maximum size of a file that is read, in bytes."""
+_MAX_NAME = 200
+"""Maximum length of a file's name without its suffix, in characters."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a vehicle remembers.
+
+    Attributes:
+        robot_id: number of the robot.
+        serial_number: serial number that the robot reports.
+        task_id: id of the robot's task that drives the current leg; 0 without one.
+        order: what is left of the order.
+        instant_actions: states of the instant actions.
+        header_ids: numbers from which the headers of each topic go on.
+        format: number of the format.
+    """
+
+    robot_id: int = 0
+    serial_number: int = 0
+    task_id: int = 0
+    order: Memory = field(default_factory=Memory)
+    instant_actions: tuple[ActionState, ...] = ()
+    header_ids: Mapping[str, int] = field(default_factory=dict)
+    format: int = _FORMAT
+
+
+class StoreInUseError(Exception):
+    """Another program uses the file."""
+
+
+def state_folder() -> Path:
+    """Return the folder for the state of programs of this user, as XDG defines it."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    folder = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state"
+    return folder / "woosh_robot_agent" / "vda5050"
+
+
+class Store:
+    """Keeps the record of one vehicle in a file, which is replaced as a whole.
+
+    What was saved last survives the end of the program at any moment, and a loss of power.
+
+    Args:
+        folder: folder of the file, which is created; None to remember nothing.
+        name: name of the vehicle, unique in the folder.
+
+    Attributes:
+        error: why the last record was not saved; None if it was.
+    """
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        self._path = None if folder is None else folder / f"{quote(name, safe='')[:_MAX_NAME]}.json"
+        self._lock: IO[bytes] | None = None
+        self._record = Record()
+        """The record that was saved last."""
+        self._log = LogOnce(_LOG)
+        self.error: VehicleError | None = None
+
+    def open(self) -> tuple[Record, VehicleError | None]:
+        """Take the file for this program alone, and read it.
+
+        A damaged file is put aside.
+
+        Returns:
+            The record, an empty one if there is none, and an error if the file is damaged.
+
+        Raises:
+            StoreInUseError: another program uses the file.
+            OSError: the folder or the file cannot be used.
+        """
+        if self._path is None:
+            return self._record, None
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        lock = self._path.with_suffix(".lock").open("ab")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            raise StoreInUseError(
+                f"another connector uses {self._path}; end it: a robot has one connector"
+            ) from None
+        self._lock = lock
+        try:
+            self._record = self._read(self._path)
+        except FileNotFoundError:
+            return self._record, None
+        except (ValueError, RecursionError) as error:
+            return self._record, self._put_aside(self._path, error)
+        return self._record, None
+
+    def has_order_of(self, record: Record) -> bool:
+        """Return True if a record differs from the saved one only in its instant actions."""
+        saved = self._record
+        same = replace(record, instant_actions=saved.instant_actions, header_ids=saved.header_ids)
+        return self.error is None and same == saved
+
+    def save(self, record: Record) -> None:
+        """Save a record with the header ids of the last one, if anything else has changed.
+
+        If that fails, the file is removed, because an old record could repeat what was done.
+        """
+        self._save(replace(record, header_ids=self._record.header_ids))
+
+    def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
+        """Save the numbers from which the headers of each topic go on after a restart."""
+        self._save(replace(self._record, header_ids=dict(header_ids)))
+
+    def close(self) -> None:
+        """Let other programs use the file."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _save(self, record: Record) -> None:
+        if record == self._record and self.error is None:
+            return
+        self._record = record
+        if self._path is None or self._lock is None:
+            return
+        try:
+            _replace(self._path, json.dumps(to_plain(record), separators=(",", ":")).encode())
+        except OSError as error:
+            self._failed(self._path, error)
+        else:
+            self.error = None
+            self._log.clear()
+
+    def _failed(self, path: Path, error: OSError) -> None:
+        reason = f"the order does not survive a restart of the connector: {error}"
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:
+            reason = f"{reason}; remove {path}, which is out of date, before a restart"
+        self._log.warn("save", reason)
+        self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
+
+    def _read(self, path: Path) -> Record:
+        with path.open("rb") as file:
+            data = file.read(_MAX_SIZE + 1)
+        if len(data) > _MAX_SIZE:
+            raise ValueError(f"it has more than {_MAX_SIZE} bytes")
+        record = from_plain(Record, json.loads(data))
+        if record.format != _FORMAT:
+            raise ValueError(f"its format is {record.format}, not {_FORMAT}")
+        order = record.order
+        if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
+            raise ValueError("the parts of its order do not fit together")
+        return record
+
+    def _put_aside(self, path: Path, error: Exception) -> VehicleError:
+        aside = path.with_suffix(".damaged")
+        path.replace(aside)
+        reason = f"the last order is unknown, because {path} was damaged ({error})"
+        _LOG.error("%s; it was renamed to %s", reason, aside)
+        return warning(
+            ErrorType.STATE_FILE, reason, "check where the robot stands, and send a new order"
+        )
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file so that at any moment it has either its old or its new content."""
+    new = path.with_suffix(".new")
+    with new.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

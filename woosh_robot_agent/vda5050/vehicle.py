@@ -1,0 +1,505 @@
+"""One robot as a VDA 5050 vehicle."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from woosh_robot_agent.endpoints import minimum_timeouts
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.link.log_once import LogOnce, one_line
+from woosh_robot_agent.link.robot_identity import RobotIdentity
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.actions.conditions import Conditions
+from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
+from woosh_robot_agent.vda5050.actions.instant import InstantActions
+from woosh_robot_agent.vda5050.actions.log_report import LogReport
+from woosh_robot_agent.vda5050.actions.pause import Pause
+from woosh_robot_agent.vda5050.actions.performer import Context
+from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.actions.requests import CancelOrder
+from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
+from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
+from woosh_robot_agent.vda5050.actions.runner import ActionRunner
+from woosh_robot_agent.vda5050.driving import Driver
+from woosh_robot_agent.vda5050.inbox import read_instant_actions, read_order
+from woosh_robot_agent.vda5050.model.errors import (
+    ErrorType,
+    RejectedError,
+    VehicleError,
+    warning,
+)
+from woosh_robot_agent.vda5050.model.factsheet import Factsheet
+from woosh_robot_agent.vda5050.model.order import Action, Order
+from woosh_robot_agent.vda5050.model.state import ActionStatus, OperatingMode, VehicleState
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.order_check import OrderCheck
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict
+from woosh_robot_agent.vda5050.orders.commands import (
+    CancelDrive,
+    Drive,
+    EndAction,
+    PauseDrive,
+    Perform,
+    ResumeDrive,
+)
+from woosh_robot_agent.vda5050.orders.machine import OrderMachine
+from woosh_robot_agent.vda5050.protocol.base import Version
+from woosh_robot_agent.vda5050.protocol.header import Identity, timestamp
+from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
+from woosh_robot_agent.vda5050.reports import Reports
+from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary
+from woosh_robot_agent.vda5050.session import Session, SessionConfig
+from woosh_robot_agent.vda5050.store import Record
+
+_LOG = logging.getLogger(__name__)
+_PAUSE = "pause"
+"""Name of the hold of the pause."""
+_CLOSE_TIMEOUT = 1.0
+"""Maximum wait for the last messages to the broker, and for the robot, in seconds."""
+
+
+@dataclass(frozen=True)
+class VehicleConfig:
+    """Configuration of a vehicle.
+
+    Attributes:
+        link: address of the robot.
+        manufacturer: manufacturer in the topics.
+        serial_number: serial number in the topics; empty for that of the robot.
+        interface: first level of the topics.
+        version: version of the standard.
+        limits: what the robot does not report about itself.
+        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
+        state_folder: folder of the file that keeps the order and the header ids over a restart;
+            None to forget them.
+    """
+
+    link: LinkConfig
+    manufacturer: str = "Woosh"
+    serial_number: str = ""
+    interface: str = "uagv"
+    version: Version = field(default_factory=Version21)
+    limits: Limits = field(default_factory=Limits)
+    log_folder: Path | None = None
+    state_folder: Path | None = None
+
+
+class Vehicle:
+    """One robot as a VDA 5050 vehicle. Used in one asyncio event loop.
+
+    Args:
+        config: configuration of the vehicle.
+        broker: address of the broker.
+    """
+
+    def __init__(self, config: VehicleConfig, broker: BrokerConfig) -> None:
+        self._config = config
+        self._broker = broker
+        self._chassis = ChassisClient(config=config.link, minimum_timeouts=minimum_timeouts())
+        self._gate = MotionGate(self._chassis)
+        requests = RequestMaker(config.link.robot_id)
+        self._facts = RobotFacts(self._chassis, self._moved, self._robot_changed)
+        self._machine = OrderMachine()
+        self._driver = Driver(
+            self._chassis, self._gate, requests, self._drive_ended, self._robot_changed
+        )
+        self._maps = MapLibrary(self._chassis, self._robot_changed)
+        self._waits = Conditions()
+        self._pause = Pause()
+        self._pause.join(self._apply_pause, lambda: not self._is_driving())
+        work = (self._chassis, self._gate, requests, self._pause, self._waits)
+        self._calls = RobotCalls(*work)
+        self._robot_tasks = RobotTasks(*work)
+        context = Context(
+            chassis=self._chassis,
+            gate=self._gate,
+            requests=requests,
+            facts=self._facts,
+            maps=self._maps,
+            pause=self._pause,
+            conditions=self._waits,
+            calls=self._calls,
+            tasks=self._robot_tasks,
+            vehicle=self,
+        )
+        further = (
+            (partial(LogReport, folder=config.log_folder),) if config.log_folder is not None else ()
+        )
+        self._registry = Registry(context, config.version.number, further)
+        self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
+        self._instant = InstantActions(self._registry, self._runner, self)
+        self._order_error: VehicleError | None = None
+        """Why the last order was rejected or dropped; None if one was accepted since."""
+        self._message_error: VehicleError | None = None
+        """Why the last message with instant actions was rejected; None if it was not."""
+        self._cancelled: asyncio.Future[None] | None = None
+        """Done when the order has been cancelled; None if it is not being cancelled."""
+        self._was_driving = False
+        """The robot drove at its last report of a pose."""
+        self._session: Session | None = None
+        """None until the robot has told who it is."""
+        self._former: asyncio.Task[None] | None = None
+        """End of the last session, of another robot; None without one."""
+        self._is_closing = False
+        self._log = LogOnce(_LOG)
+        self._reports = Reports(
+            config.limits, self._state, lambda: self._facts.status, self._factsheet
+        )
+        self._chassis.on_snapshot(self._identified)
+        self._chassis.on_robot_changed(self._robot_replaced)
+        self._chassis.on_state(lambda state: self._step())
+
+    # Life
+
+    def start(self) -> None:
+        """Start connecting to the robot, and to the broker once the robot is known."""
+        self._chassis.start()
+
+    async def close(self) -> None:
+        """Close both connections. The robot goes on with the task that it executes."""
+        self._remember()
+        self._is_closing = True  # what ends from now on is no event of the order
+        try:
+            await self._gate.close(_CLOSE_TIMEOUT)
+        except LinkError as error:
+            _LOG.error("the robot may be moving, press its emergency stop: %s", error)
+        await self._driver.close()
+        await self._calls.close()
+        await self._robot_tasks.close()
+        await self._runner.close()
+        await self._maps.close()
+        if self._session is not None:
+            await self._session.close(_CLOSE_TIMEOUT)
+        if self._former is not None:
+            await self._former
+        await self._chassis.close()
+
+    def _identified(self, info: RobotInfo) -> None:
+        """Connect to the broker when the robot has told who it is."""
+        if self._is_closing:
+            return
+        if self._session is not None:
+            self._machine.doubt_place()  # the robot may have been moved while there was no link
+            self._step()
+            return
+        config = self._config
+        number = config.serial_number or str(info.genral.serial_number or info.robot_id)
+        session = SessionConfig(
+            broker=self._broker,
+            version=config.version,
+            identity=Identity(config.manufacturer, number),
+            interface=config.interface,
+            state_folder=config.state_folder,
+        )
+        self._session = Session(
+            session,
+            RobotIdentity.of(info),
+            self._reports,
+            {
+                Topic.ORDER: self._order_received,
+                Topic.INSTANT_ACTIONS: self._instant_actions_received,
+            },
+            self._restore,
+            self._step,
+        )
+        self._session.start(self._former)
+
+    def _restore(self, record: Record, damage: VehicleError | None) -> None:
+        """Go on with the order from before a restart, and ask the robot what became of its task."""
+        info, session = self._facts.info, self._session
+        if info is None or session is None:
+            return
+        self._order_error = damage
+        former = RobotIdentity(record.robot_id, record.serial_number)
+        if former.differs_from(session.robot):
+            reason = f"order {record.order.order_id} was dropped, because it was for {former}"
+            _LOG.error("%s; now %s answers", reason, session.robot)
+            self._order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
+            return
+        self._machine.restore(record.order)
+        self._pause.set(_PAUSE in record.order.holds)
+        self._instant.restore(record.instant_actions, again=CancelOrder.type.name)
+        if self._machine.driving:
+            self._driver.restore(record.task_id, info)
+        if self._machine.busy:
+            _LOG.info("order %s goes on after a restart", record.order.order_id)
+        self._robot_changed()
+
+    def _remember(self) -> None:
+        """Save what a restart must not lose."""
+        session = self._session
+        if session is not None:
+            session.save(
+                Record(
+                    robot_id=session.robot.robot_id,
+                    serial_number=session.robot.serial_number,
+                    task_id=self._driver.task_id,
+                    order=self._machine.memory,
+                    instant_actions=self._instant.states,
+                )
+            )
+
+    def _robot_replaced(self) -> None:
+        """Another robot answers: it is another vehicle, and does not take over the order."""
+        session, self._session = self._session, None
+        if session is None or self._is_closing:
+            return
+        order = self._machine.status.order_id if self._machine.busy else ""
+        _LOG.error("another robot answers now%s", f"; order {order} was dropped" if order else "")
+        leave = session.close(_CLOSE_TIMEOUT)
+        self._former = asyncio.get_running_loop().create_task(leave, name="vda5050 farewell")
+        self._machine = OrderMachine()
+        self._instant = InstantActions(self._registry, self._runner, self)
+        self._pause.set(False)
+        self._order_error = self._message_error = None
+        if self._cancelled is not None:
+            self._cancelled.set_result(None)
+            self._cancelled = None
+        self._runner.end_all()
+
+    def _clear_order(self, mode: OperatingMode) -> None:
+        """Clear the order, as the standard demands in modes that are not automatic."""
+        if not self._machine.busy or self._machine.canceling:
+            return
+        order = self._machine.status.order_id
+        reason = f"order {order} was cleared, because the operating mode is {mode.value}"
+        _LOG.warning("%s", reason)
+        self._order_error = warning(
+            ErrorType.INTERRUPTED, reason, "send a new order in mode AUTOMATIC", orderId=order
+        )
+        self._machine.cancel()
+
+    def _is_driven_otherwise(self) -> bool:
+        """Return True if something else than the order drives the robot, or may do so."""
+        if self._machine.driving or self._runner.is_running:
+            return False
+        return bool(self._driver.other_task or self._gate.reported_owner)
+
+    def _conditions(self) -> list[VehicleError]:
+        """Return errors of the connector itself."""
+        errors = [] if self._session is None else list(self._session.errors)
+        if self._chassis.state is not LinkState.READY:
+            since = timestamp(self._chassis.since)
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_CONNECTION,
+                    f"there is no link to the robot since {since}; its state is from then",
+                    "check that the robot is on, and that the network reaches it",
+                )
+            )
+        if self._machine.busy and self._is_driven_otherwise():
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_BUSY,
+                    "the order waits, because something else drives the robot",
+                    "wait for its end, or cancel the order",
+                )
+            )
+        return errors
+
+    # From the master control
+
+    def _order_received(self, payload: bytes) -> None:
+        if self._session is None:
+            return
+        try:
+            order = read_order(payload, self._config.version, self._session.identity)
+            if self._machine.receive(order, self._check_order) is Verdict.KNOWN:
+                return
+        except RejectedError as rejected:
+            self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
+            self._order_error = rejected.error
+        else:
+            _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
+            self._log.clear()
+            self._order_error = None
+            if order.update_id == 0:
+                self._message_error = None
+                self._instant.forget_ended()
+        self._step()
+
+    def _check_order(self, order: Order) -> None:
+        OrderCheck(order, self._registry).check(self._facts.status)
+
+    def _instant_actions_received(self, payload: bytes) -> None:
+        if self._session is None:
+            return
+        try:
+            actions = read_instant_actions(payload, self._config.version, self._session.identity)
+        except RejectedError as rejected:
+            self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
+            self._message_error = rejected.error
+        else:
+            self._message_error = None
+            self._instant.receive(actions)
+        self._step()
+
+    # From the robot
+
+    def _moved(self) -> None:
+        status = self._facts.status
+        if status is not None and status.position is not None:
+            before = self._machine.status.last_node_sequence_id
+            self._machine.moved(status.position)
+            if self._machine.status.last_node_sequence_id != before:
+                self._step()
+        if status is not None and status.driving != self._was_driving:
+            self._was_driving = status.driving
+            self._reports.changed()
+        self._waits.check()
+        self._reports.moved()
+
+    def _robot_changed(self) -> None:
+        status = self._facts.status
+        if status is not None and status.position is not None:
+            self._machine.moved(status.position)
+        if status is not None and status.mode is not OperatingMode.AUTOMATIC:
+            self._clear_order(status.mode)
+        self._step()
+
+    def _drive_ended(self, reason: str) -> None:
+        self._machine.drive_ended(reason)
+        self._step()
+
+    # Execution
+
+    def _step(self) -> None:
+        """Execute what follows from the events so far, and publish the state soon."""
+        if self._is_closing or self._session is None or not self._session.is_open:
+            return
+        status = self._facts.status
+        is_driven_otherwise = self._is_driven_otherwise()
+        if is_driven_otherwise:
+            self._machine.doubt_place()
+        may_drive = (
+            status is not None
+            and status.mode is OperatingMode.AUTOMATIC
+            and self._chassis.state is LinkState.READY
+            and not is_driven_otherwise
+            and not self._session.has_other_connector
+        )
+        for command in self._machine.poll(may_drive=may_drive):
+            if isinstance(command, Drive):
+                self._driver.start(command.leg, status.position if status else None)
+            elif isinstance(command, CancelDrive):
+                self._driver.cancel()
+            elif isinstance(command, PauseDrive):
+                self._driver.pause()
+            elif isinstance(command, ResumeDrive):
+                self._driver.resume()
+            elif isinstance(command, Perform):
+                self._runner.start(command.action)
+            elif isinstance(command, EndAction):
+                self._runner.end(command.action)
+        if self._cancelled is not None and not self._machine.canceling:
+            self._cancelled.set_result(None)
+            self._cancelled = None
+        self._runner.poll()
+        self._remember()  # before the commands are sent: nothing has been awaited since
+        self._waits.check()
+        self._reports.changed()
+
+    # Controls for actions
+
+    @property
+    def has_leg(self) -> bool:
+        return self._machine.driving
+
+    @property
+    def paused(self) -> bool:
+        if self._pause.wanted:
+            return self._pause.in_effect
+        return self._driver.paused and not self._machine.held
+
+    def hold(self, name: str) -> None:
+        self._machine.hold(name)
+        self._step()
+
+    def release(self, name: str) -> None:
+        self._machine.release(name)
+        self._step()
+
+    def resume(self) -> None:
+        self._driver.resume()
+
+    def set_last_node(self, node_id: str) -> None:
+        self._machine.placed(node_id)
+
+    def clear_instant_actions(self) -> None:
+        self._instant.forget_ended()
+
+    def action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
+        if not self._instant.changed(action_id, status, result):
+            self._machine.action_changed(action_id, status, result)
+        self._step()
+
+    def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        self._instant.failed(action, reason, kind)
+
+    def _apply_pause(self, pause: bool) -> None:
+        if pause:
+            self.hold(_PAUSE)
+        else:
+            self.release(_PAUSE)
+
+    def _is_driving(self) -> bool:
+        return self._machine.driving and not self._driver.paused
+
+    async def cancel_order(self, order_id: str) -> None:
+        if not self._machine.busy:
+            raise ActionFailedError("there is no order to cancel", ErrorType.NO_ORDER_TO_CANCEL)
+        current = self._machine.status.order_id
+        if order_id not in ("", current):
+            raise ActionFailedError(
+                f"the vehicle executes order {current}, not {order_id}",
+                ErrorType.NO_ORDER_TO_CANCEL,
+            )
+        if self._cancelled is None:
+            self._cancelled = asyncio.get_running_loop().create_future()
+            self._machine.cancel()
+        cancelled = self._cancelled
+        self._step()
+        await asyncio.shield(cancelled)
+
+    def publish_state(self) -> None:
+        self._reports.changed()
+
+    def publish_factsheet(self) -> None:
+        self._reports.publish_factsheet()
+
+    # To the master control
+
+    def _factsheet(self) -> Factsheet | None:
+        info = self._facts.info
+        if info is None:
+            return None
+        return factsheet(info, self._config.limits, self._registry.types)
+
+    def _state(self) -> VehicleState | None:
+        robot = self._facts.status
+        if robot is None:
+            return None
+        order = self._machine.status
+        order = replace(order, actions=order.actions + self._instant.states, paused=self.paused)
+        if self._facts.info is not None:
+            robot = replace(robot, maps=self._maps.listed(self._facts.info))
+        if self._chassis.state is not LinkState.READY:
+            robot = replace(robot, velocity=None)
+        errors = (
+            self._order_error,
+            self._message_error,
+            self._machine.error,
+            *self._instant.errors,
+            *self._conditions(),
+            *robot.errors,
+        )
+        return VehicleState(order, robot, tuple(error for error in errors if error is not None))
