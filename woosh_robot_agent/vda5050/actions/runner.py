@@ -30,11 +30,6 @@ class ActionRunner:
         self._on_changed = on_changed
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
-    @property
-    def is_running(self) -> bool:
-        """True while an action runs."""
-        return bool(self._tasks)
-
     def start(self, action: Action) -> None:
         """Start an action."""
         work = self._run(action)
