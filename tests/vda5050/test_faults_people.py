@@ -5,12 +5,12 @@ from __future__ import annotations
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
 from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, error_types, node
-from tests.vda5050.test_faults_chassis import EXEC, drive, set_speed
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive, set_speed
 from tests.vda5050.test_faults_restart import idle, other_client, task_to
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
-from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 
 
@@ -90,6 +90,25 @@ async def test_an_order_waits_for_the_task_of_somebody_else(
         ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
         assert ended["errors"] == []
     assert chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
+        await master.online()
+        assert (await gate.request(task_to(4.3, -6.68))).ok
+        set_speed(chassis, 0.1)
+        master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
+        await master.wait_state(lambda state: "robotBusyError" in error_types(state))
+        master.instant(action("cancelOrder", "cancel"))
+        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+        assert state["nodeStates"] == []
+        assert chassis.counts[ORDER] == 0
+        set_speed(chassis, 20.0)
+        await idle(chassis)
+        assert chassis.state.info.task_proc.state == task_pb2.kCompleted
 
 
 @aio

@@ -280,7 +280,7 @@ class Vehicle:
 
     def _is_driven_otherwise(self) -> bool:
         """Return True if something else than the order drives the robot, or may do so."""
-        if self._machine.driving or self._runner.is_running:
+        if self._machine.driving or self._machine.acting:
             return False
         return bool(self._driver.other_task or self._gate.reported_owner)
 

@@ -86,11 +86,6 @@ class ActionRunner:
             self._active[action.id] = action
             self._launch(action)
 
-    @property
-    def is_running(self) -> bool:
-        """True while an action runs."""
-        return bool(self._tasks)
-
     def end(self, action: Action) -> None:
         """End an action; it fails, unless it ends by itself before."""
         if action in self._waiting:

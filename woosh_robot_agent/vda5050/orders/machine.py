@@ -101,6 +101,11 @@ class OrderMachine:
         return self._leg is not None
 
     @property
+    def acting(self) -> bool:
+        """True while an action of the order runs."""
+        return bool(self._running)
+
+    @property
     def canceling(self) -> bool:
         """True from the cancellation of the order until everything has stopped."""
         return self._canceling
