@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from dataclasses import dataclass, field, replace
 
 from woosh_robot_agent.endpoints import minimum_timeouts
@@ -25,7 +26,12 @@ from woosh_robot_agent.vda5050.model.errors import (
 )
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
 from woosh_robot_agent.vda5050.model.order import Order
-from woosh_robot_agent.vda5050.model.state import ActionStatus, OperatingMode, VehicleState
+from woosh_robot_agent.vda5050.model.state import (
+    ActionStatus,
+    OperatingMode,
+    RobotStatus,
+    VehicleState,
+)
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
 from woosh_robot_agent.vda5050.order_check import OrderCheck
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
@@ -38,6 +44,7 @@ from woosh_robot_agent.vda5050.orders.commands import (
     ResumeDrive,
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
+from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
@@ -46,6 +53,8 @@ from woosh_robot_agent.vda5050.publisher import Publisher
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
+from woosh_robot_agent.vda5050.robot.marks import RobotMarks
+from woosh_robot_agent.vda5050.speed import SpeedLimiter
 
 _LOG = logging.getLogger(__name__)
 _CLOSE_TIMEOUT = 1.0
@@ -92,6 +101,11 @@ class Vehicle:
         self._driver = Driver(
             self._chassis, self._gate, requests, self._drive_ended, self._robot_changed
         )
+        self._speed = SpeedLimiter(self._chassis, self._gate, requests, self._speed_refused)
+        self._refused_speed = ""
+        """Why the drive is being cancelled: the robot does not take a speed limit; else empty."""
+        self._marks = RobotMarks(self._chassis, self._robot_changed)
+        self._was_automatic = False
         context = Context(self._chassis, self._gate, requests, self._facts, self)
         self._registry = Registry(context)
         self._runner = ActionRunner(self._registry, self._action_changed)
@@ -121,6 +135,8 @@ class Vehicle:
         except LinkError as error:
             _LOG.error("the robot may be moving, press its emergency stop: %s", error)
         await self._driver.close()
+        await self._speed.close()
+        await self._marks.close()
         await self._runner.close()
         await self._reports.close(_CLOSE_TIMEOUT)
         for task in self._tasks:
@@ -155,7 +171,7 @@ class Vehicle:
 
     def _order_received(self, payload: bytes) -> None:
         try:
-            order = read_order(payload, self._config.version)
+            order = self._with_marks(read_order(payload, self._config.version))
             if self._machine.receive(order, self._check_order) is Verdict.KNOWN:
                 return
         except RejectedError as rejected:
@@ -167,6 +183,11 @@ class Vehicle:
             if order.update_id == 0:
                 self._instant.forget_ended()
         self._step()
+
+    def _with_marks(self, order: Order) -> Order:
+        status = self._facts.status
+        place = status.position if status is not None else None
+        return with_marks(order, "" if place is None else place.map_id, self._marks.find)
 
     def _check_order(self, order: Order) -> None:
         OrderCheck(order, self._registry).check(self._facts.status)
@@ -190,16 +211,31 @@ class Vehicle:
             self._machine.moved(status.position)
             if self._machine.status.last_node_sequence_id != before:
                 self._step()
+            self._limit_speed()
         self._reports.moved()
 
     def _robot_changed(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
             self._machine.moved(status.position)
+        self._check_mode(status)
         self._step()
 
+    def _check_mode(self, status: RobotStatus | None) -> None:
+        """Cancel the order if the robot leaves the automatic mode."""
+        is_automatic = status is not None and status.mode is OperatingMode.AUTOMATIC
+        if self._was_automatic and not is_automatic and self._machine.busy:
+            self._machine.cancel("the robot has left the automatic mode")
+        self._was_automatic = is_automatic
+
+    def _speed_refused(self, reason: str) -> None:
+        _LOG.error("the drive is cancelled: %s", reason)
+        self._refused_speed = reason
+        self._driver.cancel()
+
     def _drive_ended(self, reason: str) -> None:
-        self._machine.drive_ended(reason)
+        self._machine.drive_ended(self._refused_speed or reason)
+        self._refused_speed = ""
         self._step()
 
     def _action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
@@ -233,7 +269,14 @@ class Vehicle:
         if self._cancelled is not None and not self._machine.canceling:
             self._cancelled.set_result(None)
             self._cancelled = None
+        self._limit_speed()
         self._reports.changed()
+
+    def _limit_speed(self) -> None:
+        limit = self._machine.speed_limit
+        if limit is not None and limit >= self._config.limits.max_speed:
+            limit = math.inf
+        self._speed.limit(limit)
 
     # Controls for actions
 

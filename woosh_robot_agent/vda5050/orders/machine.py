@@ -126,10 +126,10 @@ class OrderMachine:
         )
 
     @property
-    def speed_limit(self) -> float:
-        """Speed that the vehicle must not exceed now, in m/s; infinite without a limit."""
+    def speed_limit(self) -> float | None:
+        """Maximum speed now, in m/s; infinite without a limit, None while no leg is driven."""
         if self._leg is None:
-            return math.inf
+            return None
         rest = self._leg.edges.index(self._edges[0])
         return speed_limit(self._leg.edges[rest:], self._leg.nodes[rest:], self._position)
 

@@ -166,7 +166,7 @@ class Version21:
             },
         }
         if order.distance_since_last_node is not None:
-            message["distanceSinceLastNode"] = order.distance_since_last_node
+            message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
         return message | self.visualization(robot.position, robot.velocity) | _optional(robot)
 
     def visualization(self, position: Position | None, velocity: Velocity | None) -> dict[str, Any]:
