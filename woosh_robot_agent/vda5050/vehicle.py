@@ -207,9 +207,13 @@ class Vehicle:
     def _moved(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
-            before = self._machine.status.last_node_sequence_id
+            before = self._machine.status
             self._machine.moved(status.position)
-            if self._machine.status.last_node_sequence_id != before:
+            after = self._machine.status
+            if (before.last_node_sequence_id, before.new_base_request) != (
+                after.last_node_sequence_id,
+                after.new_base_request,
+            ):
                 self._step()
             self._limit_speed()
         self._reports.moved()

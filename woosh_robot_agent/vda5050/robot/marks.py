@@ -7,10 +7,10 @@ import logging
 import math
 from collections.abc import Callable
 
-from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import Pose
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.vda5050.model.order import NodePosition
 
 _LOG = logging.getLogger(__name__)
@@ -28,11 +28,12 @@ class RobotMarks:
         self._chassis = chassis
         self._on_changed = on_changed
         self._scene = ("", 0)
-        """Name and version of the scene whose marks were requested."""
+        """Name and version of the robot's scene."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Places of the marks, by the id of the map and the number of the mark."""
         self._request: asyncio.Task[None] | None = None
-        chassis.on_snapshot(self._connected)
+        chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
+        chassis.on_state(self._link_changed)
         chassis.subscribe(Scene, self._scene_reported)
         chassis.on_robot_changed(self._forget)
 
@@ -46,27 +47,33 @@ class RobotMarks:
             self._request.cancel()
             await asyncio.gather(self._request, return_exceptions=True)
 
-    def _connected(self, info: RobotInfo) -> None:
-        self._scene = ("", 0)  # marks may have changed while there was no link
-        self._scene_reported(info.scene)
+    def _link_changed(self, state: LinkState) -> None:
+        if state is LinkState.READY:
+            self._fetch(self._scene)
+        elif self._request is not None:
+            self._request.cancel()
 
     def _scene_reported(self, scene: Scene) -> None:
-        if not scene.scene_name or (scene.scene_name, scene.version) == self._scene:
-            return
-        if scene.scene_name != self._scene[0]:
+        before, self._scene = self._scene, (scene.scene_name, scene.version)
+        if self._scene[0] != before[0]:
             self._marks = {}
-        self._scene = (scene.scene_name, scene.version)
+        if self._scene != before and self._chassis.state is LinkState.READY:
+            self._fetch(self._scene)
+
+    def _fetch(self, scene: tuple[str, int]) -> None:
         if self._request is not None:
             self._request.cancel()
+        if not scene[0]:
+            return
         self._request = asyncio.get_running_loop().create_task(
-            self._fetch(scene.scene_name), name="vda5050 marks"
+            self._ask(scene[0]), name="vda5050 marks"
         )
 
     def _forget(self) -> None:
         self._marks = {}
         self._scene = ("", 0)
 
-    async def _fetch(self, scene: str) -> None:
+    async def _ask(self, scene: str) -> None:
         try:
             answer = await self._chassis.request(SceneData(name=scene))
         except LinkError as error:  # requested again after a reconnect
