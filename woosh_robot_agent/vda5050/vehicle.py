@@ -172,15 +172,16 @@ class Vehicle:
     def _order_received(self, payload: bytes) -> None:
         try:
             order = self._with_marks(read_order(payload, self._config.version))
-            if self._machine.receive(order, self._check_order) is Verdict.KNOWN:
-                return
+            verdict = self._machine.receive(order, self._check_order)
         except RejectedError as rejected:
             _LOG.warning("an order was rejected: %s", rejected)
             self._rejection = rejected.error
         else:
+            if verdict is Verdict.KNOWN:
+                return
             _LOG.info("order %s, update %d accepted", order.id, order.update_id)
             self._rejection = None
-            if order.update_id == 0:
+            if verdict is Verdict.NEW:
                 self._instant.forget_ended()
         self._step()
 
@@ -321,5 +322,5 @@ class Vehicle:
         order = replace(
             order, actions=order.actions + self._instant.states, paused=self._driver.paused
         )
-        errors = (self._rejection, self._machine.error, *self._instant.errors, *robot.errors)
+        errors = (self._rejection, *self._machine.errors, *self._instant.errors, *robot.errors)
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))
