@@ -168,6 +168,12 @@ async def test_what_the_vehicle_cannot_do_is_rejected_with_references(
 ) -> None:
     async with Master(broker.port) as master, vehicle():
         await master.online()
+        await eventually(lambda: master.last("factsheet"))
+        features = master.last("factsheet")["protocolFeatures"]["optionalParameters"]
+        supported = {each["parameter"] for each in features}
+        assert supported >= {"order.edges.trajectory", "order.edges.maxSpeed"}
+        assert not supported & {"order.edges.corridor", "order.zoneSetId"}
+
         for number, (what, (content, kind, expected)) in enumerate(REJECTED.items()):
             name = f"bad-{number}"
             master.send("order", {"orderId": name, "orderUpdateId": 0} | content)
@@ -192,6 +198,20 @@ async def test_what_the_vehicle_cannot_do_is_rejected_with_references(
 
 def references(error: Message) -> dict[str, str]:
     return {each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]}
+
+
+@aio
+async def test_a_robot_that_does_not_know_its_position_takes_no_order(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        chassis.lose_localisation()
+        await master.wait_state(lambda state: not state["agvPosition"]["positionInitialized"])
+        master.order([node("a", 0, *START, allowedDeviationXY=50.0)])
+        state = await master.wait_state(lambda state: "orderError" in error_types(state))
+        assert "initPosition" in str(state["errors"])
+        assert state["orderId"] == ""
 
 
 @aio
@@ -237,13 +257,8 @@ async def test_a_cancelled_order_stops_the_robot_and_the_next_one_starts_there(
         ]
         assert references(state["errors"][0])["actionId"] == "nothing"
 
-        master.order(
-            [
-                node("a", 0, *START),
-                node("b", 2, 10.0, -7.0),
-                node("c", 4, 10.0, -6.0, released=False),
-            ]
-        )
+        nodes = [*FAR, node("c", 4, 10.0, -6.0, released=False)]
+        master.order(nodes, [edge(*FAR, maxSpeed=0.1), edge(*nodes[1:])])
         await master.wait_state(lambda state: state["driving"])
         master.instant(action("cancelOrder", "stop", blocking="HARD"))
         state = await master.wait_state(lambda state: status_of(state, "stop") == "FINISHED")
