@@ -84,9 +84,14 @@ class Driver:
             leg: the leg.
             position: position of the robot; the heading at a node without one follows from it.
         """
+        self.execute(leg_task(0, leg, position))
+
+    def execute(self, request: ExecTask) -> None:
+        """Execute a task; it gets a new id."""
         self._task_id = self._last_id = max(self._last_id + 1, int(time.time() * 1000))
         self._is_reported = self.paused = False
-        self._spawn(self._start(self._task_id, leg_task(self._task_id, leg, position)))
+        request.task_id = self._task_id
+        self._spawn(self._start(self._task_id, request))
 
     def cancel(self) -> None:
         """Cancel the task of the leg."""

@@ -121,11 +121,12 @@ class OrderCheck:
             if objection := self._registry.objection(action, scope):
                 raise self._error(
                     ErrorType.ORDER_ACTION,
-                    objection,
+                    objection.reason,
                     "see the factsheet for the actions of the vehicle",
                     **place,
                     actionId=action.id,
                     actionType=action.type,
+                    **objection.references,
                 )
 
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:

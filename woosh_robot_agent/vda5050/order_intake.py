@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.inbox import read_order
 from woosh_robot_agent.vda5050.model.order import Order
@@ -9,6 +11,7 @@ from woosh_robot_agent.vda5050.order_check import OrderCheck
 from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary
 from woosh_robot_agent.vda5050.robot.marks import RobotMarks
 
 
@@ -20,15 +23,22 @@ class OrderIntake:
         registry: the actions of the vehicle.
         facts: what the robot reports.
         marks: the marks of the robot.
+        maps: the maps of the robot.
     """
 
     def __init__(
-        self, version: Version, registry: Registry, facts: RobotFacts, marks: RobotMarks
+        self,
+        version: Version,
+        registry: Registry,
+        facts: RobotFacts,
+        marks: RobotMarks,
+        maps: MapLibrary,
     ) -> None:
         self._version = version
         self._registry = registry
         self._facts = facts
         self._marks = marks
+        self._maps = maps
 
     def read(self, payload: bytes) -> Order:
         """Return a received order, with the marks to which the robot drives.
@@ -47,4 +57,7 @@ class OrderIntake:
         Raises:
             RejectedError: the vehicle cannot perform it.
         """
-        OrderCheck(order, self._registry).check(self._facts.status)
+        status, info = self._facts.status, self._facts.info
+        if status is not None and info is not None:
+            status = replace(status, maps=self._maps.listed(info))
+        OrderCheck(order, self._registry).check(status)

@@ -5,15 +5,23 @@ from __future__ import annotations
 import asyncio
 import logging
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.actions.conditions import Conditions
+from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
 from woosh_robot_agent.vda5050.actions.instant import InstantActions
-from woosh_robot_agent.vda5050.actions.performer import ActionFailedError, Context
+from woosh_robot_agent.vda5050.actions.log_report import LogReport
+from woosh_robot_agent.vda5050.actions.pause import Pause
+from woosh_robot_agent.vda5050.actions.performer import Context
 from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
+from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
 from woosh_robot_agent.vda5050.driving import Driver
 from woosh_robot_agent.vda5050.inbox import read_instant_actions
@@ -21,9 +29,9 @@ from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     RejectedError,
     VehicleError,
-    warning,
 )
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
+from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import (
     ActionStatus,
     OperatingMode,
@@ -50,6 +58,7 @@ from woosh_robot_agent.vda5050.publisher import Publisher
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary
 from woosh_robot_agent.vda5050.robot.marks import RobotMarks
 from woosh_robot_agent.vda5050.speed import SpeedLimiter
 
@@ -69,6 +78,7 @@ class VehicleConfig:
         interface: first level of the topics.
         version: version of the standard.
         limits: what the robot does not report about itself.
+        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
     """
 
     link: LinkConfig
@@ -77,6 +87,7 @@ class VehicleConfig:
     interface: str = "uagv"
     version: Version = field(default_factory=Version21)
     limits: Limits = field(default_factory=Limits)
+    log_folder: Path | None = None
 
 
 class Vehicle:
@@ -105,15 +116,40 @@ class Vehicle:
         """Why the drive is being cancelled: the robot does not take a speed limit; else empty."""
         self._marks = RobotMarks(self._chassis, self._robot_changed)
         self._was_automatic = False
-        context = Context(self._chassis, self._gate, requests, self._facts, self)
-        self._registry = Registry(context)
-        self._intake = OrderIntake(config.version, self._registry, self._facts, self._marks)
-        self._runner = ActionRunner(self._registry, self._action_changed)
-        self._instant = InstantActions(self._registry, self._runner)
+        self._maps = MapLibrary(self._chassis, self._robot_changed)
+        self._conditions = Conditions()
+        self._pause = Pause()
+        self._pause.join(self._apply_pause, lambda: not self._is_driving())
+        work = (self._chassis, self._gate, requests, self._pause, self._conditions)
+        self._calls = RobotCalls(*work)
+        self._robot_tasks = RobotTasks(*work)
+        context = Context(
+            chassis=self._chassis,
+            gate=self._gate,
+            requests=requests,
+            facts=self._facts,
+            maps=self._maps,
+            pause=self._pause,
+            conditions=self._conditions,
+            calls=self._calls,
+            tasks=self._robot_tasks,
+            vehicle=self,
+        )
+        further = (
+            (partial(LogReport, folder=config.log_folder),) if config.log_folder is not None else ()
+        )
+        self._registry = Registry(context, config.version.number, further)
+        self._intake = OrderIntake(
+            config.version, self._registry, self._facts, self._marks, self._maps
+        )
+        self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
+        self._instant = InstantActions(self._registry, self._runner, self)
         self._rejection: VehicleError | None = None
         """Why the last order or message was rejected; None if an order was accepted since."""
         self._cancelled: asyncio.Future[None] | None = None
         """Done when the order has been cancelled; None if it is not being cancelled."""
+        self._was_driving = False
+        """The robot drove at its last report of a pose."""
         self._mqtt: MqttConnection | None = None
         """None until the serial number is known."""
         self._reports = Reports(
@@ -137,7 +173,10 @@ class Vehicle:
         await self._driver.close()
         await self._speed.close()
         await self._marks.close()
+        await self._calls.close()
+        await self._robot_tasks.close()
         await self._runner.close()
+        await self._maps.close()
         await self._reports.close(_CLOSE_TIMEOUT)
         for task in self._tasks:
             task.cancel()
@@ -209,6 +248,10 @@ class Vehicle:
             ):
                 self._step()
             self._speed.limit(self._machine.speed_limit)
+        if status is not None and status.driving != self._was_driving:
+            self._was_driving = status.driving
+            self._reports.changed()
+        self._conditions.check()
         self._reports.moved()
 
     def _robot_changed(self) -> None:
@@ -233,11 +276,6 @@ class Vehicle:
     def _drive_ended(self, reason: str) -> None:
         self._machine.drive_ended(self._refused_speed or reason)
         self._refused_speed = ""
-        self._step()
-
-    def _action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
-        if not self._instant.changed(action_id, status, result):
-            self._machine.action_changed(action_id, status, result)
         self._step()
 
     # Execution
@@ -267,18 +305,65 @@ class Vehicle:
             self._cancelled.set_result(None)
             self._cancelled = None
         self._speed.limit(self._machine.speed_limit)
+        self._runner.poll()
+        self._conditions.check()
         self._reports.changed()
 
     # Controls for actions
 
-    async def cancel_order(self, action_id: str) -> None:
+    @property
+    def has_leg(self) -> bool:
+        return self._machine.driving
+
+    @property
+    def paused(self) -> bool:
+        if self._pause.wanted:
+            return self._pause.in_effect
+        return self._driver.paused and not self._machine.held
+
+    def hold(self, name: str) -> None:
+        self._machine.hold(name)
+        self._step()
+
+    def release(self, name: str) -> None:
+        self._machine.release(name)
+        self._step()
+
+    def resume(self) -> None:
+        self._driver.resume()
+
+    def set_last_node(self, node_id: str) -> None:
+        self._machine.placed(node_id)
+
+    def clear_instant_actions(self) -> None:
+        self._instant.forget_ended()
+
+    def action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
+        if not self._instant.changed(action_id, status, result):
+            self._machine.action_changed(action_id, status, result)
+        self._step()
+
+    def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        self._instant.failed(action, reason, kind)
+
+    def _apply_pause(self, pause: bool) -> None:
+        if pause:
+            self.hold("pause")
+        else:
+            self.release("pause")
+
+    def _is_driving(self) -> bool:
+        return self._machine.driving and not self._driver.paused
+
+    async def cancel_order(self, order_id: str) -> None:
         if not self._machine.busy:
-            self._instant.errors.append(
-                warning(
-                    ErrorType.NO_ORDER_TO_CANCEL, "there is no order to cancel", actionId=action_id
-                )
+            raise ActionFailedError("there is no order to cancel", ErrorType.NO_ORDER_TO_CANCEL)
+        current = self._machine.status.order_id
+        if order_id not in ("", current):
+            raise ActionFailedError(
+                f"the vehicle executes order {current}, not {order_id}",
+                ErrorType.NO_ORDER_TO_CANCEL,
             )
-            raise ActionFailedError("there is no order to cancel")
         if self._cancelled is None:
             self._cancelled = asyncio.get_running_loop().create_future()
             self._machine.cancel()
@@ -305,8 +390,8 @@ class Vehicle:
         if robot is None:
             return None
         order = self._machine.status
-        order = replace(
-            order, actions=order.actions + self._instant.states, paused=self._driver.paused
-        )
+        order = replace(order, actions=order.actions + self._instant.states, paused=self.paused)
+        if self._facts.info is not None:
+            robot = replace(robot, maps=self._maps.listed(self._facts.info))
         errors = (self._rejection, *self._machine.errors, *self._instant.errors, *robot.errors)
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
 from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.model.factsheet import Scope
-from woosh_robot_agent.vda5050.model.order import Action
+from woosh_robot_agent.vda5050.model.factsheet import ActionType, Scope
+from woosh_robot_agent.vda5050.model.order import Action, BlockingType
 from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
+
+_MAX_ENDED = 200
+"""Maximum number of ended actions whose states are kept."""
+_MAX_ERRORS = 50
+"""Maximum number of errors of actions that are kept."""
 
 
 class InstantActions:
@@ -19,16 +26,18 @@ class InstantActions:
     Args:
         registry: the actions of the vehicle.
         runner: performs them.
+        vehicle: is held while an action forbids driving.
 
     Attributes:
-        errors: errors of instant actions that the vehicle could not perform.
+        errors: errors of actions that failed.
     """
 
-    def __init__(self, registry: Registry, runner: ActionRunner) -> None:
+    def __init__(self, registry: Registry, runner: ActionRunner, vehicle: VehicleControls) -> None:
         self._registry = registry
         self._runner = runner
+        self._vehicle = vehicle
         self._states: dict[str, ActionState] = {}
-        self.errors: list[VehicleError] = []
+        self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 
     @property
     def states(self) -> tuple[ActionState, ...]:
@@ -40,23 +49,24 @@ class InstantActions:
         for action in actions:
             if action.id in self._states:
                 continue
+            self._forget_oldest()
             self._states[action.id] = ActionState(
                 action.id, action.type, ActionStatus.WAITING, description=action.description
             )
-            objection = self._registry.objection(action, Scope.INSTANT)
-            if objection:
-                self.changed(action.id, ActionStatus.FAILED, objection)
+            if objection := self._registry.objection(action, Scope.INSTANT):
                 self.errors.append(
                     warning(
                         ErrorType.INSTANT_ACTION,
-                        objection,
+                        objection.reason,
                         "see the factsheet for the actions of the vehicle",
                         actionId=action.id,
                         actionType=action.type,
+                        **objection.references,
                     )
                 )
+                self.changed(action.id, ActionStatus.FAILED, objection.reason)
             else:
-                self._runner.start(action)
+                self._start(action, self._registry.get(action.type).type)
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
         """Take the new status of an action; return False if it is not an instant action."""
@@ -64,9 +74,35 @@ class InstantActions:
         if state is None:
             return False
         self._states[action_id] = replace(state, status=status, result=result)
+        if status.ended:
+            self._vehicle.release(_hold_of(action_id))
         return True
 
+    def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        """Store the error of an action that failed, be it an instant action or not."""
+        self.errors.append(warning(kind, reason, actionId=action.id, actionType=action.type))
+
     def forget_ended(self) -> None:
-        """Forget the actions that have ended: there is a new order."""
+        """Forget the actions that have ended, and all errors."""
         self._states = {key: state for key, state in self._states.items() if not state.status.ended}
         self.errors.clear()
+
+    def _start(self, action: Action, kind: ActionType) -> None:
+        if kind.scopes == {Scope.INSTANT}:
+            # it controls the vehicle, so it waits for nothing, whatever its blockingType
+            self._runner.start(action, at_once=True)
+            return
+        if action.blocking not in kind.blocking:
+            action = replace(action, blocking=BlockingType.HARD)
+        if action.blocking.stops:
+            self._vehicle.hold(_hold_of(action.id))
+        self._runner.start(action)
+
+    def _forget_oldest(self) -> None:
+        ended = [key for key, state in self._states.items() if state.status.ended]
+        for key in ended[: max(0, len(ended) - _MAX_ENDED + 1)]:
+            del self._states[key]
+
+
+def _hold_of(action_id: str) -> str:
+    return f"action {action_id}"

@@ -2,32 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
-from woosh_robot_agent.link import ChassisClient
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import Answer, ChassisClient
 from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.actions.conditions import Conditions
+from woosh_robot_agent.vda5050.actions.errors import ActionFailedError, Objection
+from woosh_robot_agent.vda5050.actions.pause import Pause
+from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
+from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.model.factsheet import ActionType
 from woosh_robot_agent.vda5050.model.order import Action
+from woosh_robot_agent.vda5050.model.state import ActionStatus
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary
 
-
-class ActionFailedError(Exception):
-    """An action failed. The text is the reason."""
+Report: TypeAlias = Callable[[ActionStatus], None]
+"""Function that reports the status of an action while it is performed."""
 
 
 class VehicleControls(Protocol):
     """What an action can do with the vehicle itself."""
 
-    async def cancel_order(self, action_id: str) -> None:
+    @property
+    def has_leg(self) -> bool:
+        """True while the robot has a task to drive along the order, also while it is paused."""
+
+    @property
+    def paused(self) -> bool:
+        """True while the vehicle is paused."""
+
+    def hold(self, name: str) -> None:
+        """Stop the vehicle until the `release` of the same name."""
+
+    def release(self, name: str) -> None:
+        """End a hold; idempotent."""
+
+    def resume(self) -> None:
+        """Resume the drive that the robot, or another client, has paused."""
+
+    def set_last_node(self, node_id: str) -> None:
+        """Set the node on which the vehicle stands."""
+
+    async def cancel_order(self, order_id: str) -> None:
         """Cancel the current order, and wait until everything has stopped.
 
         Args:
-            action_id: id of the action that cancels it, for the error if there is no order.
+            order_id: id that the order must have; empty for any order.
 
         Raises:
-            ActionFailedError: there is no order.
+            ActionFailedError: there is no such order.
         """
 
     def publish_state(self) -> None:
@@ -35,6 +65,9 @@ class VehicleControls(Protocol):
 
     def publish_factsheet(self) -> None:
         """Publish the factsheet."""
+
+    def clear_instant_actions(self) -> None:
+        """Forget the instant actions that have ended."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +79,11 @@ class Context:
         gate: sends requests that move the robot.
         requests: addresses the requests.
         facts: what the robot reports.
+        maps: maps on the robot.
+        pause: the pause of the vehicle.
+        conditions: waits for conditions of the vehicle.
+        calls: executes the robot's own actions.
+        tasks: executes tasks of the robot.
         vehicle: the vehicle itself.
     """
 
@@ -53,7 +91,35 @@ class Context:
     gate: MotionGate
     requests: RequestMaker
     facts: RobotFacts
+    maps: MapLibrary
+    pause: Pause
+    conditions: Conditions
+    calls: RobotCalls
+    tasks: RobotTasks
     vehicle: VehicleControls
+
+    async def request(self, message: Message) -> Answer:
+        """Send a request that moves nothing, and return the answer.
+
+        Raises:
+            ActionFailedError: the robot refused it.
+            LinkError: it was not sent or not answered.
+        """
+        answer = await self.chassis.request(self.requests.address(message))
+        if not answer.ok:
+            raise ActionFailedError(f"the robot refused {full_name(message)}: {answer.msg}")
+        return answer
+
+    def require_no_leg(self) -> None:
+        """Check that the robot has no task of an order, which another task would end.
+
+        Raises:
+            ActionFailedError: it has one.
+        """
+        if self.vehicle.has_leg:
+            raise ActionFailedError(
+                "the vehicle drives along an order: wait until it stands on a node, or cancel it"
+            )
 
 
 class Performer(Protocol):
@@ -63,16 +129,36 @@ class Performer(Protocol):
         type: name, scopes and parameters, for the factsheet and for the check of orders.
     """
 
-    type: ActionType
+    @property
+    def type(self) -> ActionType: ...
 
-    def check(self, action: Action) -> str:
-        """Return why an action with these parameters is impossible; empty if it is possible."""
+    def check(self, action: Action) -> Objection | None:
+        """Return why an action with these parameters is impossible; None if it is possible.
 
-    async def perform(self, action: Action) -> str:
+        The types of the parameters have been checked already.
+        """
+
+    async def perform(self, action: Action, report: Report) -> str:
         """Perform an action, and return its result; the result may be empty.
 
         When it is cancelled, it ends what it has begun at the robot.
 
+        Args:
+            action: the action.
+            report: called with each change of the status between its start and its end.
+
         Raises:
             ActionFailedError: the action failed.
+            LinkError: the robot could not be reached.
         """
+
+
+class PlainPerformer:
+    """Base of actions of which the types of the parameters are all there is to check."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def check(self, action: Action) -> Objection | None:
+        """Object to nothing."""
+        return None

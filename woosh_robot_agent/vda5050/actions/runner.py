@@ -5,61 +5,139 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from itertools import takewhile
+from typing import Protocol
 
 from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.vda5050.actions.performer import ActionFailedError
+from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
+from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.model.errors import ErrorType
 from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.vda5050.orders.blocking import startable
 
 _LOG = logging.getLogger(__name__)
+_ENDED = "the action was ended"
+
+
+class Watcher(Protocol):
+    """Gets to know what becomes of the actions."""
+
+    def action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
+        """Take the new status of an action, and its result."""
+
+    def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        """Take the reason why an action failed by itself, before its new status."""
 
 
 class ActionRunner:
-    """Performs actions at the same time. It does not decide which ones may run together.
+    """Performs actions as far as their blocking types permit.
+
+    The actions of an order come when the order permits them. They wait for blocking instant
+    actions, and these for them.
 
     Args:
         registry: the actions of the vehicle.
-        on_changed: called with the id of an action, its new status and its result.
+        pause: the pause of the vehicle, in which no action starts that moves something.
+        is_driving: returns True while the vehicle drives along the order.
+        watcher: gets to know what becomes of the actions.
     """
 
     def __init__(
-        self, registry: Registry, on_changed: Callable[[str, ActionStatus, str], None]
+        self, registry: Registry, pause: Pause, is_driving: Callable[[], bool], watcher: Watcher
     ) -> None:
         self._registry = registry
-        self._on_changed = on_changed
+        self._pause = pause
+        self._is_driving = is_driving
+        self._watcher = watcher
+        self._waiting: list[Action] = []
+        """Actions that have not started, in the sequence in which they must start."""
+        self._active: dict[str, Action] = {}
+        """Actions that run and for which others may have to wait, by id."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._closing = False
 
-    def start(self, action: Action) -> None:
-        """Start an action."""
-        work = self._run(action)
-        running = asyncio.get_running_loop().create_task(work, name=f"vda5050 {action.type}")
-        self._tasks[action.id] = running
-        running.add_done_callback(lambda _: self._tasks.pop(action.id, None))
+    def start(self, action: Action, *, at_once: bool = False) -> None:
+        """Start an action as soon as its blocking type permits.
+
+        Args:
+            action: the action.
+            at_once: ignore the blocking types.
+        """
+        if at_once:
+            self._launch(action)
+            return
+        self._waiting.append(action)
+        self.poll()
+        if action in self._waiting:
+            self._watcher.action_changed(action.id, ActionStatus.WAITING, "")
+
+    def poll(self) -> None:
+        """Start the actions that may start now."""
+        waiting = self._waiting
+        if self._pause.wanted:
+            waiting = list(takewhile(lambda each: not self._moves(each), waiting))
+        count = startable(waiting, self._active.values(), driving=self._is_driving())
+        started, self._waiting = self._waiting[:count], self._waiting[count:]
+        for action in started:
+            self._active[action.id] = action
+            self._launch(action)
 
     def end(self, action: Action) -> None:
-        """End an action that runs; it fails, unless it ends by itself before."""
-        if action.id in self._tasks:
+        """End an action; it fails, unless it ends by itself before."""
+        if action in self._waiting:
+            self._waiting.remove(action)
+            self._watcher.action_changed(action.id, ActionStatus.FAILED, _ENDED)
+        elif action.id in self._tasks:
             self._tasks[action.id].cancel()
 
     async def close(self) -> None:
-        """End all actions."""
+        """Stop following the actions. The robot goes on with them."""
+        self._closing = True
+        self._waiting.clear()
         running = list(self._tasks.values())
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
 
+    def _moves(self, action: Action) -> bool:
+        return self._registry.get(action.type).type.pausable
+
+    def _launch(self, action: Action) -> None:
+        work = self._run(action)
+        running = asyncio.get_running_loop().create_task(work, name=f"vda5050 {action.type}")
+        self._tasks[action.id] = running
+
     async def _run(self, action: Action) -> None:
-        self._on_changed(action.id, ActionStatus.RUNNING, "")
+        def report(status: ActionStatus) -> None:
+            self._watcher.action_changed(action.id, status, "")
+
+        performer = self._registry.get(action.type)
+        # what moves the robot runs once the robot has accepted it
+        report(ActionStatus.INITIALIZING if performer.type.pausable else ActionStatus.RUNNING)
         try:
-            result = await self._registry.get(action.type).perform(action)
+            result = await performer.perform(action, report)
         except asyncio.CancelledError:
-            self._on_changed(action.id, ActionStatus.FAILED, "the action was ended")
+            self._ended(action, ActionStatus.FAILED, _ENDED)
             raise
-        except (ActionFailedError, LinkError) as error:
-            self._on_changed(action.id, ActionStatus.FAILED, str(error))
+        except ActionFailedError as error:
+            self._failed(action, str(error), error.kind)
+        except LinkError as error:
+            self._failed(action, str(error), ErrorType.ACTION)
         except Exception:
             _LOG.exception("%s failed by an error of the program", action.type)
-            self._on_changed(action.id, ActionStatus.FAILED, "an error of the program; see its log")
+            self._failed(action, "an error of the program; see its log", ErrorType.ACTION)
         else:
-            self._on_changed(action.id, ActionStatus.FINISHED, result)
+            self._ended(action, ActionStatus.FINISHED, result)
+
+    def _failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        _LOG.warning("%s failed: %s", action.type, reason)
+        self._watcher.action_failed(action, reason, kind)
+        self._ended(action, ActionStatus.FAILED, reason)
+
+    def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
+        self._active.pop(action.id, None)
+        self._tasks.pop(action.id, None)
+        if not self._closing:
+            self._watcher.action_changed(action.id, status, result)

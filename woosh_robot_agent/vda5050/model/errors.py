@@ -48,6 +48,10 @@ class ErrorType(str, Enum):
     """The robot did not reach the next node."""
     INSTANT_ACTION = "instantActionError"
     """The vehicle cannot perform an instant action."""
+    ACTION = "actionError"
+    """An action failed."""
+    DUPLICATE_MAP = "duplicateMap"
+    """The vehicle has the map already."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,141 @@
+"""startPause, stopPause and cancelOrder, on the wire and at the chassis."""
+
+from __future__ import annotations
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.chassis_events import commands, references, result_of, statuses
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.master import Master, action, node, status_of
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.model.state import ActionStatus
+
+START = (4.23276472, -6.6727581)
+SLOW_STEP = {"distance": 1.0, "speed": 0.02}
+"""A step of 2.5 s of real time."""
+
+
+@aio
+async def test_a_drive_is_paused_and_resumed(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+
+        master.instant(action("startPause", "p1"))
+        paused = await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        assert paused["paused"] and paused["nodeStates"]
+        standing = await master.wait_state(lambda state: not state["driving"])
+        assert standing["lastNodeId"] == "a"
+        assert chassis.state.velocity.speed == 0.0
+
+        master.instant(action("startPause", "p2"))  # idempotent
+        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        master.instant(action("stopPause", "s1"))
+        resumed = await master.wait_state(lambda state: status_of(state, "s1") == "FINISHED")
+        assert not resumed["paused"]
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["drive", "pause", "continue"]
+    assert statuses(recorder, "p1")[-1] == statuses(recorder, "s1")[-1] == "FINISHED"
+
+
+@aio
+async def test_a_pause_before_an_order_holds_it_back(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.instant(action("startPause", "p"))
+        await master.wait_state(lambda state: state["paused"])
+        step = action("step", "step", distance=0.2)
+        master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
+        held = await master.wait_state(lambda state: state["orderId"] == "order")
+        master.instant(action("stateRequest", "s"))
+        held = await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        assert held["paused"] and status_of(held, "step") == "WAITING"
+        assert commands(chassis) == []
+        master.instant(action("stopPause", "r"))
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["step_control execute", "drive"]
+
+
+@aio
+async def test_a_pause_also_pauses_what_the_robot_moves(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle() as started:
+        seen: list[ActionStatus] = []
+        original = started.action_changed
+
+        def watch(action_id: str, status: ActionStatus, result: str) -> None:
+            if action_id == "step":
+                seen.append(status)
+            original(action_id, status, result)
+
+        started.action_changed = watch
+        await master.online()
+        master.instant(action("step", "step", **SLOW_STEP))
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        master.instant(action("startPause", "p"))
+        paused = await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        assert paused["paused"]
+        where = chassis.state.odometer
+        master.instant(action("stopPause", "r"))
+        ended = await master.wait_state(lambda state: status_of(state, "step") == "FINISHED")
+        assert status_of(ended, "r") == "FINISHED" and chassis.state.odometer > where
+    assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
+    running, pause = ActionStatus.RUNNING, ActionStatus.PAUSED
+    assert seen[-4:] == [running, pause, running, ActionStatus.FINISHED]
+
+
+@aio
+async def test_stop_pause_also_ends_a_pause_from_elsewhere(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+        chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
+        await master.wait_state(lambda state: state["paused"])
+        master.instant(action("stopPause", "s"))
+        await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["drive", "continue"]
+
+
+@aio
+async def test_cancel_order_stops_the_drive_and_ends_the_actions(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
+        later = action("pick", "pick", stationType="floor", loadType="EPAL")
+        master.order(
+            [node("a", 0, *START, actions=[lift]), node("b", 2, 9.0, 7.0, actions=[later])]
+        )
+        await master.wait_state(
+            lambda state: state["driving"] and status_of(state, "lift") == "RUNNING"
+        )
+        master.instant(action("cancelOrder", "wrong", orderId="another"))
+        refused = await master.wait_state(lambda state: status_of(state, "wrong") == "FAILED")
+        assert "another" in result_of(refused, "wrong")
+
+        master.instant(action("cancelOrder", "c", orderId="order"))
+        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        assert ended["nodeStates"] == ended["edgeStates"] == []
+        assert status_of(ended, "lift") == status_of(ended, "pick") == "FAILED"
+        assert not (await master.wait_state(lambda state: not state["driving"]))["paused"]
+        assert chassis.state.column < 0.2
+
+        master.instant(action("cancelOrder", "again"))
+        refused = await master.wait_state(lambda state: status_of(state, "again") == "FAILED")
+        errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
+        assert references(errors[-1])["actionId"] == "again"
+    sent = commands(chassis)
+    assert sent[:2] == ["lift_control3 execute", "drive"]
+    assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
+    assert statuses(recorder, "c")[-2:] == ["RUNNING", "FINISHED"]
