@@ -24,9 +24,8 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.leg_task import leg_task
 from woosh_robot_agent.vda5050.model.state import Position
 from woosh_robot_agent.vda5050.orders.legs import Leg
 
@@ -328,35 +327,3 @@ class Driver:
             self._report.set()
             self._log.clear()
             self._on_end(reason)
-
-
-def leg_task(task_id: int, leg: Leg, position: Position | None) -> ExecTask:
-    """Return the task that drives a leg.
-
-    Args:
-        task_id: id of the task.
-        leg: the leg.
-        position: position of the robot; None if unknown.
-    """
-    request = ExecTask(task_id=task_id, type=task.kPick)
-    if leg.goal.mark:
-        request.mark_no = leg.goal.mark
-        return request
-    poses: list[Pose2D] = []
-    here = None if position is None else (position.x, position.y)
-    heading = 0.0 if position is None else position.theta
-    for node in leg.nodes:
-        place = node.position
-        if place is None:
-            continue
-        if here is not None and here != (place.x, place.y):
-            heading = math.atan2(place.y - here[1], place.x - here[0])
-        here = (place.x, place.y)
-        heading = heading if place.theta is None else place.theta
-        poses.append(Pose2D(x=place.x, y=place.y, theta=heading))
-    if len(poses) == 1:
-        request.pose.CopyFrom(poses[0])
-    else:
-        stretch = request.plan_path.plan_path.add(target=poses[-1], optimal=PlanPath.kOptimal)
-        stretch.path.poses.extend(poses)
-    return request

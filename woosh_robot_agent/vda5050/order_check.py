@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
 from woosh_robot_agent.vda5050.model.factsheet import Scope
-from woosh_robot_agent.vda5050.model.order import Action, Order
+from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.model.state import OperatingMode, RobotStatus
+from woosh_robot_agent.vda5050.orders.curve import curve_defect, curve_points
+
+MIN_SPEED = 0.05
+"""Lowest speed limit that the robot obeys, in m/s."""
+_TOLERANCE = 0.25
+"""Distance of a trajectory's ends from their nodes that counts as none, in metres."""
 
 
 class OrderCheck:
@@ -32,34 +39,88 @@ class OrderCheck:
         Raises:
             RejectedError: the vehicle cannot perform it.
         """
+        self._check_mode(status)
+        if status is not None and status.position is not None and not status.position.initialised:
+            raise self._error(
+                ErrorType.NOT_AVAILABLE,
+                "the robot does not know its position",
+                "place it on the map with initPosition",
+            )
+        if self._order.unsupported:
+            raise self._unsupported(self._order.unsupported, "the order")
+        for edge in self._order.edges:
+            self._check_edge(edge)
+        for node in self._order.nodes:
+            self._check_node(node, status)
+        for start, edge, end in zip(
+            self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
+        ):
+            self._check_trajectory(start, edge, end)
+
+    def _check_mode(self, status: RobotStatus | None) -> None:
         if status is None or status.mode is not OperatingMode.AUTOMATIC:
             raise self._error(
+                ErrorType.NOT_AVAILABLE,
                 "the robot is not in automatic mode",
                 "switch the robot to automatic control and task mode",
             )
-        for edge in self._order.edges:
-            if edge.unsupported:
-                raise self._error(
-                    f"the robot cannot obey {', '.join(edge.unsupported)} of an edge",
-                    "leave it out; the factsheet lists the optional fields that the robot obeys",
-                    edgeId=edge.id,
-                    field=edge.unsupported[0],
-                )
-        for node in self._order.nodes:
-            if node.position is None and not node.mark:
-                raise self._error(
-                    f"node {node.id} has no position, and the robot has no mark of that name",
-                    "give the node a nodePosition, or use the number of a mark as nodeId",
-                    nodeId=node.id,
-                )
-            self._check_actions(node.actions, Scope.NODE, nodeId=node.id)
-        for edge in self._order.edges:
-            self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
+
+    def _check_edge(self, edge: Edge) -> None:
+        if edge.unsupported:
+            raise self._unsupported(edge.unsupported, "an edge", edgeId=edge.id)
+        if edge.max_speed is not None and edge.max_speed < MIN_SPEED:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the robot cannot drive as slowly as maxSpeed: {edge.max_speed}",
+                f"permit at least {MIN_SPEED} m/s",
+                edgeId=edge.id,
+                parameter="maxSpeed",
+            )
+        self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
+
+    def _check_node(self, node: Node, status: RobotStatus | None) -> None:
+        if node.position is None:
+            raise self._error(
+                ErrorType.ORDER,
+                f"node {node.id} has no position, and the robot has no mark of that name",
+                "give the node a nodePosition, or use the number of a mark as nodeId",
+                nodeId=node.id,
+                parameter="nodePosition",
+            )
+        place = status.position if status is not None else None
+        maps = {place.map_id} if place is not None else set()
+        maps |= {each.id for each in (status.maps or ())} if status is not None else set()
+        if node.position.map_id not in maps:
+            raise self._error(
+                ErrorType.UNKNOWN_MAP,
+                f"the robot has no map {node.position.map_id}",
+                f"use one of its maps: {', '.join(sorted(maps)) or 'it has no position on any'}",
+                nodeId=node.id,
+                mapId=node.position.map_id,
+            )
+        self._check_actions(node.actions, Scope.NODE, nodeId=node.id)
+
+    def _check_trajectory(self, start: Node, edge: Edge, end: Node) -> None:
+        if edge.trajectory is None:
+            return
+        reason = curve_defect(edge.trajectory)
+        if not reason:
+            points = curve_points(edge.trajectory)
+            reason = _misses(start, points[0]) or _misses(end, points[-1])
+        if reason:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the robot cannot drive the trajectory: {reason}",
+                "send a NURBS from the start node to the end node, or leave it out",
+                edgeId=edge.id,
+                parameter="trajectory",
+            )
 
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
         for action in actions:
             if objection := self._registry.objection(action, scope):
                 raise self._error(
+                    ErrorType.ORDER_ACTION,
                     objection.reason,
                     "see the factsheet for the actions of the vehicle",
                     **place,
@@ -68,11 +129,22 @@ class OrderCheck:
                     **objection.references,
                 )
 
-    def _error(self, reason: str, hint: str, **references: object) -> RejectedError:
+    def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
+        return self._error(
+            ErrorType.UNSUPPORTED_PARAMETER,
+            f"the robot cannot obey {', '.join(fields)} of {place}",
+            "leave it out; the factsheet lists the optional fields that the robot obeys",
+            **references,
+            parameter=list(fields),
+        )
+
+    def _error(
+        self, kind: ErrorType, reason: str, hint: str, **references: object
+    ) -> RejectedError:
         order = self._order
         return RejectedError(
             warning(
-                ErrorType.ORDER,
+                kind,
                 reason,
                 hint,
                 orderId=order.id,
@@ -80,3 +152,14 @@ class OrderCheck:
                 **references,
             )
         )
+
+
+def _misses(node: Node, point: tuple[float, float]) -> str:
+    """Return why a trajectory does not begin or end at a node; empty if it does."""
+    place = node.position
+    if place is None:
+        return ""
+    distance = math.hypot(place.x - point[0], place.y - point[1])
+    if distance <= max(place.deviation_xy, _TOLERANCE):
+        return ""
+    return f"it begins or ends {distance:.2f} m away from node {node.id}"

@@ -27,7 +27,7 @@ from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
 from woosh_robot_agent.vda5050.driving import Driver
-from woosh_robot_agent.vda5050.inbox import read_instant_actions, read_order
+from woosh_robot_agent.vda5050.inbox import read_instant_actions
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     RejectedError,
@@ -35,10 +35,10 @@ from woosh_robot_agent.vda5050.model.errors import (
     warning,
 )
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
-from woosh_robot_agent.vda5050.model.order import Action, Order
+from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import ActionStatus, OperatingMode, VehicleState
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.order_check import OrderCheck
+from woosh_robot_agent.vda5050.order_intake import OrderIntake
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.commands import (
     CancelDrive,
@@ -57,7 +57,9 @@ from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
 from woosh_robot_agent.vda5050.robot.maps import MapLibrary
+from woosh_robot_agent.vda5050.robot.marks import RobotMarks
 from woosh_robot_agent.vda5050.session import Session, SessionConfig
+from woosh_robot_agent.vda5050.speed import SpeedLimiter
 from woosh_robot_agent.vda5050.store import Record
 
 _LOG = logging.getLogger(__name__)
@@ -112,6 +114,12 @@ class Vehicle:
         self._driver = Driver(
             self._chassis, self._gate, requests, self._drive_ended, self._robot_changed
         )
+        self._speed = SpeedLimiter(
+            self._chassis, self._gate, requests, config.limits.max_speed, self._speed_refused
+        )
+        self._refused_speed = ""
+        """Why the drive is being cancelled: the robot does not take a speed limit; else empty."""
+        self._marks = RobotMarks(self._chassis, self._robot_changed)
         self._maps = MapLibrary(self._chassis, self._robot_changed)
         self._waits = Conditions()
         self._pause = Pause()
@@ -135,6 +143,9 @@ class Vehicle:
             (partial(LogReport, folder=config.log_folder),) if config.log_folder is not None else ()
         )
         self._registry = Registry(context, config.version.number, further)
+        self._intake = OrderIntake(
+            config.version, self._registry, self._facts, self._marks, self._maps
+        )
         self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
         self._instant = InstantActions(self._registry, self._runner, self)
         self._order_error: VehicleError | None = None
@@ -173,6 +184,8 @@ class Vehicle:
         except LinkError as error:
             _LOG.error("the robot may be moving, press its emergency stop: %s", error)
         await self._driver.close()
+        await self._speed.close()
+        await self._marks.close()
         await self._calls.close()
         await self._robot_tasks.close()
         await self._runner.close()
@@ -276,13 +289,21 @@ class Vehicle:
         self._order_error = warning(
             ErrorType.INTERRUPTED, reason, "send a new order in mode AUTOMATIC", orderId=order
         )
-        self._machine.cancel()
+        self._machine.cancel(reason)
 
     def _is_driven_otherwise(self) -> bool:
         """Return True if something else than the order drives the robot, or may do so."""
         if self._machine.driving or self._machine.acting:
             return False
-        return bool(self._driver.other_task or self._gate.reported_owner)
+        own = self._robot_tasks.task_id
+        if other := self._driver.other_task:
+            return other != own
+        return bool(self._gate.reported_owner) and not own and not self._calls.busy
+
+    def _goes_on_charging(self) -> bool:
+        """Return True if the task of an action goes on after the action has ended."""
+        acts = self._machine.driving or self._machine.acting
+        return not acts and bool(self._robot_tasks.task_id)
 
     def _conditions(self) -> list[VehicleError]:
         """Return errors of the connector itself."""
@@ -304,6 +325,14 @@ class Vehicle:
                     "wait for its end, or cancel the order",
                 )
             )
+        elif self._machine.busy and self._goes_on_charging():
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_BUSY,
+                    "the order waits, because the robot executes its charging task",
+                    "end it with stopCharging, or wait for its end",
+                )
+            )
         return errors
 
     # From the master control
@@ -312,23 +341,21 @@ class Vehicle:
         if self._session is None:
             return
         try:
-            order = read_order(payload, self._config.version, self._session.identity)
-            if self._machine.receive(order, self._check_order) is Verdict.KNOWN:
-                return
+            order = self._intake.read(payload, self._session.identity)
+            verdict = self._machine.receive(order, self._intake.check)
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
             self._order_error = rejected.error
         else:
+            if verdict is Verdict.KNOWN:
+                return
             _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
             self._log.clear()
             self._order_error = None
-            if order.update_id == 0:
+            if verdict is Verdict.NEW:
                 self._message_error = None
                 self._instant.forget_ended()
         self._step()
-
-    def _check_order(self, order: Order) -> None:
-        OrderCheck(order, self._registry).check(self._facts.status)
 
     def _instant_actions_received(self, payload: bytes) -> None:
         if self._session is None:
@@ -348,10 +375,15 @@ class Vehicle:
     def _moved(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
-            before = self._machine.status.last_node_sequence_id
+            before = self._machine.status
             self._machine.moved(status.position)
-            if self._machine.status.last_node_sequence_id != before:
+            after = self._machine.status
+            if (before.last_node_sequence_id, before.new_base_request) != (
+                after.last_node_sequence_id,
+                after.new_base_request,
+            ):
                 self._step()
+            self._speed.limit(self._machine.speed_limit)
         if status is not None and status.driving != self._was_driving:
             self._was_driving = status.driving
             self._reports.changed()
@@ -366,8 +398,14 @@ class Vehicle:
             self._clear_order(status.mode)
         self._step()
 
+    def _speed_refused(self, reason: str) -> None:
+        _LOG.error("the drive is cancelled: %s", reason)
+        self._refused_speed = reason
+        self._driver.cancel()
+
     def _drive_ended(self, reason: str) -> None:
-        self._machine.drive_ended(reason)
+        self._machine.drive_ended(self._refused_speed or reason)
+        self._refused_speed = ""
         self._step()
 
     # Execution
@@ -385,6 +423,7 @@ class Vehicle:
             and status.mode is OperatingMode.AUTOMATIC
             and self._chassis.state is LinkState.READY
             and not is_driven_otherwise
+            and not self._robot_tasks.task_id
             and not self._session.has_other_connector
         )
         for command in self._machine.poll(may_drive=may_drive):
@@ -403,6 +442,7 @@ class Vehicle:
         if self._cancelled is not None and not self._machine.canceling:
             self._cancelled.set_result(None)
             self._cancelled = None
+        self._speed.limit(self._machine.speed_limit)
         self._runner.poll()
         self._remember()  # before the commands are sent: nothing has been awaited since
         self._waits.check()
@@ -497,7 +537,7 @@ class Vehicle:
         errors = (
             self._order_error,
             self._message_error,
-            self._machine.error,
+            *self._machine.errors,
             *self._instant.errors,
             *self._conditions(),
             *robot.errors,

@@ -128,6 +128,11 @@ class RobotCalls:
         chassis.on_robot_changed(self._robot_changed)
         pause.join(self._pause, self._is_paused)
 
+    @property
+    def busy(self) -> bool:
+        """True while the robot executes an action."""
+        return bool(self._runs)
+
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.
 

@@ -46,6 +46,11 @@ class RobotTasks:
         self._closing = False
         pause.join(self._pause, self._is_paused)
 
+    @property
+    def task_id(self) -> int:
+        """Id of the task that the robot executes for an action; 0 without one."""
+        return self._driver.task_id
+
     async def perform(
         self,
         request: ExecTask,

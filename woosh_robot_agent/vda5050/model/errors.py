@@ -16,16 +16,32 @@ class ErrorLevel(Enum):
 
 
 class ErrorType(str, Enum):
-    """Types of errors about orders and instant actions."""
+    """Types of errors about orders and instant actions; versions have names of their own."""
 
     VALIDATION = "validationError"
     """A message is malformed."""
     ORDER = "orderError"
     """The vehicle cannot perform the order."""
-    ORDER_UPDATE = "orderUpdateError"
-    """The order update does not fit the current order."""
+    UNSUPPORTED_PARAMETER = "unsupportedParameter"
+    """The vehicle cannot obey an optional field of the order."""
+    ORDER_ACTION = "orderActionError"
+    """The vehicle cannot perform an action of the order."""
+    OTHER_ORDER_ACTIVE = "otherOrderActive"
+    """The vehicle still executes another order."""
+    NOT_AVAILABLE = "notAvailable"
+    """The vehicle is in an operating mode in which it takes no orders."""
+    UNKNOWN_MAP = "unknownMap"
+    """A node is on a map that the vehicle does not have."""
     NO_ROUTE = "noRouteError"
     """The vehicle is too far away from the first node of the order."""
+    ORDER_UPDATE = "orderUpdateError"
+    """The order update does not fit the current order."""
+    OUTDATED_UPDATE = "outdatedUpdate"
+    """The vehicle has a later update of the order."""
+    CHANGED_UPDATE = "changedUpdate"
+    """The vehicle has an update with the same number and another content."""
+    UPDATE_AFTER_CANCEL = "updateAfterCancel"
+    """The order of the update was cancelled."""
     NO_ORDER_TO_CANCEL = "noOrderToCancel"
     """There is no order that could be cancelled."""
     DRIVING = "drivingError"
@@ -95,11 +111,15 @@ class RejectedError(Exception):
 def warning(
     kind: ErrorType, description: str, hint: str = "", **references: object
 ) -> VehicleError:
-    """Return a warning whose references are the keyword arguments."""
+    """Return a warning whose references are the keyword arguments; a list gives one for each."""
     return VehicleError(
         kind.value,
         ErrorLevel.WARNING,
         description,
         hint,
-        tuple(Reference(key, str(value)) for key, value in references.items()),
+        tuple(
+            Reference(key, str(each))
+            for key, value in references.items()
+            for each in (value if isinstance(value, list) else [value])
+        ),
     )

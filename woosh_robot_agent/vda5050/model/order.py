@@ -83,7 +83,8 @@ class Node:
         position: position; None if the order has none.
         actions: actions to perform on the node.
         description: further information; may be empty.
-        mark: number of the robot's mark to drive to, for a node without a position; else empty.
+        mark: number of the robot's mark that it drives to, instead of to the position; empty if it
+            drives to the position.
     """
 
     id: str
@@ -157,9 +158,11 @@ class Order:
         update_id: number of the update.
         nodes: nodes in the sequence of traversal.
         edges: edges between them.
+        unsupported: names of the fields that are set although the robot cannot obey them.
     """
 
     id: str
     update_id: int
     nodes: tuple[Node, ...]
     edges: tuple[Edge, ...]
+    unsupported: tuple[str, ...] = ()

@@ -31,6 +31,7 @@ def judge(
     current: Order | None,
     *,
     busy: bool,
+    cancelled: bool,
     decision_point: Node | None,
     in_reach: Callable[[Node], bool],
 ) -> Verdict:
@@ -40,6 +41,7 @@ def judge(
         order: the order that arrived.
         current: the last order or update that the vehicle took; None if there was none.
         busy: the vehicle executes the current order, or waits for an update of it.
+        cancelled: the current order was cancelled.
         decision_point: last node of the current base, or the last one that was reached if there is
             no base left.
         in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
@@ -52,7 +54,7 @@ def judge(
         if busy:
             raise RejectedError(
                 _error(
-                    ErrorType.ORDER,
+                    ErrorType.OTHER_ORDER_ACTIVE,
                     order,
                     "the vehicle still executes another order, or waits for its update",
                     "wait for its end, or cancel it with cancelOrder",
@@ -72,14 +74,32 @@ def judge(
     if order.update_id < current.update_id:
         raise RejectedError(
             _error(
-                ErrorType.ORDER_UPDATE,
+                ErrorType.OUTDATED_UPDATE,
                 order,
                 f"the vehicle has orderUpdateId {current.update_id} already",
                 "send updates with increasing orderUpdateId",
             )
         )
-    if order.update_id == current.update_id:
+    if order == current:
         return Verdict.KNOWN
+    if order.update_id == current.update_id:
+        raise RejectedError(
+            _error(
+                ErrorType.CHANGED_UPDATE,
+                order,
+                f"the vehicle has another content of orderUpdateId {current.update_id}",
+                "send a changed order with a larger orderUpdateId",
+            )
+        )
+    if cancelled:
+        raise RejectedError(
+            _error(
+                ErrorType.UPDATE_AFTER_CANCEL,
+                order,
+                "the order was cancelled",
+                "send a new order with another orderId",
+            )
+        )
     first = order.nodes[0]
     if decision_point is None or (first.id, first.sequence_id) != (
         decision_point.id,

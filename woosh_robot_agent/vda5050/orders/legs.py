@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
+from woosh_robot_agent.vda5050.orders.curve import curve_points
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,10 @@ class Leg:
         return self.nodes[-1]
 
 
+_MAX_POSES = 150
+"""Maximum number of poses that one task of the robot gets; a chassis may refuse longer paths."""
+
+
 def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
     """Return the next leg of an order; None if the next edge is not released.
 
@@ -37,18 +43,28 @@ def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
     base = [(edge, node) for edge, node in zip(edges, nodes, strict=True) if edge.released]
     if not base:
         return None
+    poses = _poses(base[0][0])
     length = 1
-    for (_, node), (edge, following) in pairwise(base):
-        if stops_at(node) or stops(edge.actions) or changes_way(node, edge, following):
+    for (before, node), (edge, following) in pairwise(base):
+        poses += _poses(edge)
+        if poses > _MAX_POSES or stops_at(node) or stops(edge.actions):
+            break
+        if changes_way(before, node, edge, following):
             break
         length += 1
     chosen = base[:length]
     return Leg(tuple(edge for edge, _ in chosen), tuple(node for _, node in chosen))
 
 
+def _poses(edge: Edge) -> int:
+    """Return the number of poses with which an edge is driven."""
+    return 1 if edge.trajectory is None else len(curve_points(edge.trajectory))
+
+
 def stops_at(node: Node) -> bool:
     """Return True if the vehicle must stop on a node, for an action or to turn to a heading."""
-    turns = node.position is not None and node.position.theta is not None
+    place = node.position
+    turns = place is not None and place.theta is not None and abs(place.deviation_theta) < math.pi
     return turns or bool(node.mark) or stops(node.actions)
 
 
@@ -57,9 +73,16 @@ def stops(actions: Sequence[Action]) -> bool:
     return any(action.blocking.stops for action in actions)
 
 
-def changes_way(node: Node, edge: Edge, following: Node) -> bool:
-    """Return True if the way after a node needs a drive of its own."""
-    if following.mark or edge.trajectory is not None:
+def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
+    """Return True if the way after a node needs a drive of its own.
+
+    Args:
+        before: the edge to the node.
+        node: the node.
+        edge: the edge after the node.
+        following: the node at its end.
+    """
+    if following.mark or (before.trajectory is None) != (edge.trajectory is None):
         return True
     here, there = node.position, following.position
     return here is None or there is None or here.map_id != there.map_id

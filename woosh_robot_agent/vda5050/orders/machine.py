@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -11,6 +12,7 @@ from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     Reference,
     VehicleError,
+    warning,
 )
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.model.state import (
@@ -32,10 +34,13 @@ from woosh_robot_agent.vda5050.orders.commands import (
 )
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
 from woosh_robot_agent.vda5050.orders.memory import Memory
+from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.orders.structure import check_action_ids
 
-_CANCELED = "the order was cancelled"
 _RESTARTED = "the connector was restarted while the action ran"
+_SAME_PLACE = 0.01
+"""Distance of two nodes that are at the same place, in metres."""
 
 
 class OrderMachine:
@@ -47,7 +52,7 @@ class OrderMachine:
         tolerance: deviation from a node that counts as none.
 
     Attributes:
-        error: why the order does not go on; None while it does.
+        error: why the order does not go on until it is cancelled; None while it does.
     """
 
     def __init__(self, tolerance: Tolerance | None = None) -> None:
@@ -75,6 +80,8 @@ class OrderMachine:
         self._commands: list[Command] = []
         """Commands that `poll` has not returned yet."""
         self._canceling = False
+        self._cancelled = False
+        """True if the order was cancelled."""
         self._holds: set[str] = set()
         """Names of what holds the vehicle."""
         self._is_held = False
@@ -82,6 +89,8 @@ class OrderMachine:
         self._position: Position | None = None
         self._doubts_place = False
         """True if the vehicle may have been moved away from the last node."""
+        self._driven: float | None = 0.0
+        """Distance since the last node, in metres; None if unknown."""
 
     # What the order is
 
@@ -106,6 +115,27 @@ class OrderMachine:
         return bool(self._running)
 
     @property
+    def errors(self) -> tuple[VehicleError, ...]:
+        """Why the order does not go on; empty while it does."""
+        if self.error is not None:
+            return (self.error,)
+        node = self._nodes[0] if self._nodes and self._nodes[0].released else None
+        if node is None or self._position is None or self._is_on_map_of(node):
+            return ()
+        if stops((*self._triggered, *self._running.values())):
+            return ()  # an action may bring the vehicle to the other map
+        return (
+            warning(
+                ErrorType.DRIVING,
+                f"the vehicle waits before node {node.id}: it is on map {self._position.map_id}",
+                "enable the map of the node, or cancel the order with cancelOrder",
+                orderId=self._order.id if self._order else "",
+                nodeId=node.id,
+                mapId=node.position.map_id if node.position else "",
+            ),
+        )
+
+    @property
     def canceling(self) -> bool:
         """True from the cancellation of the order until everything has stopped."""
         return self._canceling
@@ -122,14 +152,17 @@ class OrderMachine:
             nodes=tuple(self._nodes),
             edges=tuple(self._edges),
             actions=tuple(self._actions.values()),
-            new_base_request=self._needs_base,
+            new_base_request=not self._canceling and needs_base(self._nodes, self._position),
+            distance_since_last_node=None if last is None else self._driven,
         )
 
     @property
-    def _needs_base(self) -> bool:
-        """True if the vehicle drives towards the last released node, and a horizon follows."""
-        released = sum(node.released for node in self._nodes)
-        return released < len(self._nodes) and released <= 1 and not self._canceling
+    def speed_limit(self) -> float | None:
+        """Maximum speed now, in m/s; infinite without a limit, None while no leg is driven."""
+        if self._leg is None:
+            return None
+        rest = self._leg.edges.index(self._edges[0])
+        return speed_limit(self._leg.edges[rest:], self._leg.nodes[rest:], self._position)
 
     @property
     def _decision_point(self) -> Node | None:
@@ -153,23 +186,37 @@ class OrderMachine:
             order,
             self._order,
             busy=self.busy,
+            cancelled=self._cancelled,
             decision_point=self._decision_point,
             in_reach=self._stands_on,
         )
         if verdict is Verdict.KNOWN:
             return verdict
+        if verdict is Verdict.UPDATE:
+            check_action_ids(order, self._base_actions())
         check(order)
         if verdict is Verdict.NEW:
-            self.error = None
             self._take(order)
         else:
             self._append(order)
         self._order = order
         return verdict
 
+    def placed(self, node_id: str) -> None:
+        """Take a new last node: the vehicle was told that it stands there.
+
+        Args:
+            node_id: id of the node; empty if the vehicle stands on none.
+        """
+        number = self._last_node.sequence_id if self._last_node else 0
+        self._last_node = Node(node_id, number) if node_id else None
+        self._driven = 0.0
+
     def moved(self, position: Position) -> None:
         """Take a new position, and find the nodes of the leg that the vehicle has passed."""
         before, self._position = self._position, position
+        if before is not None and before.map_id == position.map_id and self._driven is not None:
+            self._driven += math.hypot(position.x - before.x, position.y - before.y)
         leg = self._leg
         if leg is None or self._canceling:
             return
@@ -226,20 +273,17 @@ class OrderMachine:
         """End a hold; idempotent."""
         self._holds.discard(name)
 
-    def placed(self, node_id: str) -> None:
-        """Take the id of the node on which the vehicle was placed by hand."""
-        number = self._last_node.sequence_id if self._last_node else 0
-        self._last_node = Node(node_id, number)
+    def cancel(self, reason: str = "the order was cancelled") -> None:
+        """Cancel the order. It is cancelled when `canceling` is False again.
 
-    def cancel(self) -> None:
-        """Cancel the order. It is cancelled when `canceling` is False again."""
-        self._canceling = True
+        Args:
+            reason: result of the actions that fail because of it.
+        """
+        self._canceling = self._cancelled = True
         self.error = None
         for action_id, state in self._actions.items():
             if action_id not in self._running and not state.status.ended:
-                self._actions[action_id] = replace(
-                    state, status=ActionStatus.FAILED, result=_CANCELED
-                )
+                self._actions[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
         self._triggered.clear()
         self._commands = [EndAction(action) for action in self._running.values()]
         if self._leg is not None:
@@ -257,7 +301,8 @@ class OrderMachine:
             self._start_actions()
             self._hold_drive()
             if may_drive and not self._holds:
-                self._start_drive()
+                while self._start_drive():
+                    self._start_actions()
         commands, self._commands = self._commands, []
         return commands
 
@@ -285,6 +330,7 @@ class OrderMachine:
             running=tuple(self._running.values()),
             edge_actions=tuple(self._edge_actions.values()),
             canceling=self._canceling,
+            cancelled=self._cancelled,
             holds=tuple(sorted(self._holds)),
             error=self.error,
         )
@@ -305,9 +351,11 @@ class OrderMachine:
         self._edge_actions = {action.id: action for action in memory.edge_actions}
         if length := memory.leg_length:
             self._leg = Leg(memory.edges[:length], memory.nodes[:length])
+        self._cancelled = memory.cancelled
         self._holds = set(memory.holds)
         self._is_held = self.held
         self.error = memory.error
+        self._driven = None
         self._doubts_place = True
         for action in memory.running:
             self.action_changed(action.id, ActionStatus.FAILED, _RESTARTED)
@@ -355,7 +403,22 @@ class OrderMachine:
             return False
         return is_reached(node.position, None, self._position, self._tolerance)
 
+    def _stands_still_on(self, node: Node) -> bool:
+        """Return True if a node is where the last one is, and the vehicle stands there."""
+        last = self._last_node
+        if last is None or last.position is None or node.position is None or node.mark:
+            return False
+        apart = math.hypot(node.position.x - last.position.x, node.position.y - last.position.y)
+        return apart < _SAME_PLACE and self._stands_on(node)
+
+    def _base_actions(self) -> set[str]:
+        """Return the ids of all actions of the order, except those of its horizon."""
+        horizon = [part for part in _parts_of(self._nodes, self._edges) if not part.released]
+        return self._actions.keys() - {action.id for part in horizon for action in part.actions}
+
     def _take(self, order: Order) -> None:
+        self.error = None
+        self._cancelled = False
         self._actions.clear()
         self._edge_actions.clear()
         self._on_edge = False
@@ -393,6 +456,7 @@ class OrderMachine:
                 self._leave_behind(action)
             self._edge_actions.clear()
         self._last_node = self._nodes.popleft()
+        self._driven = 0.0
         self._triggered += self._last_node.actions
 
     def _leave_behind(self, action: Action) -> None:
@@ -425,22 +489,33 @@ class OrderMachine:
             self._is_held = self.held
             self._commands.append(PauseDrive() if self.held else ResumeDrive())
 
-    def _start_drive(self) -> None:
+    def _start_drive(self) -> bool:
+        """Start the next leg; return True if the next node was reached without driving."""
         if self._leg is not None or self.error is not None:
-            return
+            return False
         if stops((*self._triggered, *self._running.values())):
-            return
+            return False
         leg = next_leg(self._edges, self._nodes)
-        if leg is None:
-            return
+        if leg is None or not self._is_on_map_of(leg.nodes[0]):
+            return False
         if not self._on_edge:
             self._enter_edge()
             self._start_actions()
             if stops((*self._triggered, *self._running.values())):
-                return
+                return False
+        if self._stands_still_on(leg.nodes[0]):
+            self._reach()
+            return True
         self._leg = leg
         self._is_held = False
         self._commands.append(Drive(leg))
+        return False
+
+    def _is_on_map_of(self, node: Node) -> bool:
+        """Return True if the vehicle is on the map of a node."""
+        if node.position is None or self._position is None:
+            return True
+        return node.position.map_id == self._position.map_id
 
     def _finish_cancel(self) -> None:
         if self._leg is None and not self._running:

@@ -26,6 +26,7 @@ class Memory:
         running: actions that have started and not ended.
         edge_actions: actions of the edge that the vehicle is on.
         canceling: the order is being cancelled.
+        cancelled: the order was cancelled.
         holds: names of what holds the vehicle.
         error: why the order does not go on; None while it does.
     """
@@ -42,5 +43,6 @@ class Memory:
     running: tuple[Action, ...] = ()
     edge_actions: tuple[Action, ...] = ()
     canceling: bool = False
+    cancelled: bool = False
     holds: tuple[str, ...] = ()
     error: VehicleError | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import pairwise
 
 from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
@@ -45,9 +46,24 @@ def check_structure(order: Order) -> None:
             raise _malformed(
                 order, "it is released, though what precedes it is not", **{key: after.id}
             )
-    seen: set[str] = set()
-    for part in path:
-        for action in part.actions:
+    check_action_ids(order, ())
+
+
+def check_action_ids(order: Order, used: Collection[str]) -> None:
+    """Check that each action of an order has an id of its own.
+
+    Args:
+        order: the order; in an update, the first node is known already.
+        used: ids of the actions that the vehicle has.
+
+    Raises:
+        RejectedError: two actions have the same id.
+    """
+    seen = set(used)
+    known = order.nodes[0] if used else None
+    parts: tuple[Node | Edge, ...] = (*order.nodes, *order.edges)
+    for part in parts:
+        for action in part.actions if part is not known else ():
             if action.id in seen:
                 raise _malformed(order, "two actions have the same id", actionId=action.id)
             seen.add(action.id)

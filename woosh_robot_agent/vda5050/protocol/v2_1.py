@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar
 
-from woosh_robot_agent.vda5050.model.errors import VehicleError
+from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError
 from woosh_robot_agent.vda5050.model.factsheet import ActionType, Factsheet, Scope
 from woosh_robot_agent.vda5050.model.order import (
     Action,
@@ -40,6 +40,24 @@ _UNSUPPORTED_EDGE_FIELDS = (
     "rotationAllowed",
 )
 """Fields of an edge that the robot cannot obey."""
+_ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
+    "orientation": lambda edge: (
+        not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
+    ),
+    "rotationAllowed": lambda edge: edge["rotationAllowed"],
+}
+"""Values of such fields that ask for what the robot does anyway: it turns, and drives forwards."""
+_ERROR_TYPES: Mapping[str, str] = {
+    ErrorType.UNSUPPORTED_PARAMETER: "orderError",
+    ErrorType.ORDER_ACTION: "orderError",
+    ErrorType.OTHER_ORDER_ACTIVE: "orderError",
+    ErrorType.NOT_AVAILABLE: "orderError",
+    ErrorType.UNKNOWN_MAP: "orderError",
+    ErrorType.OUTDATED_UPDATE: "orderUpdateError",
+    ErrorType.CHANGED_UPDATE: "orderUpdateError",
+    ErrorType.UPDATE_AFTER_CANCEL: "orderUpdateError",
+}
+"""Names of errors that this version does not distinguish; the others are `ErrorType.value`."""
 _STATUS = {ActionStatus.PAUSED: ActionStatus.RUNNING}
 """Statuses that the published schema of the state lacks, and those that take their place."""
 
@@ -63,6 +81,7 @@ class Version21:
             update_id=message["orderUpdateId"],
             nodes=tuple(map(self._node, message["nodes"])),
             edges=tuple(map(self._edge, message["edges"])),
+            unsupported=("zoneSetId",) if message.get("zoneSetId") else (),
         )
 
     def instant_actions(self, message: Mapping[str, Any]) -> list[Action]:
@@ -101,7 +120,7 @@ class Version21:
             trajectory=None if trajectory is None else self._trajectory(trajectory),
             actions=tuple(map(self._action, edge["actions"])),
             description=edge.get("edgeDescription", ""),
-            unsupported=tuple(name for name in _UNSUPPORTED_EDGE_FIELDS if name in edge),
+            unsupported=_unsupported_edge_fields(edge),
         )
 
     def _trajectory(self, trajectory: Mapping[str, Any]) -> Trajectory:
@@ -147,7 +166,7 @@ class Version21:
             },
         }
         if order.distance_since_last_node is not None:
-            message["distanceSinceLastNode"] = order.distance_since_last_node
+            message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
         return message | self.visualization(robot.position, robot.velocity) | _optional(robot)
 
     def visualization(self, position: Position | None, velocity: Velocity | None) -> dict[str, Any]:
@@ -229,6 +248,15 @@ class Version21:
         }
 
 
+def _unsupported_edge_fields(edge: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the fields that the robot cannot obey."""
+    return tuple(
+        name
+        for name in _UNSUPPORTED_EDGE_FIELDS
+        if name in edge and not (name in _ALWAYS_OBEYED and _ALWAYS_OBEYED[name](edge))
+    )
+
+
 def _node_state(node: Node) -> dict[str, Any]:
     state: dict[str, Any] = {
         "nodeId": node.id,
@@ -278,7 +306,7 @@ def _battery(battery: Battery) -> dict[str, Any]:
 def _error(error: VehicleError) -> dict[str, Any]:
     return _without_empty(
         {
-            "errorType": error.type,
+            "errorType": _ERROR_TYPES.get(error.type, error.type),
             "errorLevel": error.level.value,
             "errorDescription": error.description,
             "errorHint": error.hint,

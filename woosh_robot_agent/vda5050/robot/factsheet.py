@@ -28,6 +28,10 @@ OPTIONAL_PARAMETERS = (
     OptionalParameter("order.nodes.nodePosition.theta"),
     OptionalParameter("order.nodes.nodePosition.allowedDeviationXY"),
     OptionalParameter("order.nodes.nodePosition.allowedDeviationTheta"),
+    OptionalParameter("order.edges.maxSpeed"),
+    OptionalParameter("order.edges.orientation", description="only TANGENTIAL 0: forwards"),
+    OptionalParameter("order.edges.rotationAllowed", description="only true"),
+    OptionalParameter("order.edges.trajectory", description="also several edges without a stop"),
 )
 """Optional fields of the standard that the connector obeys."""
 

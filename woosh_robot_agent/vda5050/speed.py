@@ -1,0 +1,119 @@
+"""The speed limit of the task that drives a leg."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+
+from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import navigation_pb2 as navigation
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.requests import RequestMaker
+
+_LOG = logging.getLogger(__name__)
+_SOURCE = "vda5050"
+"""Name of the sender at the motion gate."""
+_UNKNOWN = math.nan
+"""Limit that is equal to no other."""
+
+
+class SpeedLimiter:
+    """Keeps the speed limit of the robot's navigation. Used in the event loop of the link.
+
+    The robot takes a limit only while it navigates, so it is sent once the robot reports that.
+
+    Args:
+        chassis: the link.
+        gate: the motion gate.
+        requests: addresses the requests.
+        max_speed: speed that the robot never exceeds, in m/s; higher limits are none.
+        on_refused: called with the reason if the robot does not take a limit.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        requests: RequestMaker,
+        max_speed: float,
+        on_refused: Callable[[str], None],
+    ) -> None:
+        self._gate = gate
+        self._requests = requests
+        self._max_speed = max_speed
+        self._on_refused = on_refused
+        self._limit: float | None = None
+        """Limit of the leg; infinite without one, None while no leg is driven."""
+        self._sent = math.inf
+        """Limit that the robot has."""
+        self._task_id = 0
+        """Id of the task that the robot executes."""
+        self._navigates = False
+        self._running: set[asyncio.Task[None]] = set()
+        chassis.subscribe(TaskProc, self._reported)
+        chassis.on_snapshot(self._connected)
+
+    def limit(self, limit: float | None) -> None:
+        """Limit the speed.
+
+        Args:
+            limit: maximum speed, in m/s; infinite without a limit, None while no leg is driven.
+        """
+        self._limit = math.inf if limit is not None and limit >= self._max_speed else limit
+        self._send()
+
+    async def close(self) -> None:
+        """Stop waiting for answers."""
+        for each in self._running:
+            each.cancel()
+        await asyncio.gather(*self._running, return_exceptions=True)
+
+    def _connected(self, info: RobotInfo) -> None:
+        self._reported(info.task_proc)
+
+    def _reported(self, report: TaskProc) -> None:
+        if report.robot_task_id != self._task_id:
+            self._task_id = report.robot_task_id
+            if self._sent != math.inf:
+                self._sent = _UNKNOWN  # the robot may keep the limit of the last task, or not
+        self._navigates = (
+            report.state == task.kExecuting
+            and report.action.type == action.kNav
+            and report.action.state == action.kRosExecuting
+        )
+        self._send()
+
+    def _send(self) -> None:
+        if self._limit is None or not self._navigates or self._limit == self._sent:
+            return
+        self._sent = self._limit
+        work = asyncio.get_running_loop().create_task(
+            self._request(self._task_id, self._limit), name="vda5050 speed limit"
+        )
+        self._running.add(work)
+        work.add_done_callback(self._running.discard)
+
+    async def _request(self, task_id: int, limit: float) -> None:
+        mode = navigation.ModeSetting(
+            type=navigation.kAccurate,
+            mode=navigation.kAvoid,
+            max_speed=limit if math.isfinite(limit) else 0.0,
+        )
+        request = self._requests.address(ChangeNavMode(nav_mode=mode))
+        try:
+            answer = await self._gate.request(request, source=_SOURCE)
+        except LinkError as error:
+            _LOG.warning("the speed limit was not sent or not answered: %s", error)
+            self._sent = _UNKNOWN  # sent again with the next report
+            return
+        if answer.ok or task_id != self._task_id or not self._navigates:
+            return
+        self._sent = _UNKNOWN
+        if math.isfinite(limit):
+            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {answer.msg}")
