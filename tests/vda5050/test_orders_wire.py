@@ -233,6 +233,10 @@ async def test_duplicates_are_ignored_and_other_orders_rejected_while_one_is_dri
         master.order(order, order_id="other")
         state = await master.wait_state(lambda state: "orderError" in error_types(state))
         assert (state["orderId"], state["orderUpdateId"]) == ("order", 4)
+        master.order(line("abc", released=2), update=4)
+        master.instant(action("stateRequest", "ask"))
+        state = await master.wait_state(lambda state: status_of(state, "ask") == "FINISHED")
+        assert error_types(state) == ["orderError"]  # a duplicate does not resolve it
 
         master.order(line("b", released=1, first=1), update=5)
         state = await master.wait_state(lambda state: state["orderUpdateId"] == 5)
