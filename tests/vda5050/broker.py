@@ -41,9 +41,12 @@ class Mosquitto:
     def url(self) -> str:
         return f"mqtt://127.0.0.1:{self.port}"
 
+    def settings(self) -> str:
+        return f"listener {self.port} 127.0.0.1\nallow_anonymous true\n"
+
     def start(self) -> None:
         config = self._folder / f"mosquitto-{self.port}.conf"
-        config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        config.write_text(self.settings())
         path = mosquitto_path()
         assert path, "mosquitto is not installed; scripts/test installs it"
         log = (self._folder / f"mosquitto-{self.port}.log").open("ab")
