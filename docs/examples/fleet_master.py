@@ -3,9 +3,9 @@
     pip install aiomqtt
     python3 docs/examples/fleet_master.py --broker 127.0.0.1:1883
 
-It finds the vehicles by their `connection` topics. Each vehicle gets one order, which begins where it
-stands. A node is released to a vehicle, by an update of its order, as soon as no other vehicle holds
-it. A vehicle holds the nodes that were released to it, until it has reached the next one.
+It finds the vehicles by their `connection` topics. Each vehicle gets one order, which begins where
+it stands. A node is released to a vehicle, by an update of its order, as soon as no other vehicle
+holds it. A vehicle holds the nodes that were released to it, until it has reached the next one.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Vehicle:
     Attributes:
         state: last `state` message; None before the first one.
         online: it is connected to the broker.
-        base: released nodes from the last one that the vehicle has reached: sequenceId, number of the
-            node on the loop.
+        base: released nodes from the last one that the vehicle has reached: sequenceId, number on
+            the loop.
     """
 
     def __init__(self, topic: str) -> None:
@@ -109,10 +109,14 @@ class Master:
         if name == "connection":
             vehicle.online = message["connectionState"] == "ONLINE"
             print(f"{vehicle.serial}: {message['connectionState']}", flush=True)
+            if vehicle.online and vehicle.state is None:
+                yield self._action(vehicle, "stateRequest")
         else:
             self._print_errors(vehicle, message)
             vehicle.state = message
             self._follow(vehicle)
+        if any(each.online and each.state is None for each in self.vehicles.values()):
+            return  # it is not known yet where this vehicle stands
         for each in self.vehicles.values():
             if each.ready:
                 yield from self._release(each)
@@ -143,7 +147,8 @@ class Master:
             if state["nodeStates"] or state["edgeStates"]:  # it still executes another order
                 if not vehicle.cancelled:
                     vehicle.cancelled = True
-                    yield self._cancel(vehicle)
+                    print(f"{vehicle.serial}: cancelling the order that it executes", flush=True)
+                    yield self._action(vehicle, "cancelOrder")
                 return
             vehicle.cancelled = False
             position = state["agvPosition"]
@@ -189,11 +194,10 @@ class Master:
         }
         return vehicle.message("order", content)
 
-    def _cancel(self, vehicle: Vehicle) -> tuple[str, str]:
-        print(f"{vehicle.serial}: cancelling the order that it executes", flush=True)
+    def _action(self, vehicle: Vehicle, name: str) -> tuple[str, str]:
         action = {
             "actionId": str(uuid.uuid4()),
-            "actionType": "cancelOrder",
+            "actionType": name,
             "blockingType": "HARD",
             "actionParameters": [],
         }
