@@ -22,6 +22,7 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
 from woosh_robot_agent.vda5050.vehicle import VehicleConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -79,7 +80,7 @@ async def test_a_file_lists_the_robots_of_the_program(
                 await master.online()
         async with Master(broker.port, SERIALS[1]) as master:
             await master.online()
-            master.send_raw("order", b"{")
+            master.order([])
             await master.wait_state(lambda state: state["errors"])
         program.send_signal(signal.SIGINT)
         assert await eventually(lambda: program.poll() is not None)
@@ -89,8 +90,7 @@ async def test_a_file_lists_the_robots_of_the_program(
     ]
     assert sorted(states[-3:]) == [(serial, "OFFLINE") for serial in SERIALS]
     log = (tmp_path / "log").read_text()
-    assert "WARNING: r2: instant" not in log
-    assert "WARNING: r2: an order was rejected" in log
+    assert "WARNING: r2: an order was rejected: the order has no node" in log
 
 
 @aio
@@ -126,6 +126,22 @@ async def test_a_lost_robot_affects_only_its_own_vehicle(
         record.vehicle for record in caplog.records if "link" in record.getMessage().lower()
     }
     assert concerned <= {f"{SERIALS[0]}: ", "nowhere: "}, caplog.text
+
+
+@aio
+async def test_the_state_may_go_out_while_driving(broker: Mosquitto, recorder: Recorder) -> None:
+    limits = Limits(driving_state_interval=0.2)
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=2)) as robot:
+        config = VehicleConfig(LinkConfig(ip="127.0.0.1", port=robot.port), limits=limits)
+        connector = Connector({"": config}, BrokerConfig.from_url(broker.url))
+        connector.start()
+        async with Master(broker.port) as master:
+            await master.online()
+            master.order([node("a", 0, *START), node("b", 2, 9.0, -7.5)])
+            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await connector.close()
+    places = {state["agvPosition"]["x"] for state in recorder.sent("state") if state["driving"]}
+    assert len([x for x in places if START[0] + 0.5 < x < 8.5]) >= 3, places
 
 
 @aio

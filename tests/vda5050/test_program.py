@@ -32,7 +32,7 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
         tmp_path,
         """
         /**: {ros__parameters: {robots: [hall/r1, r2, r3], ip: gateway, backoff_max: 3}}
-        /hall/*: {ros__parameters: {robot_id: 7}}
+        /hall/*/agent: {ros__parameters: {robot_id: 7}}
         /r2/agent: {ros__parameters: {robot_id: 8, transport: tcp}}
         r3: {agent: {ros__parameters: {ip: 10.0.0.3}}}
         /r3/other: {ros__parameters: {ip: 10.0.0.4}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from woosh_robot_agent.tools.options import add_link_options, link_config
 from woosh_robot_agent.tools.stop_event import stop_event
 from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
 from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
 from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
 from woosh_robot_agent.vda5050.vehicle import VehicleConfig
 
@@ -30,6 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = _make_parser()
     options = parser.parse_args(arguments)
+    if not 0.0 <= options.driving_state_interval < math.inf:
+        parser.error("--driving-state-interval must be 0 or above, and finite")
     try:
         broker = broker_config(options)
         vehicles = _vehicles(parser, options)
@@ -65,6 +69,14 @@ def _make_parser() -> argparse.ArgumentParser:
         default=VehicleConfig.interface,
         help="first level of the topics (default: %(default)s)",
     )
+    parser.add_argument(
+        "--driving-state-interval",
+        type=float,
+        default=Limits.driving_state_interval,
+        metavar="SECONDS",
+        help="while a robot moves, publish its state at least so often, in seconds; for a master "
+        "control that does not read visualization (default: %(default)g, on events only)",
+    )
     return parser
 
 
@@ -94,6 +106,7 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
         manufacturer=options.manufacturer,
         serial_number=serial_number,
         interface=options.interface,
+        limits=Limits(driving_state_interval=options.driving_state_interval),
     )
 
 

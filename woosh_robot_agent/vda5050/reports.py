@@ -40,6 +40,7 @@ class Reports:
             self._publish_state, limits.min_state_interval, limits.state_interval
         )
         self._position_schedule = Schedule(self._publish_position, limits.visualization_interval)
+        self._driving_state_interval = limits.driving_state_interval
 
     def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
         """Publish with these from now on."""
@@ -51,8 +52,10 @@ class Reports:
         self._state_schedule.changed()
 
     def moved(self) -> None:
-        """Publish the position soon."""
+        """Publish the position soon, and the state if the last one is too old."""
         self._position_schedule.changed()
+        if self._driving_state_interval:
+            self._state_schedule.call_within(self._driving_state_interval)
 
     def connected(self) -> None:
         """Publish everything that a master control must know after a connection."""
