@@ -35,8 +35,7 @@ pattern write uagv/+/+/%u/visualization
 pattern write uagv/+/+/%u/connection
 pattern write uagv/+/+/%u/factsheet
 """
-"""Rights of vehicles at a broker, each with its serial number as user name; docs/vda5050.md has the
-same."""
+"""Rights of vehicles at a broker, each with its serial number as user name."""
 
 
 def hashed(user: str, password: str) -> str:
@@ -257,6 +256,10 @@ async def test_a_vehicle_may_use_its_own_topics_only(
             await master.online()
         await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
     assert {topic.split("/")[3] for topic, _ in recorder.messages} == {SERIAL}
+
+
+def test_the_documented_rights_are_those_of_the_tests() -> None:
+    assert ACCESS in (Path(__file__).parents[2] / "docs/vda5050.md").read_text()
 
 
 @pytest.mark.parametrize(
