@@ -77,6 +77,12 @@ def _make_parser() -> argparse.ArgumentParser:
         help="while a robot moves, publish its state at least so often, in seconds; for a master "
         "control that does not read visualization (default: %(default)g, on events only)",
     )
+    parser.add_argument(
+        "--no-maps-in-state",
+        action="store_true",
+        help="leave the field maps out of the state, for a master control of version 2.0, such as "
+        "openTCS, which would refuse the message",
+    )
     return parser
 
 
@@ -106,7 +112,10 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
         manufacturer=options.manufacturer,
         serial_number=serial_number,
         interface=options.interface,
-        limits=Limits(driving_state_interval=options.driving_state_interval),
+        limits=Limits(
+            driving_state_interval=options.driving_state_interval,
+            maps_in_state=not options.no_maps_in_state,
+        ),
     )
 
 

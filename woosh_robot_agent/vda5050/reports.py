@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
@@ -41,6 +42,7 @@ class Reports:
         )
         self._position_schedule = Schedule(self._publish_position, limits.visualization_interval)
         self._driving_state_interval = limits.driving_state_interval
+        self._maps_in_state = limits.maps_in_state
 
     def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
         """Publish with these from now on."""
@@ -83,6 +85,8 @@ class Reports:
 
     def _publish_state(self) -> None:
         state = self._state()
+        if state is not None and not self._maps_in_state:
+            state = replace(state, robot=replace(state.robot, maps=None))
         if self._publisher is not None and state is not None:
             self._publish(Topic.STATE, self._publisher.version.state(state))
 
