@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,12 @@ def test_the_agents_own_example_is_read() -> None:
         ("r1", "127.0.0.1", 5480),
         ("r2", "127.0.0.1", 5490),
     ]
+
+
+def test_the_documented_file_is_read(tmp_path: Path) -> None:
+    text = (ROOT / "docs/vda5050.md").read_text()
+    (example,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    assert list(read(tmp_path, example)) == ["woosh_1", "woosh_2"]
 
 
 def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Path) -> None:
