@@ -50,9 +50,12 @@ class Mosquitto:
         """Number of clients whose login was refused."""
         return self._log.read_text().count("not authorised")
 
+    def settings(self) -> str:
+        return f"listener {self.port} 127.0.0.1\n{self._options}"
+
     def start(self) -> None:
         config = self._folder / f"mosquitto-{self.port}.conf"
-        config.write_text(f"listener {self.port} 127.0.0.1\n{self._options}")
+        config.write_text(self.settings())
         path = mosquitto_path()
         assert path, "mosquitto is not installed; scripts/test installs it"
         with self._log.open("ab") as log:

@@ -5,15 +5,20 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import add_link_options, link_config
 from woosh_robot_agent.tools.stop_event import stop_event
-from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
+from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
 from woosh_robot_agent.vda5050.store import state_folder
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import VehicleConfig
 
 
 @exit_on_stdout_error
@@ -26,13 +31,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status, 0.
     """
+    parser = _make_parser()
+    options = parser.parse_args(arguments)
+    if not 0.0 <= options.driving_state_interval < math.inf:
+        parser.error("--driving-state-interval must be 0 or above, and finite")
+    try:
+        broker = broker_config(options)
+        vehicles = _vehicles(parser, options)
+    except (RobotsFileError, ValueError) as error:
+        parser.error(str(error))
+    _log_to_stderr()
+    asyncio.run(_run(Connector(vehicles, broker)))
+    return 0
+
+
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="vda5050", description="Make a robot a VDA 5050 vehicle at an MQTT broker."
+        prog="vda5050", description="Make robots VDA 5050 vehicles at an MQTT broker."
     )
-    add_link_options(parser)
+    add_link_options(parser, ip_required=False)
     parser.add_argument(
-        "--broker", required=True, help="URL of the broker, e.g. mqtt://user:password@host:1883"
+        "--robots",
+        type=Path,
+        metavar="FILE",
+        help="several robots, instead of --ip: a parameter file of the agent that lists them",
     )
+    add_broker_options(parser)
     parser.add_argument(
         "--manufacturer",
         default=VehicleConfig.manufacturer,
@@ -51,30 +75,73 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=Path,
         default=state_folder(),
         metavar="FOLDER",
-        help="folder for the order and the header ids, which survive a restart "
-        "(default: %(default)s)",
+        help="folder for what survives a restart, such as the order, and for the reports of the "
+        "action logReport (default: %(default)s)",
     )
-    options = parser.parse_args(arguments)
-    try:
-        broker = BrokerConfig.from_url(options.broker)
-    except ValueError as error:
-        parser.error(str(error))
-    config = VehicleConfig(
-        link=link_config(parser, options),
+    parser.add_argument(
+        "--driving-state-interval",
+        type=float,
+        default=Limits.driving_state_interval,
+        metavar="SECONDS",
+        help="while a robot moves, publish its state at least so often, in seconds; for a master "
+        "control that does not read visualization (default: %(default)g, on events only)",
+    )
+    parser.add_argument(
+        "--no-maps-in-state",
+        action="store_true",
+        help="leave the field maps out of the state, for a master control of version 2.0, such as "
+        "openTCS, which would refuse the message",
+    )
+    return parser
+
+
+def _vehicles(
+    parser: argparse.ArgumentParser, options: argparse.Namespace
+) -> dict[str, VehicleConfig]:
+    """Return the configuration of each vehicle, by its name in the log.
+
+    Raises:
+        RobotsFileError: the file of the robots cannot be used.
+        ValueError: an option is invalid.
+    """
+    if (options.ip is None) == (options.robots is None):
+        raise ValueError("give either --ip or --robots")
+    if options.robots is None:
+        return {"": _vehicle(options, link_config(parser, options), options.serial_number)}
+    if options.serial_number:
+        raise ValueError("--serial-number is for one robot; set serial_number in the file")
+    options.ip = LinkConfig.ip  # each robot of the file has its own
+    robots = read_robots(options.robots, link_config(parser, options))
+    return {each.name: _vehicle(options, each.link, each.serial_number) for each in robots}
+
+
+def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) -> VehicleConfig:
+    return VehicleConfig(
+        link=link,
         manufacturer=options.manufacturer,
-        serial_number=options.serial_number,
+        serial_number=serial_number,
         interface=options.interface,
         state_folder=options.state_folder,
+        log_folder=options.state_folder / "reports",
+        limits=Limits(
+            driving_state_interval=options.driving_state_interval,
+            maps_in_state=not options.no_maps_in_state,
+        ),
     )
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s: %(message)s")
-    asyncio.run(_run(Vehicle(config, broker)))
-    return 0
 
 
-async def _run(vehicle: Vehicle) -> None:
+def _log_to_stderr() -> None:
+    handler = logging.StreamHandler()
+    handler.addFilter(VehicleNameFilter())
+    logging.basicConfig(
+        level=logging.INFO, format="%(levelname)s: %(vehicle)s%(message)s", handlers=[handler]
+    )
+
+
+async def _run(connector: Connector) -> None:
     stop = stop_event()
-    vehicle.start()
+    connector.start()
     try:
         await stop.wait()
     finally:
-        await vehicle.close()
+        await connector.close()

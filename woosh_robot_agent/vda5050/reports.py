@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
@@ -40,6 +41,8 @@ class Reports:
             self._publish_state, limits.min_state_interval, limits.state_interval
         )
         self._position_schedule = Schedule(self._publish_position, limits.visualization_interval)
+        self._driving_state_interval = limits.driving_state_interval
+        self._maps_in_state = limits.maps_in_state
 
     def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
         """Publish with these from now on."""
@@ -51,8 +54,10 @@ class Reports:
         self._state_schedule.changed()
 
     def moved(self) -> None:
-        """Publish the position soon."""
+        """Publish the position soon, and the state if the last one is too old."""
         self._position_schedule.changed()
+        if self._driving_state_interval:
+            self._state_schedule.call_within(self._driving_state_interval)
 
     def connected(self) -> None:
         """Publish everything that a master control must know after a connection."""
@@ -81,6 +86,8 @@ class Reports:
 
     def _publish_state(self) -> None:
         state = self._state()
+        if state is not None and not self._maps_in_state:
+            state = replace(state, robot=replace(state.robot, maps=None))
         if self._publisher is not None and state is not None:
             self._publish(Topic.STATE, self._publisher.version.state(state))
 

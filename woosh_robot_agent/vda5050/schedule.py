@@ -28,8 +28,12 @@ class Schedule:
 
     def changed(self) -> None:
         """Call the function as soon as the minimum time since the last call is over."""
+        self.call_within(self._shortest)
+
+    def call_within(self, interval: float) -> None:
+        """Call the function as soon as a time since the last call is over, in seconds."""
         loop = asyncio.get_running_loop()
-        due = max(loop.time(), self._last + self._shortest)
+        due = max(loop.time(), self._last + interval)
         if self._timer is None or self._timer.when() > due:
             self._arm(due)
 

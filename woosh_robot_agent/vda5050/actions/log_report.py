@@ -22,7 +22,7 @@ from woosh_robot_agent.vda5050.model.factsheet import ActionType, ParameterType,
 from woosh_robot_agent.vda5050.model.order import Action
 
 _MAX_REPORTS = 100
-"""Maximum number of reports in the folder; the oldest ones are deleted."""
+"""Maximum number of reports of a robot; the oldest ones are deleted."""
 _PREFIX = "log_report_"
 
 
@@ -31,7 +31,7 @@ class LogReport(PlainPerformer):
 
     Args:
         context: objects that all actions share.
-        folder: folder of the reports.
+        folder: folder of the reports, which has a folder for each robot.
     """
 
     type = ActionType(
@@ -39,7 +39,7 @@ class LogReport(PlainPerformer):
         frozenset({Scope.INSTANT}),
         "store the state of the robot, its last tasks and status codes in a file",
         (ParameterType("reason", "STRING", "reason, which the report repeats"),),
-        "name of the file",
+        "path of the file in the folder of the reports",
     )
 
     def __init__(self, context: Context, folder: Path) -> None:
@@ -48,20 +48,23 @@ class LogReport(PlainPerformer):
 
     async def perform(self, action: Action, report: Report) -> str:
         requests, info = self._context.requests, self._context.facts.info
+        if info is None:
+            raise ActionFailedError("the robot has not reported its state yet")
         now = datetime.fromtimestamp(time.time(), timezone.utc)
         content = {
             "time": now.isoformat(),
             "reason": action.parameters["reason"],
-            "robot": None if info is None else _as_dict(info),
+            "robot": _as_dict(info),
             "taskHistory": await self._asked(requests.empty(TaskHistory)),
             "statusCodes": await self._asked(requests.empty(StatusCodes)),
         }
-        path = self._folder / f"{_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
+        folder = self._folder / str(info.genral.serial_number or info.robot_id)
+        path = folder / f"{_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
         try:
             await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
         except OSError as error:
             raise ActionFailedError(f"the report cannot be stored: {error}") from None
-        return path.name
+        return str(path.relative_to(self._folder))
 
     async def _asked(self, query: Message) -> dict[str, Any] | str:
         """Return what the robot answers, or the reason why it does not."""

@@ -46,6 +46,9 @@ class Limits:
         min_state_interval: minimum time between two states, in seconds.
         state_interval: maximum time between two states, in seconds.
         visualization_interval: time between two positions while it moves, in seconds.
+        driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
+            `state_interval`.
+        maps_in_state: the state lists the maps on the robot, if it tells them.
     """
 
     max_speed: float = 1.0
@@ -53,6 +56,8 @@ class Limits:
     min_state_interval: float = 0.1
     state_interval: float = 30.0
     visualization_interval: float = 1.0
+    driving_state_interval: float = 0.0
+    maps_in_state: bool = True
 
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
