@@ -5,7 +5,12 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
+from woosh_robot_agent.vda5050.model.errors import (
+    ErrorType,
+    RejectedError,
+    VehicleError,
+    warning,
+)
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.topics import Topic
@@ -28,6 +33,21 @@ def read_instant_actions(payload: bytes, version: Version) -> list[Action]:
         RejectedError: the message is malformed.
     """
     return version.instant_actions(_parse(payload, version, Topic.INSTANT_ACTIONS))
+
+
+def refusal_of_zone_set(payload: bytes, version: Version) -> VehicleError:
+    """Return the error for a received zone set: the robot takes no zones of a fleet control."""
+    try:
+        message = _parse(payload, version, Topic.ZONE_SET)
+    except RejectedError as rejected:
+        return rejected.error
+    return warning(
+        ErrorType.UNSUPPORTED_PARAMETER,
+        "the robot takes no zones",
+        "send no zone sets: supportedZones of the factsheet is empty",
+        topic=Topic.ZONE_SET.value,
+        zoneSetId=message["zoneSet"]["zoneSetId"],
+    )
 
 
 def _parse(payload: bytes, version: Version, topic: Topic) -> dict[str, Any]:

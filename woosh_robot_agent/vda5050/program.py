@@ -11,6 +11,7 @@ from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import add_link_options, link_config
 from woosh_robot_agent.tools.stop_event import stop_event
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
 from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
 
 
@@ -44,6 +45,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=VehicleConfig.interface,
         help="first level of the topics (default: %(default)s)",
     )
+    parser.add_argument(
+        "--version",
+        choices=VERSIONS,
+        default="2.1",
+        help="version of the standard (default: %(default)s)",
+    )
     options = parser.parse_args(arguments)
     try:
         broker = BrokerConfig.from_url(options.broker)
@@ -54,6 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         manufacturer=options.manufacturer,
         serial_number=options.serial_number,
         interface=options.interface,
+        version=VERSIONS[options.version](),
     )
     logging.basicConfig(level=logging.INFO, format="%(levelname)s: %(message)s")
     asyncio.run(_run(Vehicle(config, broker)))

@@ -32,6 +32,8 @@ class Publisher:
         major = version.number.split(".")[0]
         self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
         self._header_ids = header_ids
+        self.state_id: int | None = None
+        """Header id of the last state; None if there was none."""
 
     def topic(self, topic: Topic) -> str:
         """Return the full name of a topic."""
@@ -50,5 +52,7 @@ class Publisher:
         head = header(
             self.identity, self.version.number, self._header_ids.next(topic.value), time.time()
         )
+        if topic is Topic.STATE:
+            self.state_id = head["headerId"]
         payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
         return Publication(self.topic(topic), payload, *self.version.quality[topic])

@@ -17,7 +17,11 @@ from woosh_robot_agent.vda5050.actions.performer import ActionFailedError, Conte
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
 from woosh_robot_agent.vda5050.driving import Driver
-from woosh_robot_agent.vda5050.inbox import read_instant_actions, read_order
+from woosh_robot_agent.vda5050.inbox import (
+    read_instant_actions,
+    read_order,
+    refusal_of_zone_set,
+)
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     RejectedError,
@@ -119,6 +123,11 @@ class Vehicle:
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
+        self._handlers = {
+            Topic.ORDER: self._order_received,
+            Topic.INSTANT_ACTIONS: self._instant_actions_received,
+            Topic.ZONE_SET: self._zone_set_received,
+        }
         self._tasks: list[asyncio.Task[None]] = []
         self._chassis.on_snapshot(self._identified)
 
@@ -158,8 +167,9 @@ class Vehicle:
             client_id=f"{config.interface}-{config.manufacturer}-{number}",
             last_will=publisher.last_will,
             handlers={
-                publisher.topic(Topic.ORDER): self._order_received,
-                publisher.topic(Topic.INSTANT_ACTIONS): self._instant_actions_received,
+                publisher.topic(topic): handler
+                for topic, handler in self._handlers.items()
+                if topic in config.version.received
             },
             on_connected=self._reports.connected,
         )
@@ -181,7 +191,10 @@ class Vehicle:
             _LOG.info("order %s, update %d accepted", order.id, order.update_id)
             self._rejection = None
             if order.update_id == 0:
-                self._instant.forget_ended()
+                if self._config.version.keeps_instant_actions:
+                    self._instant.errors.clear()
+                else:
+                    self._instant.forget_ended()
         self._step()
 
     def _with_marks(self, order: Order) -> Order:
@@ -200,6 +213,11 @@ class Vehicle:
             self._rejection = rejected.error
         else:
             self._instant.receive(actions)
+        self._step()
+
+    def _zone_set_received(self, payload: bytes) -> None:
+        self._rejection = refusal_of_zone_set(payload, self._config.version)
+        _LOG.warning("a zone set was refused: %s", self._rejection.description)
         self._step()
 
     # From the robot

@@ -5,6 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from woosh_robot_agent.vda5050.model.order import BlockingType
+
+STANDSTILL = frozenset({BlockingType.SOFT, BlockingType.HARD})
+"""Blocking types of actions during which the vehicle does not drive along its order."""
+
 
 class Kinematics(Enum):
     """How the vehicle can move."""
@@ -56,6 +61,8 @@ class ActionType:
         description: what it does.
         parameters: its parameters.
         result: meaning of the result; empty if there is none.
+        blocking: blocking types with which it may be requested on nodes and edges.
+        pausable: it moves something, so that it is paused with the vehicle.
     """
 
     name: str
@@ -63,6 +70,8 @@ class ActionType:
     description: str
     parameters: tuple[ParameterType, ...] = ()
     result: str = ""
+    blocking: frozenset[BlockingType] = frozenset(BlockingType)
+    pausable: bool = False
 
 
 @dataclass(frozen=True)
