@@ -350,7 +350,7 @@ async def test_rejections_have_the_predefined_errors(
         async def rejected(name: str) -> Message:
             return await master.wait_state(lambda state: name in error_types(state), name)
 
-        master.send_raw("order", b"{")
+        master.send_raw("order", b"{}")
         await rejected("VALIDATION_FAILURE")
         corridor = {"leftWidth": 1.0, "rightWidth": 1.0}
         master.order(nodes, [each | {"corridor": corridor} for each in _edges(nodes)])
