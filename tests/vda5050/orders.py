@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -43,8 +43,8 @@ def path(
     horizon: str = "",
     *,
     first: int = 0,
-    actions: dict[str, Sequence[Action]] | None = None,
-    edges: dict[str, dict[str, Any]] | None = None,
+    actions: Mapping[str, Sequence[Action]] | None = None,
+    edges: Mapping[str, Mapping[str, Any]] | None = None,
     update: int = 0,
     order_id: str = "order",
     **positions: NodePosition,

@@ -370,7 +370,10 @@ def test_the_vehicle_waits_until_it_is_on_the_map_of_the_next_node() -> None:
     robot = Robot()
     robot.give(path("abc", b=place(1.0, map_id="roof"), c=place(2.0, map_id="roof")))
     assert robot.legs == []
+    (error,) = robot.machine.errors
+    assert (error.level, references(error)["mapId"]) == (ErrorLevel.WARNING, "roof")
     robot.machine.moved(at(0.0, map_id="roof"))
+    assert robot.machine.errors == ()
     robot.poll()
     assert robot.legs == ["bc"]
 

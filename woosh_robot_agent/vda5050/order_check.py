@@ -40,6 +40,12 @@ class OrderCheck:
             RejectedError: the vehicle cannot perform it.
         """
         self._check_mode(status)
+        if status is not None and status.position is not None and not status.position.initialised:
+            raise self._error(
+                ErrorType.NOT_AVAILABLE,
+                "the robot does not know its position",
+                "place it on the map with initPosition",
+            )
         if self._order.unsupported:
             raise self._unsupported(self._order.unsupported, "the order")
         for edge in self._order.edges:

@@ -32,6 +32,7 @@ class SpeedLimiter:
         chassis: the link.
         gate: the motion gate.
         requests: addresses the requests.
+        max_speed: speed that the robot never exceeds, in m/s; higher limits are none.
         on_refused: called with the reason if the robot does not take a limit.
     """
 
@@ -40,10 +41,12 @@ class SpeedLimiter:
         chassis: ChassisClient,
         gate: MotionGate,
         requests: RequestMaker,
+        max_speed: float,
         on_refused: Callable[[str], None],
     ) -> None:
         self._gate = gate
         self._requests = requests
+        self._max_speed = max_speed
         self._on_refused = on_refused
         self._limit: float | None = None
         """Limit of the leg; infinite without one, None while no leg is driven."""
@@ -62,7 +65,7 @@ class SpeedLimiter:
         Args:
             limit: maximum speed, in m/s; infinite without a limit, None while no leg is driven.
         """
-        self._limit = limit
+        self._limit = math.inf if limit is not None and limit >= self._max_speed else limit
         self._send()
 
     async def close(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from dataclasses import dataclass, field, replace
 
 from woosh_robot_agent.endpoints import minimum_timeouts
@@ -17,11 +16,7 @@ from woosh_robot_agent.vda5050.actions.performer import ActionFailedError, Conte
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
 from woosh_robot_agent.vda5050.driving import Driver
-from woosh_robot_agent.vda5050.inbox import (
-    read_instant_actions,
-    read_order,
-    refusal_of_zone_set,
-)
+from woosh_robot_agent.vda5050.inbox import read_instant_actions, refusal_of_zone_set
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     RejectedError,
@@ -29,7 +24,6 @@ from woosh_robot_agent.vda5050.model.errors import (
     warning,
 )
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
-from woosh_robot_agent.vda5050.model.order import Order
 from woosh_robot_agent.vda5050.model.state import (
     ActionStatus,
     OperatingMode,
@@ -37,7 +31,7 @@ from woosh_robot_agent.vda5050.model.state import (
     VehicleState,
 )
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
-from woosh_robot_agent.vda5050.order_check import OrderCheck
+from woosh_robot_agent.vda5050.order_intake import OrderIntake
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.commands import (
     CancelDrive,
@@ -48,7 +42,6 @@ from woosh_robot_agent.vda5050.orders.commands import (
     ResumeDrive,
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
@@ -105,13 +98,16 @@ class Vehicle:
         self._driver = Driver(
             self._chassis, self._gate, requests, self._drive_ended, self._robot_changed
         )
-        self._speed = SpeedLimiter(self._chassis, self._gate, requests, self._speed_refused)
+        self._speed = SpeedLimiter(
+            self._chassis, self._gate, requests, config.limits.max_speed, self._speed_refused
+        )
         self._refused_speed = ""
         """Why the drive is being cancelled: the robot does not take a speed limit; else empty."""
         self._marks = RobotMarks(self._chassis, self._robot_changed)
         self._was_automatic = False
         context = Context(self._chassis, self._gate, requests, self._facts, self)
         self._registry = Registry(context)
+        self._intake = OrderIntake(config.version, self._registry, self._facts, self._marks)
         self._runner = ActionRunner(self._registry, self._action_changed)
         self._instant = InstantActions(self._registry, self._runner)
         self._rejection: VehicleError | None = None
@@ -181,29 +177,22 @@ class Vehicle:
 
     def _order_received(self, payload: bytes) -> None:
         try:
-            order = self._with_marks(read_order(payload, self._config.version))
-            if self._machine.receive(order, self._check_order) is Verdict.KNOWN:
-                return
+            order = self._intake.read(payload)
+            verdict = self._machine.receive(order, self._intake.check)
         except RejectedError as rejected:
             _LOG.warning("an order was rejected: %s", rejected)
             self._rejection = rejected.error
         else:
+            if verdict is Verdict.KNOWN:
+                return
             _LOG.info("order %s, update %d accepted", order.id, order.update_id)
             self._rejection = None
-            if order.update_id == 0:
+            if verdict is Verdict.NEW:
                 if self._config.version.keeps_instant_actions:
                     self._instant.errors.clear()
                 else:
                     self._instant.forget_ended()
         self._step()
-
-    def _with_marks(self, order: Order) -> Order:
-        status = self._facts.status
-        place = status.position if status is not None else None
-        return with_marks(order, "" if place is None else place.map_id, self._marks.find)
-
-    def _check_order(self, order: Order) -> None:
-        OrderCheck(order, self._registry).check(self._facts.status)
 
     def _instant_actions_received(self, payload: bytes) -> None:
         try:
@@ -233,7 +222,7 @@ class Vehicle:
                 after.new_base_request,
             ):
                 self._step()
-            self._limit_speed()
+            self._speed.limit(self._machine.speed_limit)
         self._reports.moved()
 
     def _robot_changed(self) -> None:
@@ -291,14 +280,8 @@ class Vehicle:
         if self._cancelled is not None and not self._machine.canceling:
             self._cancelled.set_result(None)
             self._cancelled = None
-        self._limit_speed()
+        self._speed.limit(self._machine.speed_limit)
         self._reports.changed()
-
-    def _limit_speed(self) -> None:
-        limit = self._machine.speed_limit
-        if limit is not None and limit >= self._config.limits.max_speed:
-            limit = math.inf
-        self._speed.limit(limit)
 
     # Controls for actions
 
@@ -339,5 +322,5 @@ class Vehicle:
         order = replace(
             order, actions=order.actions + self._instant.states, paused=self._driver.paused
         )
-        errors = (self._rejection, self._machine.error, *self._instant.errors, *robot.errors)
+        errors = (self._rejection, *self._machine.errors, *self._instant.errors, *robot.errors)
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))

@@ -12,6 +12,7 @@ from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     Reference,
     VehicleError,
+    warning,
 )
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.model.state import (
@@ -49,7 +50,7 @@ class OrderMachine:
         tolerance: deviation from a node that counts as none.
 
     Attributes:
-        error: why the order does not go on; None while it does.
+        error: why the order does not go on until it is cancelled; None while it does.
     """
 
     def __init__(self, tolerance: Tolerance | None = None) -> None:
@@ -103,6 +104,27 @@ class OrderMachine:
     def driving(self) -> bool:
         """True if the vehicle drives a leg."""
         return self._leg is not None
+
+    @property
+    def errors(self) -> tuple[VehicleError, ...]:
+        """Why the order does not go on; empty while it does."""
+        if self.error is not None:
+            return (self.error,)
+        node = self._nodes[0] if self._nodes and self._nodes[0].released else None
+        if node is None or self._position is None or self._is_on_map_of(node):
+            return ()
+        if stops((*self._triggered, *self._running.values())):
+            return ()  # an action may bring the vehicle to the other map
+        return (
+            warning(
+                ErrorType.DRIVING,
+                f"the vehicle waits before node {node.id}: it is on map {self._position.map_id}",
+                "enable the map of the node, or cancel the order with cancelOrder",
+                orderId=self._order.id if self._order else "",
+                nodeId=node.id,
+                mapId=node.position.map_id if node.position else "",
+            ),
+        )
 
     @property
     def canceling(self) -> bool:
