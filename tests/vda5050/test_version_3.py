@@ -30,6 +30,7 @@ from woosh_robot_agent.vda5050.protocol.topics import Topic
 from woosh_robot_agent.vda5050.protocol.v3_0 import Version30
 from woosh_robot_agent.vda5050.protocol.validation import defect
 from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
+from woosh_robot_agent.vda5050.robot.factsheet import OPTIONAL_PARAMETERS
 
 V3 = Version30()
 BOTH = pytest.mark.parametrize(
@@ -137,6 +138,11 @@ def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
     manual = replace(STATE, errors=errors, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
     assert error_types(V3.state(manual)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
     assert error_types(V3.state(replace(manual, robot=ROBOT))) == []
+    lost = replace(ROBOT, position=Position(0.0, 0.0, 0.0, "hall", initialised=False))
+    assert error_types(V3.state(replace(manual, robot=lost))) == [
+        "MOBILE_ROBOT_NOT_AVAILABLE",
+        "LOCALIZATION_ERROR",
+    ]
 
 
 def test_a_robot_without_position_is_a_fatal_error() -> None:
@@ -169,6 +175,15 @@ def test_the_factsheet_has_the_names_of_the_version() -> None:
     assert names == ["order.edges.maximumSpeed"]
     (kind,) = features["mobileRobotActions"]
     assert kind["actionParameters"][0]["valueDataType"] == "NUMBER"
+
+
+@BOTH
+def test_the_optional_parameters_are_fields_of_the_order(version: Version) -> None:
+    sheet = version.factsheet(replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
+    names = [each["parameter"] for each in sheet["protocolFeatures"]["optionalParameters"]]
+    assert len(names) >= 6
+    known = {f"order.{name}" for name in schema_fields(version.number, "order")}
+    assert set(names) <= known
 
 
 # The path ahead

@@ -347,10 +347,12 @@ def _power_supply(battery: Battery) -> dict[str, Any]:
 
 def _current_errors(state: VehicleState) -> list[VehicleError]:
     """Return the errors that this version reports now."""
+    place = state.robot.position
+    is_lost = place is not None and not place.initialised
     errors = list(state.errors)
-    if state.robot.mode is OperatingMode.AUTOMATIC:
+    if state.robot.mode is OperatingMode.AUTOMATIC and not is_lost:
         errors = [each for each in errors if each.type != ErrorType.NOT_AVAILABLE]
-    if state.robot.position is not None and not state.robot.position.initialised:
+    if is_lost:
         errors.append(_NOT_LOCALIZED)
     return errors
 
