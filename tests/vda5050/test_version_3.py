@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -412,6 +415,24 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(
         state = await master.wait_state(lambda state: state["orderId"] == "order")
         assert [each["actionId"] for each in state["instantActionStates"]] == ["ask", "no"]
         assert state["errors"] == []
+
+
+@aio
+async def test_the_option_chooses_the_version(
+    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
+) -> None:
+    arguments = ["--ip", "127.0.0.1", "--port", str(chassis.port), "--broker", broker.url]
+    with subprocess.Popen(
+        [sys.executable, "-m", "woosh_robot_agent.vda5050", *arguments, "--version", "3.0"],
+        env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
+    ) as program:
+        try:
+            async with _master(broker) as master:
+                await master.online()
+                assert master.state["version"] == "3.0.0"
+        finally:
+            program.terminate()
+    assert program.returncode == 0
 
 
 def test_the_schemas_are_those_of_the_topics() -> None:
