@@ -5,7 +5,12 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
+from woosh_robot_agent.vda5050.model.errors import (
+    ErrorType,
+    RejectedError,
+    VehicleError,
+    warning,
+)
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity
@@ -48,6 +53,21 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     if (count := len(message["actions"])) > _MAX_INSTANT_ACTIONS:
         raise _rejected(topic, message, f"has {count} actions, more than {_MAX_INSTANT_ACTIONS}")
     return version.instant_actions(message)
+
+
+def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) -> VehicleError:
+    """Return the error for a received zone set: the robot takes no zones of a fleet control."""
+    try:
+        message = _parse(payload, version, identity, Topic.ZONE_SET)
+    except RejectedError as rejected:
+        return rejected.error
+    return warning(
+        ErrorType.UNSUPPORTED_PARAMETER,
+        "the robot takes no zones",
+        "send no zone sets: supportedZones of the factsheet is empty",
+        topic=Topic.ZONE_SET.value,
+        zoneSetId=message["zoneSet"]["zoneSetId"],
+    )
 
 
 def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from woosh_robot_agent.tools.options import add_link_options, link_config
 from woosh_robot_agent.tools.stop_event import stop_event
 from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
 from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
+from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
 from woosh_robot_agent.vda5050.robot.factsheet import Limits
 from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
 from woosh_robot_agent.vda5050.store import state_folder
@@ -71,6 +72,12 @@ def _make_parser() -> argparse.ArgumentParser:
         help="first level of the topics (default: %(default)s)",
     )
     parser.add_argument(
+        "--version",
+        choices=VERSIONS,
+        default="2.1",
+        help="version of the standard (default: %(default)s)",
+    )
+    parser.add_argument(
         "--state-folder",
         type=Path,
         default=state_folder(),
@@ -121,6 +128,7 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
         manufacturer=options.manufacturer,
         serial_number=serial_number,
         interface=options.interface,
+        version=VERSIONS[options.version](),
         state_folder=options.state_folder,
         log_folder=options.state_folder / "reports",
         limits=Limits(

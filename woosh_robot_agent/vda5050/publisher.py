@@ -40,6 +40,8 @@ class Publisher:
         """Header id of the last will of the last connection."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
         """The last messages about the connection, last wills included."""
+        self.state_id: int | None = None
+        """Header id of the last state; None if there was none."""
 
     def topic(self, topic: Topic) -> str:
         """Return the full name of a topic."""
@@ -74,6 +76,8 @@ class Publisher:
         if header_id is None:
             header_id = self._header_ids.next(topic.value)
         head = header(self.identity, self.version.number, header_id, time.time())
+        if topic is Topic.STATE:
+            self.state_id = header_id
         payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
         if topic is Topic.CONNECTION:
             self._connections.append(payload.encode())

@@ -93,8 +93,9 @@ class Reports:
 
     def _publish_position(self) -> None:
         robot = self._position()
-        if self._publisher is not None and robot is not None:
-            message = self._publisher.version.visualization(robot.position, robot.velocity)
+        publisher = self._publisher
+        if publisher is not None and publisher.state_id is not None and robot is not None:
+            message = publisher.version.visualization(robot, publisher.state_id)
             self._publish(Topic.VISUALIZATION, message)
 
     def _publish_connection(self, state: ConnectionState) -> None:

@@ -53,7 +53,8 @@ class Session:
         config: configuration.
         robot: identity of the robot.
         reports: messages of the vehicle; published over this session from now on.
-        handlers: called with the payload of each message of the master control, by topic.
+        handlers: called with the payload of each message of the master control, by topic. Topics
+            that the version does not have are left out.
         on_opened: called before the connection to the broker with what the vehicle remembers, and
             with an error if that is damaged.
         on_changed: called when an error begins or ends.
@@ -164,6 +165,7 @@ class Session:
         handlers = {
             publisher.topic(topic): self._ignoring_retained(topic, handler)
             for topic, handler in self._handlers.items()
+            if topic in config.version.received
         }
         mqtt = MqttConnection(
             config.broker,

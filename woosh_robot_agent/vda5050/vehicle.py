@@ -27,7 +27,7 @@ from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
 from woosh_robot_agent.vda5050.driving import Driver
-from woosh_robot_agent.vda5050.inbox import read_instant_actions
+from woosh_robot_agent.vda5050.inbox import read_instant_actions, refusal_of_zone_set
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
     RejectedError,
@@ -220,6 +220,7 @@ class Vehicle:
             {
                 Topic.ORDER: self._order_received,
                 Topic.INSTANT_ACTIONS: self._instant_actions_received,
+                Topic.ZONE_SET: self._zone_set_received,
             },
             self._restore,
             self._step,
@@ -354,7 +355,10 @@ class Vehicle:
             self._order_error = None
             if verdict is Verdict.NEW:
                 self._message_error = None
-                self._instant.forget_ended()
+                if self._config.version.keeps_instant_actions:
+                    self._instant.errors.clear()
+                else:
+                    self._instant.forget_ended()
         self._step()
 
     def _instant_actions_received(self, payload: bytes) -> None:
@@ -368,6 +372,16 @@ class Vehicle:
         else:
             self._message_error = None
             self._instant.receive(actions)
+        self._step()
+
+    def _zone_set_received(self, payload: bytes) -> None:
+        if self._session is None:
+            return
+        error = refusal_of_zone_set(payload, self._config.version, self._session.identity)
+        self._log.warn(
+            f"zones: {error.description}", f"a zone set was refused: {error.description}"
+        )
+        self._message_error = error
         self._step()
 
     # From the robot

@@ -51,7 +51,11 @@ class InstantActions:
             if action.id in self._states:
                 continue
             self._states[action.id] = ActionState(
-                action.id, action.type, ActionStatus.WAITING, description=action.description
+                action.id,
+                action.type,
+                ActionStatus.WAITING,
+                description=action.description,
+                instant=True,
             )
             objection = self._registry.objection(action, Scope.INSTANT)
             if sum(not state.status.ended for state in self._states.values()) > _MAX_STATES:

@@ -51,6 +51,15 @@ class Action:
 
 
 @dataclass(frozen=True)
+class Ellipse:
+    """Shape of the permitted deviation from a node: semi-axes in metres, angle in radians."""
+
+    a: float
+    b: float
+    theta: float
+
+
+@dataclass(frozen=True)
 class NodePosition:
     """Position of a node.
 
@@ -62,6 +71,7 @@ class NodePosition:
         deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
             for the normal tolerance of the robot.
         deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
+        ellipse: shape of the deviation, if it is no circle; `deviation_xy` is its smaller axis.
     """
 
     x: float
@@ -70,6 +80,7 @@ class NodePosition:
     theta: float | None = None
     deviation_xy: float = 0.0
     deviation_theta: float = 0.0
+    ellipse: Ellipse | None = None
 
 
 @dataclass(frozen=True)

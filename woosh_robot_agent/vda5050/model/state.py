@@ -61,6 +61,7 @@ class ActionState:
         status: its status.
         result: result or reason of a failure; may be empty.
         description: further information from the order; may be empty.
+        instant: it was requested by an instantActions message.
     """
 
     id: str
@@ -68,6 +69,7 @@ class ActionState:
     status: ActionStatus
     result: str = ""
     description: str = ""
+    instant: bool = False
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,7 @@ class RobotStatus:
         loads: loads; None if the robot cannot tell.
         maps: maps on the robot; None if unknown.
         errors: errors of the robot.
+        path: points of the path that the robot follows, in metres; empty without one.
     """
 
     driving: bool
@@ -196,6 +199,7 @@ class RobotStatus:
     loads: tuple[Load, ...] | None = None
     maps: tuple[Map, ...] | None = None
     errors: tuple[VehicleError, ...] = ()
+    path: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from woosh_robot_agent.vda5050.model.order import NodePosition
 from woosh_robot_agent.vda5050.model.state import Position
@@ -35,13 +35,28 @@ def is_reached(
     """
     if node.map_id != now.map_id:
         return False
-    distance = _distance_to_way(node, now if before is None else before, now)
-    if distance > max(node.deviation_xy, tolerance.xy):
+    if not _is_within(node, now if before is None else before, now, tolerance.xy):
         return False
     if node.theta is None:
         return True
     error = math.remainder(node.theta - now.theta, math.tau)
     return abs(error) <= max(abs(node.deviation_theta), tolerance.theta)
+
+
+def _is_within(node: NodePosition, before: Position, now: Position, tolerance: float) -> bool:
+    """Return True if a straight way leads through the permitted deviation from a node."""
+    if node.ellipse is None:
+        return _distance_to_way(node, before, now) <= max(node.deviation_xy, tolerance)
+    a, b = max(node.ellipse.a, tolerance), max(node.ellipse.b, tolerance)
+    cos, sin = math.cos(node.ellipse.theta), math.sin(node.ellipse.theta)
+
+    def scaled(place: Position) -> Position:
+        """Return the place in axes in which the ellipse is a circle of radius 1 at the origin."""
+        x, y = place.x - node.x, place.y - node.y
+        return replace(place, x=(x * cos + y * sin) / a, y=(y * cos - x * sin) / b)
+
+    origin = replace(node, x=0.0, y=0.0)
+    return _distance_to_way(origin, scaled(before), scaled(now)) <= 1.0
 
 
 def _distance_to_way(node: NodePosition, before: Position, now: Position) -> float:

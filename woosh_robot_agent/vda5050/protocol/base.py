@@ -9,9 +9,8 @@ from woosh_robot_agent.vda5050.model.factsheet import Factsheet
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.model.state import (
     ConnectionState,
-    Position,
+    RobotStatus,
     VehicleState,
-    Velocity,
 )
 from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
 
@@ -22,10 +21,15 @@ class Version(Protocol):
     Attributes:
         number: number of the version, e.g. `2.1.0`.
         quality: QoS level and retain flag of each topic that the vehicle publishes.
+        received: topics that the vehicle subscribes to.
+        keeps_instant_actions: the states of instant actions stay in the state after a new order,
+            until `clearInstantActions`.
     """
 
     number: ClassVar[str]
     quality: ClassVar[Mapping[Topic, Quality]]
+    received: ClassVar[frozenset[Topic]]
+    keeps_instant_actions: ClassVar[bool]
 
     def order(self, message: Mapping[str, Any]) -> Order:
         """Return a received order, which the schema has been checked for."""
@@ -36,8 +40,13 @@ class Version(Protocol):
     def state(self, state: VehicleState) -> dict[str, Any]:
         """Return the message of a state."""
 
-    def visualization(self, position: Position | None, velocity: Velocity | None) -> dict[str, Any]:
-        """Return the message of a position."""
+    def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
+        """Return the message of a position.
+
+        Args:
+            robot: the robot.
+            state_id: header id of the last state.
+        """
 
     def connection(self, state: ConnectionState) -> dict[str, Any]:
         """Return the message of the connection's state."""

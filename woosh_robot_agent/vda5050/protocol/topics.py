@@ -22,3 +22,5 @@ class Topic(Enum):
     VISUALIZATION = "visualization"
     CONNECTION = "connection"
     FACTSHEET = "factsheet"
+    ZONE_SET = "zoneSet"
+    """From version 3.0 on."""

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError
-from woosh_robot_agent.vda5050.model.factsheet import ActionType, Factsheet, Scope
-from woosh_robot_agent.vda5050.model.order import (
-    Action,
-    BlockingType,
-    ControlPoint,
-    Edge,
-    Node,
-    NodePosition,
-    Order,
-    Trajectory,
-)
+from woosh_robot_agent.vda5050.model.factsheet import ActionType, Factsheet
+from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, NodePosition, Order
 from woosh_robot_agent.vda5050.model.state import (
     ActionState,
     ActionStatus,
     Battery,
     ConnectionState,
-    Load,
-    Position,
     RobotStatus,
     VehicleState,
-    Velocity,
 )
+from woosh_robot_agent.vda5050.protocol import parts
 from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
 
 _UNSUPPORTED_EDGE_FIELDS = (
@@ -72,6 +61,8 @@ class Version21:
         Topic.CONNECTION: Quality(1, True),
         Topic.FACTSHEET: Quality(0, True),
     }
+    received: ClassVar[frozenset[Topic]] = frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS})
+    keeps_instant_actions: ClassVar[bool] = False
 
     # From the master control
 
@@ -85,7 +76,7 @@ class Version21:
         )
 
     def instant_actions(self, message: Mapping[str, Any]) -> list[Action]:
-        return [self._action(action) for action in message["actions"]]
+        return [_read_action(action) for action in message["actions"]]
 
     def _node(self, node: Mapping[str, Any]) -> Node:
         position = node.get("nodePosition")
@@ -94,7 +85,7 @@ class Version21:
             sequence_id=node["sequenceId"],
             released=node["released"],
             position=None if position is None else self._node_position(position),
-            actions=tuple(map(self._action, node["actions"])),
+            actions=tuple(map(_read_action, node["actions"])),
             description=node.get("nodeDescription", ""),
         )
 
@@ -117,29 +108,10 @@ class Version21:
             end_node_id=edge["endNodeId"],
             released=edge["released"],
             max_speed=edge.get("maxSpeed"),
-            trajectory=None if trajectory is None else self._trajectory(trajectory),
-            actions=tuple(map(self._action, edge["actions"])),
+            trajectory=None if trajectory is None else parts.read_trajectory(trajectory),
+            actions=tuple(map(_read_action, edge["actions"])),
             description=edge.get("edgeDescription", ""),
             unsupported=_unsupported_edge_fields(edge),
-        )
-
-    def _trajectory(self, trajectory: Mapping[str, Any]) -> Trajectory:
-        return Trajectory(
-            degree=trajectory["degree"],
-            knots=tuple(trajectory["knotVector"]),
-            points=tuple(
-                ControlPoint(point["x"], point["y"], point.get("weight", 1.0))
-                for point in trajectory["controlPoints"]
-            ),
-        )
-
-    def _action(self, action: Mapping[str, Any]) -> Action:
-        return Action(
-            id=action["actionId"],
-            type=action["actionType"],
-            blocking=BlockingType(action["blockingType"]),
-            parameters={each["key"]: each["value"] for each in action.get("actionParameters", ())},
-            description=action.get("actionDescription", ""),
         )
 
     # From the vehicle
@@ -155,9 +127,9 @@ class Version21:
             "paused": order.paused,
             "newBaseRequest": order.new_base_request,
             "operatingMode": robot.mode.value,
-            "nodeStates": [_node_state(node) for node in order.nodes],
-            "edgeStates": [_edge_state(edge) for edge in order.edges],
-            "actionStates": [_action_state(action) for action in order.actions],
+            "nodeStates": [parts.node_state(each, "nodeDescription") for each in order.nodes],
+            "edgeStates": [parts.edge_state(each, "edgeDescription") for each in order.edges],
+            "actionStates": [_action_state(each) for each in order.actions],
             "batteryState": _battery(robot.battery),
             "errors": [_error(error) for error in state.errors],
             "safetyState": {
@@ -167,28 +139,17 @@ class Version21:
         }
         if order.distance_since_last_node is not None:
             message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
-        return message | self.visualization(robot.position, robot.velocity) | _optional(robot)
+        return message | _motion(robot) | _optional(robot)
 
-    def visualization(self, position: Position | None, velocity: Velocity | None) -> dict[str, Any]:
-        message: dict[str, Any] = {}
-        if position is not None:
-            message["agvPosition"] = {
-                "x": position.x,
-                "y": position.y,
-                "theta": position.theta,
-                "mapId": position.map_id,
-                "positionInitialized": position.initialised,
-            }
-        if velocity is not None:
-            message["velocity"] = {"vx": velocity.vx, "vy": 0.0, "omega": velocity.omega}
-        return message
+    def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
+        return _motion(robot)
 
     def connection(self, state: ConnectionState) -> dict[str, Any]:
         return {"connectionState": state.value}
 
     def factsheet(self, factsheet: Factsheet) -> dict[str, Any]:
         return {
-            "typeSpecification": _without_empty(
+            "typeSpecification": parts.without_empty(
                 {
                     "seriesName": factsheet.series,
                     "seriesDescription": factsheet.description,
@@ -220,7 +181,7 @@ class Version21:
             },
             "protocolFeatures": {
                 "optionalParameters": [
-                    _without_empty(
+                    parts.without_empty(
                         {
                             "parameter": each.name,
                             "support": "REQUIRED" if each.required else "SUPPORTED",
@@ -257,43 +218,31 @@ def _unsupported_edge_fields(edge: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _node_state(node: Node) -> dict[str, Any]:
-    state: dict[str, Any] = {
-        "nodeId": node.id,
-        "sequenceId": node.sequence_id,
-        "released": node.released,
-    }
-    if node.description:
-        state["nodeDescription"] = node.description
-    if node.position is not None:
-        place = node.position
-        state["nodePosition"] = {"x": place.x, "y": place.y, "mapId": place.map_id}
-        if place.theta is not None:
-            state["nodePosition"]["theta"] = place.theta
-    return state
-
-
-def _edge_state(edge: Edge) -> dict[str, Any]:
-    state: dict[str, Any] = {
-        "edgeId": edge.id,
-        "sequenceId": edge.sequence_id,
-        "released": edge.released,
-    }
-    if edge.description:
-        state["edgeDescription"] = edge.description
-    return state
+def _read_action(action: Mapping[str, Any]) -> Action:
+    return parts.read_action(action, "actionDescription")
 
 
 def _action_state(action: ActionState) -> dict[str, Any]:
-    return _without_empty(
-        {
-            "actionId": action.id,
-            "actionType": action.type,
-            "actionStatus": _STATUS.get(action.status, action.status).value,
-            "actionDescription": action.description,
-            "resultDescription": action.result,
-        }
+    status = _STATUS.get(action.status, action.status).value
+    return parts.action_state(
+        action, status, description="actionDescription", result="resultDescription"
     )
+
+
+def _motion(robot: RobotStatus) -> dict[str, Any]:
+    message: dict[str, Any] = {}
+    if robot.position is not None:
+        place = robot.position
+        message["agvPosition"] = {
+            "x": place.x,
+            "y": place.y,
+            "theta": parts.angle(place.theta),
+            "mapId": place.map_id,
+            "positionInitialized": place.initialised,
+        }
+    if robot.velocity is not None:
+        message["velocity"] = parts.velocity(robot.velocity)
+    return message
 
 
 def _battery(battery: Battery) -> dict[str, Any]:
@@ -304,68 +253,26 @@ def _battery(battery: Battery) -> dict[str, Any]:
 
 
 def _error(error: VehicleError) -> dict[str, Any]:
-    return _without_empty(
-        {
-            "errorType": _ERROR_TYPES.get(error.type, error.type),
-            "errorLevel": error.level.value,
-            "errorDescription": error.description,
-            "errorHint": error.hint,
-            "errorReferences": [
-                {"referenceKey": each.key, "referenceValue": each.value}
-                for each in error.references
-            ],
-        }
-    )
+    return parts.error(error, _ERROR_TYPES.get(error.type, error.type), error.level.value)
 
 
 def _optional(robot: RobotStatus) -> dict[str, Any]:
     message: dict[str, Any] = {}
     if robot.loads is not None:
-        message["loads"] = [_load(load) for load in robot.loads]
+        message["loads"] = [parts.load(each) for each in robot.loads]
     if robot.maps is not None:
-        message["maps"] = [
-            {
-                "mapId": each.id,
-                "mapVersion": each.version,
-                "mapStatus": "ENABLED" if each.enabled else "DISABLED",
-            }
-            for each in robot.maps
-        ]
-    return message
-
-
-def _load(load: Load) -> dict[str, Any]:
-    message = _without_empty({"loadType": load.type})
-    if load.id is not None:
-        message["loadId"] = load.id
+        message["maps"] = [parts.map_state(each) for each in robot.maps]
     return message
 
 
 def _action_type(action: ActionType) -> dict[str, Any]:
     # the schema of blockingTypes cannot be fulfilled, so it is left out
-    return _without_empty(
+    return parts.without_empty(
         {
             "actionType": action.name,
             "actionDescription": action.description,
-            "actionScopes": _scopes(action.scopes),
-            "actionParameters": [
-                {
-                    "key": each.key,
-                    "valueDataType": each.type,
-                    "description": each.description,
-                    "isOptional": each.optional,
-                }
-                for each in action.parameters
-            ],
+            "actionScopes": parts.scopes(action.scopes),
+            "actionParameters": parts.parameter_types(action.parameters),
             "resultDescription": action.result,
         }
     )
-
-
-def _scopes(scopes: Iterable[Scope]) -> list[str]:
-    return sorted(scope.value for scope in scopes)
-
-
-def _without_empty(message: dict[str, Any]) -> dict[str, Any]:
-    """Return a message without its empty texts and lists."""
-    return {key: value for key, value in message.items() if value not in ("", [])}

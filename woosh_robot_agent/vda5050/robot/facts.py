@@ -14,6 +14,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     DeviceState,
     Mode,
+    NavPath,
     OperationState,
     PoseSpeed,
     RobotInfo,
@@ -67,6 +68,7 @@ class RobotFacts:
         chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
         for part in _PARTS:
             chassis.subscribe_raw(part, lambda body: self._changed())
+        chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
 
     @property
     def info(self) -> RobotInfo | None:
@@ -80,7 +82,8 @@ class RobotFacts:
         if info is None:
             return None
         if self._status is None or not self._is_current:
-            self._status = status.robot_status(info)
+            path = status.path(self._values.value(NavPath))
+            self._status = replace(status.robot_status(info), path=path)
         elif self._is_moved:
             motion = info.pose_speed.twist
             self._status = replace(
@@ -99,6 +102,10 @@ class RobotFacts:
     def _changed(self) -> None:
         self._is_current = False
         self._on_changed()
+
+    def _path_changed(self) -> None:
+        """Compute the state anew when it is asked for; a new path alone is not reported."""
+        self._is_current = False
 
     def _forget(self) -> None:
         self._status = None

@@ -6,7 +6,7 @@ import math
 
 from woosh_robot_agent import readiness
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
-from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, NavPath, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.vda5050.model.state import (
     Battery,
@@ -73,6 +73,13 @@ def velocity(info: RobotInfo) -> Velocity | None:
     if not info.pose_speed.HasField("twist"):
         return None
     return Velocity(_rounded(info.pose_speed.twist.linear), _rounded(info.pose_speed.twist.angular))
+
+
+def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
+    """Return the points of the path that the robot follows; empty if it follows none."""
+    if report is None:
+        return ()
+    return tuple((_rounded(pose.x), _rounded(pose.y)) for pose in report.path.poses)
 
 
 def map_id(info: RobotInfo) -> str:
