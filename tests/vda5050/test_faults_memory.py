@@ -12,6 +12,7 @@ from woosh_robot_agent.vda5050.model.order import Action, BlockingType, Edge, No
 from woosh_robot_agent.vda5050.model.order import Order as VehicleOrder
 from woosh_robot_agent.vda5050.model.plain import from_plain, to_plain
 from woosh_robot_agent.vda5050.model.state import ActionStatus, Position
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.commands import CancelDrive, Drive, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.orders.memory import Memory
@@ -59,6 +60,11 @@ def started() -> OrderMachine:
     machine.moved(here(0.0))
     machine.receive(an_order())
     return machine
+
+
+def test_a_repeated_order_is_known_after_a_restart() -> None:
+    after = restarted(started())
+    assert after.receive(an_order()) is Verdict.KNOWN
 
 
 def test_a_leg_is_not_commanded_again() -> None:

@@ -81,8 +81,8 @@ async def test_an_order_waits_for_the_task_of_somebody_else(
 ) -> None:
     async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
         await master.online()
-        assert (await gate.request(task_to(4.3, -6.68))).ok
         set_speed(chassis, 0.1)
+        assert (await gate.request(task_to(4.3, -6.68))).ok
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
         await master.wait_state(lambda state: "robotBusyError" in error_types(state))
         assert chassis.counts[EXEC] == 1
@@ -98,8 +98,8 @@ async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(
 ) -> None:
     async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
         await master.online()
-        assert (await gate.request(task_to(4.3, -6.68))).ok
         set_speed(chassis, 0.1)
+        assert (await gate.request(task_to(4.3, -6.68))).ok
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
         await master.wait_state(lambda state: "robotBusyError" in error_types(state))
         master.instant(action("cancelOrder", "cancel"))

@@ -420,4 +420,4 @@ async def test_the_distance_since_the_last_node_is_reported(
         await master.wait_state(lambda state: state["lastNodeId"] == "b")
         assert master.state["distanceSinceLastNode"] < 0.1
         states = [state for state in master.received["state"] if state["orderId"]]
-        assert states[0]["distanceSinceLastNode"] == 0.0
+        assert 0.0 <= states[0]["distanceSinceLastNode"] < 4.0

@@ -30,9 +30,10 @@ PASSWORD = "pass word: #1"
 ACCESS = """\
 pattern read uagv/+/+/%u/order
 pattern read uagv/+/+/%u/instantActions
+pattern read uagv/+/+/%u/zoneSet
 pattern write uagv/+/+/%u/state
 pattern write uagv/+/+/%u/visualization
-pattern write uagv/+/+/%u/connection
+pattern readwrite uagv/+/+/%u/connection
 pattern write uagv/+/+/%u/factsheet
 """
 """Rights of vehicles at a broker, each with its serial number as user name."""
@@ -70,7 +71,6 @@ class SecureMosquitto(Mosquitto):
         return "\n".join(
             [
                 "per_listener_settings true",
-                "user root",  # otherwise it cannot read the files if the tests run as root
                 super().settings(),
                 f"listener {self.password_port} 127.0.0.1",
                 *password,

@@ -36,6 +36,7 @@ from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
 from woosh_robot_agent.vda5050.robot.factsheet import OPTIONAL_PARAMETERS
 
 V3 = Version30()
+VEHICLE = Identity("Woosh", "1")
 BOTH = pytest.mark.parametrize(
     "version", [make() for make in VERSIONS.values()], ids=list(VERSIONS)
 )
@@ -48,7 +49,7 @@ def _edges(nodes: list[Message]) -> list[Message]:
 
 
 def _full(version: Version, content: dict[str, Any]) -> dict[str, Any]:
-    return header(Identity("Woosh", "1"), version.number, 0, 1e9) | content
+    return header(VEHICLE, version.number, 0, 1e9) | content
 
 
 def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None = None) -> Message:
@@ -60,7 +61,7 @@ def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None =
 
 
 def _read(message: Message) -> Order:
-    return read_order(json.dumps(message).encode(), V3)
+    return read_order(json.dumps(message).encode(), V3, VEHICLE)
 
 
 # Messages
@@ -287,13 +288,13 @@ def _zone_set() -> Message:
 
 
 def test_a_zone_set_is_refused() -> None:
-    error = refusal_of_zone_set(json.dumps(_full(V3, _zone_set())).encode(), V3)
+    error = refusal_of_zone_set(json.dumps(_full(V3, _zone_set())).encode(), V3, VEHICLE)
     assert error.type == ErrorType.UNSUPPORTED_PARAMETER
     assert {each.key: each.value for each in error.references}["zoneSetId"] == "night"
-    assert refusal_of_zone_set(b"{", V3).type == ErrorType.VALIDATION
+    assert refusal_of_zone_set(b"{", V3, VEHICLE).type == ErrorType.VALIDATION
     broken = _zone_set()
     broken["zoneSet"]["zones"][0]["zoneType"] = "SPEED_LIMIT"
-    error = refusal_of_zone_set(json.dumps(_full(V3, broken)).encode(), V3)
+    error = refusal_of_zone_set(json.dumps(_full(V3, broken)).encode(), V3, VEHICLE)
     assert error.type == ErrorType.VALIDATION
 
 

@@ -17,7 +17,7 @@ from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 
 _MAX_STATES = 200
 """Number of instant actions above which those that have ended are forgotten."""
-_MAX_ERRORS = 50
+_MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 

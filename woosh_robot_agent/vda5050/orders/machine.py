@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorLevel,
@@ -14,22 +13,19 @@ from woosh_robot_agent.vda5050.model.errors import (
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
+from woosh_robot_agent.vda5050.model.order import Edge, Node, Order
 from woosh_robot_agent.vda5050.model.state import (
-    ActionState,
     ActionStatus,
     OrderStatus,
     Position,
 )
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict, judge
-from woosh_robot_agent.vda5050.orders.blocking import startable
+from woosh_robot_agent.vda5050.orders.actions import OrderActions
 from woosh_robot_agent.vda5050.orders.commands import (
     CancelDrive,
     Command,
     Drive,
-    EndAction,
     PauseDrive,
-    Perform,
     ResumeDrive,
 )
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
@@ -67,14 +63,7 @@ class OrderMachine:
         self._edges: deque[Edge] = deque()
         """Edges still to be left; the vehicle is on the first one if `_on_edge`."""
         self._on_edge = False
-        self._actions: dict[str, ActionState] = {}
-        """States of the actions of the order, by id."""
-        self._triggered: list[Action] = []
-        """Triggered actions that have not started, in the sequence in which they must start."""
-        self._running: dict[str, Action] = {}
-        """Actions that have started and not ended, by id."""
-        self._edge_actions: dict[str, Action] = {}
-        """Actions of the edge that the vehicle is on, by id."""
+        self._actions = OrderActions()
         self._leg: Leg | None = None
         """The leg that the vehicle drives."""
         self._commands: list[Command] = []
@@ -102,7 +91,7 @@ class OrderMachine:
     @property
     def busy(self) -> bool:
         """True if the vehicle executes an order, or waits for an update of it."""
-        return bool(self._nodes or self._edges or self._leg or self._running or self._triggered)
+        return bool(self._nodes or self._edges or self._leg or self._actions.are_open)
 
     @property
     def driving(self) -> bool:
@@ -112,7 +101,7 @@ class OrderMachine:
     @property
     def acting(self) -> bool:
         """True while an action of the order runs."""
-        return bool(self._running)
+        return self._actions.are_running
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
@@ -122,7 +111,7 @@ class OrderMachine:
         node = self._nodes[0] if self._nodes and self._nodes[0].released else None
         if node is None or self._position is None or self._is_on_map_of(node):
             return ()
-        if stops((*self._triggered, *self._running.values())):
+        if self._actions.forbid_driving():
             return ()  # an action may bring the vehicle to the other map
         return (
             warning(
@@ -151,7 +140,7 @@ class OrderMachine:
             last_node_sequence_id=last.sequence_id if last else 0,
             nodes=tuple(self._nodes),
             edges=tuple(self._edges),
-            actions=tuple(self._actions.values()),
+            actions=self._actions.states,
             new_base_request=not self._canceling and needs_base(self._nodes, self._position),
             distance_since_last_node=None if last is None else self._driven,
         )
@@ -193,7 +182,8 @@ class OrderMachine:
         if verdict is Verdict.KNOWN:
             return verdict
         if verdict is Verdict.UPDATE:
-            check_action_ids(order, self._base_actions())
+            horizon = [part for part in _parts_of(self._nodes, self._edges) if not part.released]
+            check_action_ids(order, self._actions.ids_without(horizon))
         check(order)
         if verdict is Verdict.NEW:
             self._take(order)
@@ -208,7 +198,7 @@ class OrderMachine:
         Args:
             node_id: id of the node; empty if the vehicle stands on none.
         """
-        number = self._last_node.sequence_id if self._last_node else 0
+        number = self._last_node.sequence_id if self._last_node and self.busy else 0
         self._last_node = Node(node_id, number) if node_id else None
         self._driven = 0.0
 
@@ -254,12 +244,7 @@ class OrderMachine:
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action that was started by a `Perform` command."""
-        state = self._actions.get(action_id)
-        if state is None or state.status.ended:
-            return
-        self._actions[action_id] = replace(state, status=status, result=result)
-        if status.ended:
-            self._running.pop(action_id, None)
+        self._actions.changed(action_id, status, result)
 
     def hold(self, name: str) -> None:
         """Pause the drive, and start none, until each `hold` has its `release`.
@@ -281,11 +266,7 @@ class OrderMachine:
         """
         self._canceling = self._cancelled = True
         self.error = None
-        for action_id, state in self._actions.items():
-            if action_id not in self._running and not state.status.ended:
-                self._actions[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
-        self._triggered.clear()
-        self._commands = [EndAction(action) for action in self._running.values()]
+        self._commands = [*self._actions.cancel(reason)]
         if self._leg is not None:
             self._commands.append(CancelDrive())
 
@@ -325,10 +306,7 @@ class OrderMachine:
             edges=tuple(self._edges),
             on_edge=self._on_edge,
             leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
-            actions=tuple(self._actions.values()),
-            triggered=tuple(self._triggered),
-            running=tuple(self._running.values()),
-            edge_actions=tuple(self._edge_actions.values()),
+            actions=self._actions.memory,
             canceling=self._canceling,
             cancelled=self._cancelled,
             holds=tuple(sorted(self._holds)),
@@ -346,9 +324,7 @@ class OrderMachine:
         self._last_node = memory.last_node
         self._nodes, self._edges = deque(memory.nodes), deque(memory.edges)
         self._on_edge = memory.on_edge
-        self._actions = {state.id: state for state in memory.actions}
-        self._triggered = list(memory.triggered)
-        self._edge_actions = {action.id: action for action in memory.edge_actions}
+        self._actions.restore(memory.actions)
         if length := memory.leg_length:
             self._leg = Leg(memory.edges[:length], memory.nodes[:length])
         self._cancelled = memory.cancelled
@@ -357,8 +333,7 @@ class OrderMachine:
         self.error = memory.error
         self._driven = None
         self._doubts_place = True
-        for action in memory.running:
-            self.action_changed(action.id, ActionStatus.FAILED, _RESTARTED)
+        for action in self._actions.interrupt(_RESTARTED):
             if stops((action,)) and self.error is None:
                 self.error = self._stuck(
                     ErrorType.INTERRUPTED,
@@ -373,7 +348,7 @@ class OrderMachine:
     def _is_in_place(self, *, may_drive: bool) -> bool:
         """Return True if the vehicle stands where the order goes on, or is on its way."""
         last = self._last_node
-        goes_on = self._triggered or (self._edges and self._edges[0].released)
+        goes_on = self._actions.are_triggered or (self._edges and self._edges[0].released)
         if not self._doubts_place or self._leg is not None or not goes_on:
             return True
         if last is not None and last.position is not None:
@@ -411,77 +386,44 @@ class OrderMachine:
         apart = math.hypot(node.position.x - last.position.x, node.position.y - last.position.y)
         return apart < _SAME_PLACE and self._stands_on(node)
 
-    def _base_actions(self) -> set[str]:
-        """Return the ids of all actions of the order, except those of its horizon."""
-        horizon = [part for part in _parts_of(self._nodes, self._edges) if not part.released]
-        return self._actions.keys() - {action.id for part in horizon for action in part.actions}
-
     def _take(self, order: Order) -> None:
         self.error = None
         self._cancelled = False
         self._actions.clear()
-        self._edge_actions.clear()
+        self._actions.add(_parts_of(order.nodes, order.edges))
         self._on_edge = False
         self._nodes = deque(order.nodes)
         self._edges = deque(order.edges)
-        self._add_actions(order)
         self._reach()
 
     def _append(self, order: Order) -> None:
         """Replace the horizon by the nodes and edges of an update."""
-        for part in _parts_of(self._nodes, self._edges):
-            if not part.released:
-                for action in part.actions:
-                    self._actions.pop(action.id, None)
+        parts = _parts_of(self._nodes, self._edges)
+        self._actions.remove(part for part in parts if not part.released)
         self._nodes = deque(node for node in self._nodes if node.released)
         self._edges = deque(edge for edge in self._edges if edge.released)
-        update = replace(order, nodes=order.nodes[1:])
-        self._nodes += update.nodes
-        self._edges += update.edges
-        self._add_actions(update)
-
-    def _add_actions(self, order: Order) -> None:
-        for part in _parts_of(order.nodes, order.edges):
-            for action in part.actions:
-                self._actions[action.id] = ActionState(
-                    action.id, action.type, ActionStatus.WAITING, description=action.description
-                )
+        nodes = order.nodes[1:]
+        self._nodes += nodes
+        self._edges += order.edges
+        self._actions.add(_parts_of(nodes, order.edges))
 
     def _reach(self) -> None:
         """Leave the current edge, if any, and reach the next node."""
         if self._on_edge:
             self._on_edge = False
             self._edges.popleft()
-            for action in self._edge_actions.values():
-                self._leave_behind(action)
-            self._edge_actions.clear()
+            self._commands += self._actions.leave_edge()
         self._last_node = self._nodes.popleft()
         self._driven = 0.0
-        self._triggered += self._last_node.actions
-
-    def _leave_behind(self, action: Action) -> None:
-        """End an action of an edge that the vehicle leaves."""
-        if action in self._triggered:
-            self._triggered.remove(action)
-            self.action_changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
-        elif action.id in self._running:
-            self._commands.append(EndAction(action))
+        self._actions.reach(self._last_node)
 
     def _enter_edge(self) -> None:
-        edge = self._edges[0]
         self._on_edge = True
-        self._edge_actions = {action.id: action for action in edge.actions}
-        self._triggered += edge.actions
+        self._actions.enter(self._edges[0])
 
     def _start_actions(self) -> None:
-        if self.error is not None:
-            return
-        count = startable(self._triggered, self._running.values(), driving=self.driving)
-        for action in self._triggered[:count]:
-            self._running[action.id] = action
-            self.action_changed(action.id, ActionStatus.INITIALIZING)
-            self._commands.append(Perform(action))
-        del self._triggered[:count]
+        if self.error is None:
+            self._commands += self._actions.start(driving=self.driving)
 
     def _hold_drive(self) -> None:
         """Pause or resume the drive."""
@@ -491,9 +433,7 @@ class OrderMachine:
 
     def _start_drive(self) -> bool:
         """Start the next leg; return True if the next node was reached without driving."""
-        if self._leg is not None or self.error is not None:
-            return False
-        if stops((*self._triggered, *self._running.values())):
+        if self._leg is not None or self.error is not None or self._actions.forbid_driving():
             return False
         leg = next_leg(self._edges, self._nodes)
         if leg is None or not self._is_on_map_of(leg.nodes[0]):
@@ -501,7 +441,7 @@ class OrderMachine:
         if not self._on_edge:
             self._enter_edge()
             self._start_actions()
-            if stops((*self._triggered, *self._running.values())):
+            if self._actions.forbid_driving():
                 return False
         if self._stands_still_on(leg.nodes[0]):
             self._reach()
@@ -518,10 +458,9 @@ class OrderMachine:
         return node.position.map_id == self._position.map_id
 
     def _finish_cancel(self) -> None:
-        if self._leg is None and not self._running:
+        if self._leg is None and not self._actions.are_running:
             self._canceling = False
             self._on_edge = False
-            self._edge_actions.clear()
             self._nodes.clear()
             self._edges.clear()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from woosh_robot_agent.vda5050.model.errors import VehicleError
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
@@ -10,8 +10,25 @@ from woosh_robot_agent.vda5050.model.state import ActionState
 
 
 @dataclass(frozen=True)
+class ActionMemory:
+    """The actions of an order.
+
+    Attributes:
+        states: states of all actions.
+        triggered: triggered actions that have not started.
+        running: actions that have started and not ended.
+        of_edge: actions of the edge that the vehicle is on.
+    """
+
+    states: tuple[ActionState, ...] = ()
+    triggered: tuple[Action, ...] = ()
+    running: tuple[Action, ...] = ()
+    of_edge: tuple[Action, ...] = ()
+
+
+@dataclass(frozen=True)
 class Memory:
-    """What is left of an order, and what runs.
+    """What is left of an order.
 
     Attributes:
         order_id: id of the order; empty without any.
@@ -21,10 +38,7 @@ class Memory:
         edges: edges still to be left.
         on_edge: the vehicle is on the first of the edges.
         leg_length: number of nodes of the current leg that are still to be reached; 0 without one.
-        actions: states of the actions.
-        triggered: triggered actions that have not started.
-        running: actions that have started and not ended.
-        edge_actions: actions of the edge that the vehicle is on.
+        actions: the actions.
         canceling: the order is being cancelled.
         cancelled: the order was cancelled.
         holds: names of what holds the vehicle.
@@ -38,10 +52,7 @@ class Memory:
     edges: tuple[Edge, ...] = ()
     on_edge: bool = False
     leg_length: int = 0
-    actions: tuple[ActionState, ...] = ()
-    triggered: tuple[Action, ...] = ()
-    running: tuple[Action, ...] = ()
-    edge_actions: tuple[Action, ...] = ()
+    actions: ActionMemory = field(default_factory=ActionMemory)
     canceling: bool = False
     cancelled: bool = False
     holds: tuple[str, ...] = ()
