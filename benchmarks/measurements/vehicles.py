@@ -239,7 +239,8 @@ def vehicles(robots: int, load: Load) -> VehicleCost:
         connector = stack.enter_context(
             running(
                 *("woosh_robot_agent.vda5050", "--robots", str(file)),
-                *("--broker", f"mqtt://127.0.0.1:{broker_port}", *load.arguments),
+                *("--broker", f"mqtt://127.0.0.1:{broker_port}"),
+                *("--state-folder", str(Path(folder, "state")), *load.arguments),
                 domain=domain,
             )
         )

@@ -14,10 +14,17 @@ from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
 """Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Connectors that run as programs keep nothing from one test to the next."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state home"))
 
 
 @pytest.fixture

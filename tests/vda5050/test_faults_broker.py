@@ -19,7 +19,8 @@ from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 EXEC = "woosh.robot.ExecTask"
 

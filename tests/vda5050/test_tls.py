@@ -22,7 +22,7 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
 from woosh_robot_agent.vda5050.connector import Connector
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.vehicle import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 SERIAL = "30001"
 """Serial number of the simulated robot, and its user name."""

@@ -8,7 +8,8 @@ import logging
 from collections.abc import Mapping
 
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 _LOG = logging.getLogger(__name__)
 _VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")

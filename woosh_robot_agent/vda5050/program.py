@@ -19,7 +19,7 @@ from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
 from woosh_robot_agent.vda5050.robot.factsheet import Limits
 from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
 from woosh_robot_agent.vda5050.store import state_folder
-from woosh_robot_agent.vda5050.vehicle import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 
 @exit_on_stdout_error

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 from woosh_robot_agent.endpoints import minimum_timeouts
-from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
-from woosh_robot_agent.link.log_once import LogOnce, one_line
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
 from woosh_robot_agent.link.robot_identity import RobotIdentity
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -26,11 +24,11 @@ from woosh_robot_agent.vda5050.actions.requests import CancelOrder
 from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
+from woosh_robot_agent.vda5050.drive_permission import DrivePermission
 from woosh_robot_agent.vda5050.driving import Driver
-from woosh_robot_agent.vda5050.inbox import read_instant_actions, refusal_of_zone_set
+from woosh_robot_agent.vda5050.intake import Intake
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorType,
-    RejectedError,
     VehicleError,
     warning,
 )
@@ -38,7 +36,6 @@ from woosh_robot_agent.vda5050.model.factsheet import Factsheet
 from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import ActionStatus, OperatingMode, VehicleState
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.order_intake import OrderIntake
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.commands import (
     CancelDrive,
@@ -49,50 +46,23 @@ from woosh_robot_agent.vda5050.orders.commands import (
     ResumeDrive,
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.protocol.base import Version
-from woosh_robot_agent.vda5050.protocol.header import Identity, timestamp
+from woosh_robot_agent.vda5050.protocol.header import Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
-from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
-from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
+from woosh_robot_agent.vda5050.robot.factsheet import factsheet
 from woosh_robot_agent.vda5050.robot.maps import MapLibrary
 from woosh_robot_agent.vda5050.robot.marks import RobotMarks
 from woosh_robot_agent.vda5050.session import Session, SessionConfig
 from woosh_robot_agent.vda5050.speed import SpeedLimiter
 from woosh_robot_agent.vda5050.store import Record
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = "pause"
 """Name of the hold of the pause."""
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
-
-
-@dataclass(frozen=True)
-class VehicleConfig:
-    """Configuration of a vehicle.
-
-    Attributes:
-        link: address of the robot.
-        manufacturer: manufacturer in the topics.
-        serial_number: serial number in the topics; empty for that of the robot.
-        interface: first level of the topics.
-        version: version of the standard.
-        limits: what the robot does not report about itself.
-        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
-        state_folder: folder of the file that keeps the order and the header ids over a restart;
-            None to forget them.
-    """
-
-    link: LinkConfig
-    manufacturer: str = "Woosh"
-    serial_number: str = ""
-    interface: str = "uagv"
-    version: Version = field(default_factory=Version21)
-    limits: Limits = field(default_factory=Limits)
-    log_folder: Path | None = None
-    state_folder: Path | None = None
 
 
 class Vehicle:
@@ -142,16 +112,13 @@ class Vehicle:
         further = (
             (partial(LogReport, folder=config.log_folder),) if config.log_folder is not None else ()
         )
-        self._registry = Registry(context, config.version.number, further)
-        self._intake = OrderIntake(
-            config.version, self._registry, self._facts, self._marks, self._maps
+        self._permission = DrivePermission(
+            self._chassis, self._gate, self._facts, self._driver, self._robot_tasks, self._calls
         )
+        self._registry = Registry(context, config.version.number, further)
+        self._intake = Intake(config.version, self._registry, self._facts, self._marks, self._maps)
         self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
         self._instant = InstantActions(self._registry, self._runner, self)
-        self._order_error: VehicleError | None = None
-        """Why the last order was rejected or dropped; None if one was accepted since."""
-        self._message_error: VehicleError | None = None
-        """Why the last message with instant actions was rejected; None if it was not."""
         self._cancelled: asyncio.Future[None] | None = None
         """Done when the order has been cancelled; None if it is not being cancelled."""
         self._was_driving = False
@@ -161,7 +128,6 @@ class Vehicle:
         self._former: asyncio.Task[None] | None = None
         """End of the last session, of another robot; None without one."""
         self._is_closing = False
-        self._log = LogOnce(_LOG)
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
@@ -232,12 +198,12 @@ class Vehicle:
         info, session = self._facts.info, self._session
         if info is None or session is None:
             return
-        self._order_error = damage
+        self._intake.order_error = damage
         former = RobotIdentity(record.robot_id, record.serial_number)
         if former.differs_from(session.robot):
             reason = f"order {record.order.order_id} was dropped, because it was for {former}"
             _LOG.error("%s; now %s answers", reason, session.robot)
-            self._order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
+            self._intake.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
         self._machine.restore(record.order)
         self._pause.set(_PAUSE in record.order.holds)
@@ -274,7 +240,7 @@ class Vehicle:
         self._machine = OrderMachine()
         self._instant = InstantActions(self._registry, self._runner, self)
         self._pause.set(False)
-        self._order_error = self._message_error = None
+        self._intake.order_error = self._intake.message_error = None
         if self._cancelled is not None:
             self._cancelled.set_result(None)
             self._cancelled = None
@@ -287,102 +253,34 @@ class Vehicle:
         order = self._machine.status.order_id
         reason = f"order {order} was cleared, because the operating mode is {mode.value}"
         _LOG.warning("%s", reason)
-        self._order_error = warning(
+        self._intake.order_error = warning(
             ErrorType.INTERRUPTED, reason, "send a new order in mode AUTOMATIC", orderId=order
         )
         self._machine.cancel(reason)
-
-    def _is_driven_otherwise(self) -> bool:
-        """Return True if something else than the order drives the robot, or may do so."""
-        if self._machine.driving or self._machine.acting:
-            return False
-        own = self._robot_tasks.task_id
-        if other := self._driver.other_task:
-            return other != own
-        return bool(self._gate.reported_owner) and not own and not self._calls.busy
-
-    def _goes_on_charging(self) -> bool:
-        """Return True if the task of an action goes on after the action has ended."""
-        acts = self._machine.driving or self._machine.acting
-        return not acts and bool(self._robot_tasks.task_id)
-
-    def _conditions(self) -> list[VehicleError]:
-        """Return errors of the connector itself."""
-        errors = [] if self._session is None else list(self._session.errors)
-        if self._chassis.state is not LinkState.READY:
-            since = timestamp(self._chassis.since)
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_CONNECTION,
-                    f"there is no link to the robot since {since}; its state is from then",
-                    "check that the robot is on, and that the network reaches it",
-                )
-            )
-        if self._machine.busy and self._is_driven_otherwise():
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_BUSY,
-                    "the order waits, because something else drives the robot",
-                    "wait for its end, or cancel the order",
-                )
-            )
-        elif self._machine.busy and self._goes_on_charging():
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_BUSY,
-                    "the order waits, because the robot executes its charging task",
-                    "end it with stopCharging, or wait for its end",
-                )
-            )
-        return errors
 
     # From the master control
 
     def _order_received(self, payload: bytes) -> None:
         if self._session is None:
             return
-        try:
-            order = self._intake.read(payload, self._session.identity)
-            verdict = self._machine.receive(order, self._intake.check)
-        except RejectedError as rejected:
-            self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
-            self._order_error = rejected.error
-        else:
-            if verdict is Verdict.KNOWN:
-                return
-            _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
-            self._log.clear()
-            self._order_error = None
-            if verdict is Verdict.NEW:
-                self._message_error = None
-                if self._config.version.keeps_instant_actions:
-                    self._instant.errors.clear()
-                else:
-                    self._instant.forget_ended()
-        self._step()
+        verdict = self._intake.order(payload, self._session.identity, self._machine)
+        if verdict is Verdict.NEW:
+            if self._config.version.keeps_instant_actions:
+                self._instant.errors.clear()
+            else:
+                self._instant.forget_ended()
+        if verdict is not Verdict.KNOWN:
+            self._step()
 
     def _instant_actions_received(self, payload: bytes) -> None:
-        if self._session is None:
-            return
-        try:
-            actions = read_instant_actions(payload, self._config.version, self._session.identity)
-        except RejectedError as rejected:
-            self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
-            self._message_error = rejected.error
-        else:
-            self._message_error = None
-            self._instant.receive(actions)
-        self._step()
+        if self._session is not None:
+            self._instant.receive(self._intake.instant_actions(payload, self._session.identity))
+            self._step()
 
     def _zone_set_received(self, payload: bytes) -> None:
-        if self._session is None:
-            return
-        error = refusal_of_zone_set(payload, self._config.version, self._session.identity)
-        self._log.warn(
-            f"zones: {error.description}", f"a zone set was refused: {error.description}"
-        )
-        self._message_error = error
-        self._step()
+        if self._session is not None:
+            self._intake.refuse_zone_set(payload, self._session.identity)
+            self._step()
 
     # From the robot
 
@@ -429,16 +327,10 @@ class Vehicle:
         if self._is_closing or self._session is None or not self._session.is_open:
             return
         status = self._facts.status
-        is_driven_otherwise = self._is_driven_otherwise()
-        if is_driven_otherwise:
+        if self._permission.is_driven_otherwise(self._machine):
             self._machine.doubt_place()
         may_drive = (
-            status is not None
-            and status.mode is OperatingMode.AUTOMATIC
-            and self._chassis.state is LinkState.READY
-            and not is_driven_otherwise
-            and not self._robot_tasks.task_id
-            and not self._session.has_other_connector
+            self._permission.may_drive(self._machine) and not self._session.has_other_connector
         )
         for command in self._machine.poll(may_drive=may_drive):
             if isinstance(command, Drive):
@@ -549,11 +441,12 @@ class Vehicle:
         if self._chassis.state is not LinkState.READY:
             robot = replace(robot, velocity=None)
         errors = (
-            self._order_error,
-            self._message_error,
+            self._intake.order_error,
+            self._intake.message_error,
             *self._machine.errors,
             *self._instant.errors,
-            *self._conditions(),
+            *(() if self._session is None else self._session.errors),
+            *self._permission.errors(self._machine),
             *robot.errors,
         )
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))

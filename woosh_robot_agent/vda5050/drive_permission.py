@@ -1,0 +1,97 @@
+"""Permission to start the drives of an order."""
+
+from __future__ import annotations
+
+from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
+from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
+from woosh_robot_agent.vda5050.driving import Driver
+from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
+from woosh_robot_agent.vda5050.model.state import OperatingMode
+from woosh_robot_agent.vda5050.orders.machine import OrderMachine
+from woosh_robot_agent.vda5050.protocol.header import timestamp
+from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+
+
+class DrivePermission:
+    """Tells from the state of the robot if the order may start a drive, and if not, why.
+
+    Args:
+        chassis: the link.
+        gate: knows what drives the robot.
+        facts: what the robot reports.
+        driver: drives the legs of the order.
+        tasks: executes tasks of actions.
+        calls: executes the robot's own actions.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        facts: RobotFacts,
+        driver: Driver,
+        tasks: RobotTasks,
+        calls: RobotCalls,
+    ) -> None:
+        self._chassis = chassis
+        self._gate = gate
+        self._facts = facts
+        self._driver = driver
+        self._tasks = tasks
+        self._calls = calls
+
+    def may_drive(self, machine: OrderMachine) -> bool:
+        """Return True if the order may start a drive."""
+        status = self._facts.status
+        return (
+            status is not None
+            and status.mode is OperatingMode.AUTOMATIC
+            and self._chassis.state is LinkState.READY
+            and not self._tasks.task_id
+            and not self.is_driven_otherwise(machine)
+        )
+
+    def is_driven_otherwise(self, machine: OrderMachine) -> bool:
+        """Return True if neither the order nor an action drives the robot, but something else."""
+        if machine.driving or machine.acting:
+            return False
+        own = self._tasks.task_id
+        if other := self._driver.other_task:
+            return other != own
+        return bool(self._gate.reported_owner) and not own and not self._calls.busy
+
+    def errors(self, machine: OrderMachine) -> list[VehicleError]:
+        """Return why the order does not go on, and that the state is old without a link."""
+        errors = []
+        if self._chassis.state is not LinkState.READY:
+            since = timestamp(self._chassis.since)
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_CONNECTION,
+                    f"there is no link to the robot since {since}; its state is from then",
+                    "check that the robot is on, and that the network reaches it",
+                )
+            )
+        if machine.busy and self.is_driven_otherwise(machine):
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_BUSY,
+                    "the order waits, because something else drives the robot",
+                    "wait for its end, or cancel the order",
+                )
+            )
+        elif machine.busy and self._goes_on_charging(machine):
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_BUSY,
+                    "the order waits, because the robot executes its charging task",
+                    "end it with stopCharging, or wait for its end",
+                )
+            )
+        return errors
+
+    def _goes_on_charging(self, machine: OrderMachine) -> bool:
+        """Return True if the task of an action goes on after the action has ended."""
+        return bool(self._tasks.task_id) and not machine.driving and not machine.acting

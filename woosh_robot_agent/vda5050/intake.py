@@ -1,0 +1,118 @@
+"""Messages of the master control as they arrive: they are read, checked, and taken or rejected."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from woosh_robot_agent.link.log_once import LogOnce, one_line
+from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.inbox import read_instant_actions, read_order, refusal_of_zone_set
+from woosh_robot_agent.vda5050.model.errors import RejectedError, VehicleError
+from woosh_robot_agent.vda5050.model.order import Action, Order
+from woosh_robot_agent.vda5050.order_check import OrderCheck
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict
+from woosh_robot_agent.vda5050.orders.machine import OrderMachine
+from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
+from woosh_robot_agent.vda5050.protocol.base import Version
+from woosh_robot_agent.vda5050.protocol.header import Identity
+from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary
+from woosh_robot_agent.vda5050.robot.marks import RobotMarks
+
+_LOG = logging.getLogger(__name__)
+
+
+class Intake:
+    """Takes the messages of the master control, and remembers why the last ones were rejected.
+
+    Args:
+        version: version of the standard.
+        registry: the actions of the vehicle.
+        facts: what the robot reports.
+        marks: the marks of the robot.
+        maps: the maps of the robot.
+
+    Attributes:
+        order_error: why the last order was rejected or dropped; None if one was accepted since.
+        message_error: why the last message with instant actions or zones was rejected; None if it
+            was not.
+    """
+
+    def __init__(
+        self,
+        version: Version,
+        registry: Registry,
+        facts: RobotFacts,
+        marks: RobotMarks,
+        maps: MapLibrary,
+    ) -> None:
+        self._version = version
+        self._registry = registry
+        self._facts = facts
+        self._marks = marks
+        self._maps = maps
+        self._log = LogOnce(_LOG)
+        self.order_error: VehicleError | None = None
+        self.message_error: VehicleError | None = None
+
+    def order(self, payload: bytes, identity: Identity, machine: OrderMachine) -> Verdict | None:
+        """Take an order, unless it must be rejected.
+
+        Args:
+            payload: the message.
+            identity: identity of the vehicle.
+            machine: gets the order.
+
+        Returns:
+            What became of the order; None if it was rejected.
+        """
+        try:
+            order = self._with_marks(read_order(payload, self._version, identity))
+            verdict = machine.receive(order, self._check)
+        except RejectedError as rejected:
+            self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
+            self.order_error = rejected.error
+            return None
+        if verdict is not Verdict.KNOWN:
+            _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
+            self._log.clear()
+            self.order_error = None
+        if verdict is Verdict.NEW:
+            self.message_error = None
+        return verdict
+
+    def instant_actions(self, payload: bytes, identity: Identity) -> list[Action]:
+        """Return received instant actions; none if the message is rejected."""
+        try:
+            actions = read_instant_actions(payload, self._version, identity)
+        except RejectedError as rejected:
+            self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
+            self.message_error = rejected.error
+            return []
+        self.message_error = None
+        return actions
+
+    def refuse_zone_set(self, payload: bytes, identity: Identity) -> None:
+        """Refuse a zone set: the robot takes no zones."""
+        error = refusal_of_zone_set(payload, self._version, identity)
+        reason = error.description
+        self._log.warn(f"zones: {reason}", f"a zone set was refused: {reason}")
+        self.message_error = error
+
+    def _with_marks(self, order: Order) -> Order:
+        """Return an order with the marks to which the robot drives."""
+        status = self._facts.status
+        place = status.position if status is not None else None
+        return with_marks(order, "" if place is None else place.map_id, self._marks.find)
+
+    def _check(self, order: Order) -> None:
+        """Check an order against what the vehicle can do now.
+
+        Raises:
+            RejectedError: the vehicle cannot perform it.
+        """
+        status, info = self._facts.status, self._facts.info
+        if status is not None and info is not None:
+            status = replace(status, maps=self._maps.listed(info))
+        OrderCheck(order, self._registry).check(status)

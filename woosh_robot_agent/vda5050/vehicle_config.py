@@ -1,0 +1,37 @@
+"""Configuration of a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.vda5050.protocol.base import Version
+from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+
+
+@dataclass(frozen=True)
+class VehicleConfig:
+    """Configuration of a vehicle.
+
+    Attributes:
+        link: address of the robot.
+        manufacturer: manufacturer in the topics.
+        serial_number: serial number in the topics; empty for that of the robot.
+        interface: first level of the topics.
+        version: version of the standard.
+        limits: what the robot does not report about itself.
+        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
+        state_folder: folder of the file that keeps the order and the header ids over a restart;
+            None to forget them.
+    """
+
+    link: LinkConfig
+    manufacturer: str = "Woosh"
+    serial_number: str = ""
+    interface: str = "uagv"
+    version: Version = field(default_factory=Version21)
+    limits: Limits = field(default_factory=Limits)
+    log_folder: Path | None = None
+    state_folder: Path | None = None
