@@ -8,9 +8,14 @@ the bottom up:
 - `protocol/`: the messages of each version of the standard as JSON, and their validation.
 - `robot/`: what the robot reports, as values of the model.
 - `actions/`: the actions that the robot can perform.
-- `driving`: driving along the edges of an order by tasks of the robot.
-- `mqtt`: the connection to the broker. `other_connector`: detection of a second one.
+- `driving`, `leg_task`, `speed`: driving along the edges of an order by tasks of the robot, and
+  their speed limits.
+- `mqtt`: the connection to the broker. `other_connector`: detection of a second connector.
 - `store`: the file that keeps the order and the header ids over a restart.
+- `publisher`, `reports`, `schedule`: what is published, and when.
+- `inbox`, `order_check`, `intake`: what is received, from bytes to an order that is taken or rejected.
+- `drive_permission`: whether the order may start a drive, and why not.
 - `session`: one identity of a vehicle at the broker.
 - `vehicle`: one robot with all of these parts.
+- `connector`, `program`: the vehicles of one process, and the command line.
 """

@@ -30,8 +30,6 @@ from woosh_robot_agent.vda5050.model.state import Position
 from woosh_robot_agent.vda5050.orders.legs import Leg
 
 _LOG = logging.getLogger(__name__)
-_SOURCE = "vda5050"
-"""Name of the sender at the motion gate."""
 _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0
@@ -165,7 +163,7 @@ class Driver:
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
-            answer = await self._gate.request(self._requests.address(request), source=_SOURCE)
+            answer = await self._gate.request(self._requests.address(request))
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of task %d was not answered: %s", task_id, error)
             self._inquire()
@@ -208,7 +206,7 @@ class Driver:
         name = action.Order.Name(order)
         request = ActionOrder(order=order)
         try:
-            answer = await self._gate.request(self._requests.address(request), source=_SOURCE)
+            answer = await self._gate.request(self._requests.address(request))
         except LinkError as error:
             self._log.warn(f"{name} {task_id}", f"{name} of task {task_id} failed: {error}")
             return False

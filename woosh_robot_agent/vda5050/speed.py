@@ -17,8 +17,6 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.requests import RequestMaker
 
 _LOG = logging.getLogger(__name__)
-_SOURCE = "vda5050"
-"""Name of the sender at the motion gate."""
 _UNKNOWN = math.nan
 """Limit that is equal to no other."""
 
@@ -107,7 +105,7 @@ class SpeedLimiter:
         )
         request = self._requests.address(ChangeNavMode(nav_mode=mode))
         try:
-            answer = await self._gate.request(request, source=_SOURCE)
+            answer = await self._gate.request(request)
         except LinkError as error:
             _LOG.warning("the speed limit was not sent or not answered: %s", error)
             self._sent = _UNKNOWN  # sent again with the next report

@@ -98,7 +98,7 @@ class StopCharging(PlainPerformer):
             raise ActionFailedError("the robot has not reported its state yet")
         if info.task_proc.type == task.kCharge and readiness.is_running(info.task_proc):
             request = context.requests.address(ActionOrder(order=action_pb2.kCancel))
-            answer = await context.gate.request(request, source="vda5050")
+            answer = await context.gate.request(request)
             if not answer.ok:
                 raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
         elif self._is_charging():

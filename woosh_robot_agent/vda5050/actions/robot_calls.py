@@ -29,8 +29,6 @@ from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
 _LOG = logging.getLogger(__name__)
-_SOURCE = "vda5050"
-"""Name of the sender at the motion gate."""
 _CANCEL_TIMEOUT = 10.0
 """Maximum wait for the end of an action after its cancellation, in seconds."""
 _READY_TIMEOUT = 5.0
@@ -177,7 +175,7 @@ class RobotCalls:
 
         request = run.call(action_pb2.kExecute)
         try:
-            answer = await self._gate.request(request, tap=answered, source=_SOURCE)
+            answer = await self._gate.request(request, tap=answered)
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of %s was not answered: %s", run.name, error)
             if self._chassis.state is LinkState.READY:
@@ -195,7 +193,7 @@ class RobotCalls:
     async def _order(self, run: _Run, action: action_pb2.ControlAction) -> bool:
         """Send an order to an action; return True if the robot has accepted it."""
         try:
-            answer = await self._gate.request(run.call(action), source=_SOURCE)
+            answer = await self._gate.request(run.call(action))
         except LinkError as error:
             _LOG.warning("an order to %s was not sent or not answered: %s", run.name, error)
             return False
