@@ -45,6 +45,26 @@ async def test_an_order_charges_and_an_instant_action_ends_it(
 
 
 @aio
+async def test_an_order_waits_until_its_charging_task_has_ended(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        charge = action("startCharging", "charge")
+        nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
+        master.order([*nodes, node("c", 4, *START)])
+        waiting = await master.wait_state(lambda state: "robotBusyError" in error_types(state))
+        assert status_of(waiting, "charge") == "FINISHED"
+        assert error_types(waiting) == ["robotBusyError"]
+        assert "stopCharging" in waiting["errors"][0]["errorHint"]
+        master.instant(action("stopCharging", "stop"))
+        ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+        assert ended["errors"] == []
+    assert commands(chassis) == ["drive", "charge C1", "cancel", "drive"]
+
+
+@aio
 async def test_charging_without_a_charger_fails(
     vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:

@@ -13,7 +13,8 @@ the bottom up:
 - `mqtt`: the connection to the broker. `other_connector`: detection of a second connector.
 - `store`: the file that keeps the order and the header ids over a restart.
 - `publisher`, `reports`, `schedule`: what is published, and when.
-- `inbox`, `order_check`, `intake`: what is received, from bytes to an order that is taken or rejected.
+- `inbox`, `order_check`, `intake`: what is received, from bytes to orders that are taken or
+  rejected.
 - `drive_permission`: whether the order may start a drive, and why not.
 - `session`: one identity of a vehicle at the broker.
 - `vehicle`: one robot with all of these parts.
