@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 from tests.tools.waiting import TIMEOUT
@@ -33,6 +36,22 @@ async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[D
     configs = [LinkConfig("127.0.0.1", robot.port, **patience) for robot in robots]
     async with Dashboard(configs, DashboardConfig(**{"port": 0, **options})) as running:
         yield running
+
+
+@contextmanager
+def program(*robots: SimulatorThread) -> Iterator[tuple[subprocess.Popen[str], Any]]:
+    """Start the program with control; yield its process, and an object with its address."""
+    command = [sys.executable, "-m", "woosh_robot_agent.tools.dashboard", "--control"]
+    command += ["--page-port", "0"]
+    for robot in robots:
+        command += ["--ip", f"127.0.0.1:{robot.port}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
+            yield process, SimpleNamespace(url=url)
+        finally:
+            process.kill()
 
 
 def place(running: Dashboard) -> str:
@@ -120,31 +139,35 @@ class Page:
             if TOO_SLOW not in reply[1]:
                 return reply
 
-    async def drive(self, linear: float, **changed: Any) -> None:
+    async def drive(self, linear: float, angular: float = 0.0, **changed: Any) -> None:
         """Send one velocity of the stick; `changed` replaces the time or the press."""
         clock = await self.until(lambda parts: parts["clock"])
-        velocity = {"linear": linear, "angular": 0.0, "press": self.press, "clock": clock}
+        velocity = {"linear": linear, "angular": angular, "press": self.press, "clock": clock}
         await self.send(**{"do": "drive", **velocity, **changed})
 
     @asynccontextmanager
-    async def holds(self, linear: float) -> AsyncIterator[None]:
+    async def holds(self, linear: float, angular: float = 0.0) -> AsyncIterator[None]:
         """Press the stick and hold it; press it again only if the connection was too slow."""
         self.press += 1
         refused = len(self.refusals)
 
+        held = True
+
         async def repeat() -> None:
-            while True:
+            while held:
                 if TOO_SLOW in self.refusals[refused:][-1:]:
                     self.refusals.append("pressed again")
                     self.press += 1
-                await self.drive(linear)
+                await self.drive(linear, angular)
                 await asyncio.sleep(0.05)
 
         holding = asyncio.ensure_future(repeat())
         try:
             yield
         finally:
+            held = False  # before Python 3.12, `wait_for` may swallow a cancellation
             holding.cancel()
+            await asyncio.gather(holding, return_exceptions=True)
 
     async def closed(self) -> int:
         """Wait until the dashboard has closed the connection; return the code."""

@@ -54,6 +54,22 @@ async def test_an_obstacle_is_put_and_removed() -> None:
 
 
 @aio
+async def test_an_obstacle_far_away_disturbs_nothing() -> None:
+    async with page_beside() as (simulator, viewer):
+        ok, text = await viewer.command("fault", text="obstacle x=1e300 y=-1e300 radius=100")
+        assert ok, text
+        (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
+        assert (fault["x"], fault["y"]) == (1e300, -1e300)
+        scans = viewer.scans
+        await viewer.until(lambda _: viewer.scans > scans + 2)
+        ok, text = await viewer.command("goMark", mark="A2")
+        assert ok, text
+        await viewer.until(lambda parts: parts["pose"]["linear"] > 0.1)
+        assert (await viewer.command("endFault", id=fault["id"]))[0]
+        assert simulator.chassis.obstacles.names == ()
+
+
+@aio
 async def test_faults_begin_and_end() -> None:
     async with page_beside() as (simulator, viewer):
         assert (await viewer.command("fault", text="emergency_stop"))[0]

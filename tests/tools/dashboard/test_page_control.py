@@ -27,6 +27,7 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.behaviour import teleop
 from woosh_robot_agent.tools.dashboard import control
 
 TWIST = full_name(Twist)
@@ -41,9 +42,11 @@ def last(chassis: SimulatorThread, cls: Any) -> Any:
     return chassis.last(full_name(cls))
 
 
-async def hold(viewer: Page, until: Callable[[], Any], linear: float = 0.3) -> None:
+async def hold(
+    viewer: Page, until: Callable[[], Any], linear: float = 0.3, angular: float = 0.0
+) -> None:
     """Hold the stick until a condition is true."""
-    async with viewer.holds(linear):
+    async with viewer.holds(linear, angular):
         await eventually(until)
 
 
@@ -187,7 +190,9 @@ async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) 
 async def test_a_driver_that_goes_away_stops_the_robot(
     chassis: SimulatorThread, end: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if end != "silent":  # the watchdog must not be what stops the robot
+    # neither the timeout of the chassis nor, except in silence, that of the stick stops the robot
+    monkeypatch.setattr(teleop, "COMMAND_TIMEOUT", math.inf)
+    if end != "silent":
         monkeypatch.setattr(control, "_STICK_TIMEOUT", 60.0)
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
         async with (
@@ -208,8 +213,10 @@ async def test_a_driver_that_goes_away_stops_the_robot(
             elif end == "released":
                 await viewer.send(do="release")
             if end == "silent":
-                # on a busy machine, the chassis has stopped by itself before the watchdog runs
-                await eventually(lambda: chassis.state.velocity.forward == 0.0)
+                # after more than 1.5 s on a busy machine, the robot counts as standing
+                while not is_stopped_by_zero(chassis):
+                    await hold(viewer, lambda: is_driving(chassis))
+                    await passed(watcher, 2.0)
             else:
                 await eventually(lambda: is_stopped_by_zero(chassis))
                 await watcher.until(lambda parts: parts["control"]["owner"] is None)
@@ -218,12 +225,17 @@ async def test_a_driver_that_goes_away_stops_the_robot(
 @aio
 async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
     async with (
-        dashboard(chassis, control=True, max_linear=0.2) as running,
+        dashboard(chassis, control=True, max_linear=0.2, max_angular=0.3) as running,
         page(running) as viewer,
     ):
         await ready(viewer)
-        await hold(viewer, lambda: last(chassis, Twist), linear=5.0)
-        assert math.isclose(last(chassis, Twist).linear, 0.2, abs_tol=1e-6)
+        for linear, angular in ((5.0, 0.0), (0.0, 5.0)):
+            await hold(viewer, lambda: last(chassis, Twist) not in (None, Twist()), linear, angular)
+            sent = last(chassis, Twist)
+            assert math.isclose(sent.linear, 0.2 if linear else 0.0, abs_tol=1e-6)
+            assert math.isclose(sent.angular, 0.3 if angular else 0.0, abs_tol=1e-6)
+            await viewer.drive(0.0)
+            await eventually(lambda: last(chassis, Twist) == Twist())
 
 
 @aio
@@ -383,6 +395,106 @@ async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) 
         assert chassis.last(TWIST) == Twist()
 
 
+@aio
+async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        chassis.refuse(TWIST, "the wheels are blocked")
+        async with viewer.holds(0.3):
+            await viewer.until(lambda _: any("blocked" in each for each in viewer.refusals))
+            await viewer.command("pause")  # its reply comes after the velocities
+            chassis.accept(TWIST)
+            before = len(chassis.received)
+            await passed(viewer, 0.3)
+        sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
+        assert all(each == Twist() for each in sent)
+        await hold(viewer, lambda: is_driving(chassis))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"linear": 101.0},
+        {"linear": math.nan},
+        {"linear": "1"},
+        {"linear": True},
+        {"angular": None},
+        {"angular": -math.inf},
+        {"press": 1e16},
+        {"clock": 1e16},
+    ],
+)
+@aio
+async def test_an_invalid_velocity_ends_the_connection(
+    chassis: SimulatorThread, wrong: dict[str, Any]
+) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        velocity = {"linear": 0.3, "angular": 0.0, "press": 1, "clock": viewer.parts["clock"]}
+        await viewer.send(do="drive", **{**velocity, **wrong})
+        assert await viewer.closed() == 1008
+        assert chassis.counts[TWIST] == 0
+
+
+@aio
+async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as idle,
+        page(running) as other,
+    ):
+        await ready(idle)
+        await idle.command("pause")
+        await other.until(lambda parts: parts["control"]["owner"] == idle.parts["hello"]["you"])
+        monkeypatch.setattr(control, "_IDLE_TIMEOUT", 0.0)
+        await other.until(lambda parts: parts["control"]["owner"] is None)
+
+
+@aio
+async def test_too_many_commands_wait_for_each_other_but_a_stop_does_not(
+    chassis: SimulatorThread,
+) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        chassis.mute(full_name(ActionOrder))
+        for number in range(1, 10):
+            await viewer.send(do="command", id=number, name="pause", args={}, clock=0)
+        reply = await viewer.until(lambda _: viewer.replies.get(9))
+        assert reply == (False, "wait for the other commands")
+        await viewer.send(do="command", id=10, name="stop", args={}, clock=0)
+        await eventually(lambda: last(chassis, Twist) == Twist())
+
+
+@aio
+async def test_a_stop_is_for_the_robot_that_is_watched(chassis: SimulatorThread) -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
+        async with (
+            dashboard(chassis, other, control=True) as running,
+            page(running) as first,
+            page(running) as second,
+        ):
+            await ready(first)
+            await second.send(do="watch", robot=1)
+            await second.until(lambda parts: parts["watching"] == 1)
+            await second.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+            for viewer in first, second:
+                ok, text = await viewer.command("goMark", mark="A2")
+                assert ok, text
+                await viewer.until(lambda parts: parts["robot"]["task"]["running"])
+            await first.send(do="watch", robot=1)
+            ok, text = await first.command("stop")
+            assert ok, text
+            assert "task cancelled" in text
+            await second.until(lambda parts: not parts["robot"]["task"]["running"])
+            assert (chassis.counts[TWIST], chassis.counts[full_name(ActionOrder)]) == (0, 0)
+            await first.send(do="watch", robot=0)
+            await first.until(
+                lambda parts: parts["watching"] == 0 and parts["robot"]["task"]["running"]
+            )
+
+
 @pytest.mark.parametrize("name", ["goMark", "stop"])
 @aio
 async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
@@ -408,7 +520,7 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
 
 @aio
 async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
-    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(control, "_CLOSE_TIMEOUT", TIMEOUT)
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
@@ -428,3 +540,4 @@ async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
                 assert not closing.done()  # it waits for the answer of the first robot
             chassis.drop()
             await closing
+    assert f"the robot at ws://127.0.0.1:{chassis.port} was not stopped" in caplog.text

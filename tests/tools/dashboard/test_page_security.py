@@ -15,9 +15,10 @@ from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import http
 from woosh_robot_agent.tools.dashboard.dashboard import Dashboard
 
-_POLICY_VIOLATION, _TOO_BIG, _TRY_AGAIN_LATER = 1008, 1009, 1013
+_CONNECTION_LOST, _POLICY_VIOLATION, _TOO_BIG, _TRY_AGAIN_LATER = 1006, 1008, 1009, 1013
 
 
 async def refused_socket(running: Dashboard, **headers: str) -> int:
@@ -128,6 +129,8 @@ async def test_on_this_machine_no_token_is_needed(chassis: SimulatorThread) -> N
         '{"do": "watch", "robot": "0"}',
         '{"do": "visible", "visible": 1}',
         '{"do": "format the disk"}',
+        '{"do": "command", "id": 1, "name": "stop", "args": {}, "clock": 1e400}',
+        '{"do": "command", "id": 1, "name": "stop", "args": {}, "clock": 1%s}' % ("0" * 400),
         b"{}",
         b"\xff\xfe",
     ],
@@ -173,8 +176,18 @@ async def test_too_many_pings_end_the_connection(chassis: SimulatorThread) -> No
 async def test_a_message_in_fragments_ends_the_connection(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         with contextlib.suppress(ConnectionClosed):
-            await viewer.socket.send([""] * 1000)
+            await viewer.socket.send(['{"do": "visible", ', '"visible": true}'])
         assert await viewer.closed() == _POLICY_VIOLATION
+
+
+@aio
+async def test_a_viewer_for_which_too_much_waits_is_disconnected(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["hello"])
+        (seen,) = running._viewers
+        for _ in range(101):  # without a pause in which one could be sent
+            seen.note(part="reply", id=0, ok=True, text="")
+        assert await viewer.closed() == _CONNECTION_LOST
 
 
 @aio
@@ -214,8 +227,10 @@ async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorTh
 
 @aio
 async def test_connections_that_ask_for_nothing_do_not_keep_viewers_out(
-    chassis: SimulatorThread,
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if http._TIMEOUT_OPTION:  # their timeout must not be what closes them
+        monkeypatch.setitem(http._TIMEOUT_OPTION, "open_timeout", 10 * TIMEOUT)
     async with dashboard(chassis) as running:
         host, _, port = place(running).rpartition(":")
         idle = [await asyncio.open_connection(host, port) for _ in range(100)]

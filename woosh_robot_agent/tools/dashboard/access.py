@@ -29,8 +29,6 @@ SECURITY_HEADERS = MappingProxyType(
 """Headers of each response: the page loads nothing from other hosts, and no other one embeds it."""
 _TOKEN_BYTES = 16
 """Length of a token, in random bytes."""
-
-
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORECASE)
 """A host with an optional port, and without the user name that URLs may have."""
 
@@ -49,12 +47,12 @@ class Access:
 
     Attributes:
         token: the token that requests need; empty if only this machine can connect.
+        port: port that is listened on, known once the server listens.
     """
 
     def __init__(self, host: str) -> None:
         self.token = "" if is_local(host) else secrets.token_urlsafe(_TOKEN_BYTES)
         self.port = 0
-        """Port that is listened on, known once the server listens."""
 
     def refusal(self, request: Request) -> str:
         """Return the reason why a request is refused, and what to do; empty if it is answered."""

@@ -49,6 +49,7 @@ class SimulatorExtras:
     """
 
     names = frozenset({"fault", "endFault", "clearFaults"})
+    """Names of the commands."""
 
     def __init__(self, simulator: SimulatedChassis) -> None:
         self._simulator = simulator

@@ -28,9 +28,7 @@ _MAX_TEXT = 200
 """Maximum length of a text."""
 _MAX_COORDINATE = 1e5
 """Greatest coordinate, in metres."""
-
-
-RESTING = frozenset({"pause", "cancel"})
+INTERRUPTING = frozenset({"pause", "cancel"})
 """Names of the commands that only end or interrupt a motion: they are never too old to be sent."""
 
 
@@ -66,8 +64,8 @@ def _go_to_mark(args: Mapping[str, Any], _info: RobotInfo) -> Message:
     return ExecTask(task_id=_task_id(), type=task.kPick, mark_no=_text(args, "mark"))
 
 
-def _place(args: Mapping[str, Any], info: RobotInfo) -> Message:
-    """Return the request that tells the robot its pose; it differs before the initialisation."""
+def _tell_pose(args: Mapping[str, Any], info: RobotInfo) -> Message:
+    """Return the request that tells the robot its pose; before the initialisation, another one."""
     request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
     _set_pose(request.pose, args)
     return request
@@ -95,7 +93,7 @@ _REQUESTS: Mapping[str, Callable[[Mapping[str, Any], RobotInfo], Message]] = Map
     {
         "go": _go,
         "goMark": _go_to_mark,
-        "setPose": _place,
+        "setPose": _tell_pose,
         "pause": _order(action.kPause),
         "continue": _order(action.kContinue),
         "cancel": _order(action.kCancel),

@@ -12,7 +12,12 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate, VelocityDriver, VelocityLimits
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
-from woosh_robot_agent.tools.dashboard.commands import RESTING, CommandError, number, request_for
+from woosh_robot_agent.tools.dashboard.commands import (
+    INTERRUPTING,
+    CommandError,
+    number,
+    request_for,
+)
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
@@ -125,7 +130,7 @@ class Control:
             CommandError: the command is refused.
         """
         request = request_for(name, args, self._robot.view.info)
-        if name not in RESTING and (reason := self._outdated(clock)):
+        if name not in INTERRUPTING and (reason := self._outdated(clock)):
             raise CommandError(f"{name} was not sent: {reason}")
         if reason := self._claim(viewer):
             raise CommandError(reason)

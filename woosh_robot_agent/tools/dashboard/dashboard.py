@@ -196,7 +196,7 @@ class Dashboard:
         return Response(HTTPStatus.OK, content, content_type, headers)
 
     def _map_picture(self, name: str) -> tuple[bytes, str] | None:
-        """Return the map of a robot, by the number of the robot; what follows is for caches."""
+        """Return the map of a robot, by `ROBOT/NUMBER.png`; NUMBER only tells pictures apart."""
         number, _, _ = name.partition("/")
         index = {str(each): each for each in range(len(self.robots))}.get(number)
         picture = None if index is None else self.robots[index].map.picture

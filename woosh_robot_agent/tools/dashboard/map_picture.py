@@ -43,7 +43,7 @@ class MapSource:
 
     Attributes:
         picture: the picture; None if there is no map.
-        number: number of the picture, which is another one for each picture.
+        number: number of the picture, which changes with each picture.
         error: reason why there is no picture; empty if there is one.
     """
 
@@ -54,7 +54,7 @@ class MapSource:
         self.number = 0
         self.error = ""
         self._shown: object = None
-        """The map of the picture: scene, id, name and version."""
+        """Scene, id, name and version of the map in the picture; None for another picture."""
         self._task: asyncio.Task[None] | None = None
         self._not_before = -math.inf
         """Loop time before which a map is not requested again."""
@@ -62,7 +62,7 @@ class MapSource:
         """Ends the subscription to the map that the robot is making."""
 
     def forget(self) -> None:
-        """Forget the map of the former robot."""
+        """Forget the map, because another robot answers now."""
         self.close()
         self._shown = None
         self._set(None)

@@ -18,12 +18,12 @@ from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.robot_view import RobotView
 
-MAX_CODES = 20
-"""Number of status codes on the page, the newest first."""
+_MAX_CODES = 20
+"""Maximum number of status codes on the page."""
 _MAX_POINTS = 2000
-"""Number of points of a path on the page."""
+"""Maximum number of points of a path on the page."""
 _MAX_MARKS = 2000
-"""Number of marks on the page."""
+"""Maximum number of marks on the page."""
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
@@ -63,7 +63,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "task": _task(info),
         "actions": [_action(view, name) for name in sorted(view.actions)],
         "problems": [
-            explained(code.code, code.msg) for code in info.abnormal_codes.scs[:MAX_CODES]
+            explained(code.code, code.msg) for code in info.abnormal_codes.scs[:_MAX_CODES]
         ],
     }
 
@@ -76,7 +76,7 @@ def codes_data(view: RobotView) -> list[dict[str, Any]]:
             "level": enum_name(StatusCode.Level, code.level),
             "text": explained(code.code, code.msg),
         }
-        for code in list(view.codes)[: -MAX_CODES - 1 : -1]
+        for code in list(view.codes)[: -_MAX_CODES - 1 : -1]
     ]
 
 

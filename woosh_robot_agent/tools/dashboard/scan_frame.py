@@ -13,9 +13,10 @@ _HEADER = struct.Struct("<4x7f")
 """Pose x, y, theta of the robot; offset x, y of the laser; first angle, angle between two rays.
 
 The first four bytes are zero, and the ranges follow: whole millimetres, as 16-bit integers. The
-range 0 stands for no reflection. All is little-endian, in metres and radians."""
+range 0 stands for no reflection. All is little-endian, in metres and radians.
+"""
 _MAX_RAYS = 10_000
-"""Number of rays that are sent."""
+"""Maximum number of rays that are sent."""
 _MAX_RANGE = 65.535
 """Greatest range that can be expressed, in metres."""
 
@@ -33,11 +34,9 @@ def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | N
     if not all(map(math.isfinite, values)):
         return None
     low, high = scan.range_min, min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
-    ranges = array.array(
-        # a comparison with NaN is False
-        "H",
-        [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]],
-    )
+    # a comparison with NaN is False
+    measured = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
+    ranges = array.array("H", measured)
     if sys.byteorder == "big":
         ranges.byteswap()
     return _HEADER.pack(*values) + ranges.tobytes()

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
 _MAX_NOTES = 100
-"""Number of notes that wait for a slow viewer; a slower one is disconnected."""
+"""Maximum number of notes that wait; a viewer for which there are more is disconnected."""
 
 
 class Viewer:
@@ -46,7 +46,7 @@ class Viewer:
         self._stale: dict[str, None] = {}
         """Names of the parts to send, in the order in which they changed."""
         self._notes: list[str] = []
-        """Messages to send, each of which counts."""
+        """Messages to send, none of which may be left out."""
         self._wake = asyncio.Event()
         self.heard_at = asyncio.get_running_loop().time()
 

@@ -17,11 +17,10 @@ globalThis.mapView = view; // for the console of the browser, and for tests
 let you = "";
 let problem = "connecting"; // why nothing comes from the dashboard; empty if it does
 let link = {good: false, text: "", detail: ""};
-let robotIndex = 0;
+let robotIndex = 0; // of the robot that is chosen
 let toolChosen = false;
 let shownMap = ""; // address of the map picture
-
-let watching = 0; // the robot whose parts arrive
+let watching = 0; // index of the robot whose parts arrive
 
 const parts = {
   hello: ({you: name, control, robots}) => {

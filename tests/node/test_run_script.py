@@ -1,0 +1,78 @@
+"""`scripts/run`: the page and the agent beside a simulated chassis."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.harness import TIMEOUT
+from woosh_robot_agent.testing.domains import domain_variables
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+
+
+def checkout(folder: Path) -> Path:
+    """Return `scripts/run` in a folder where everything is set up, with the programs under test."""
+    programs = folder / "install/woosh_robot_agent/lib/woosh_robot_agent"
+    programs.mkdir(parents=True)
+    for name, module in (("agent", "agent"), ("simulator", "simulator.__main__")):
+        (programs / name).write_text(
+            f"import sys\nfrom woosh_robot_agent.{module} import main\nsys.exit(main())\n"
+        )
+    (folder / "scripts").mkdir()
+    for name in ("setup", "env"):
+        script = folder / "scripts" / name
+        script.write_text("#!/usr/bin/env bash\n")
+        script.chmod(0o755)
+    (folder / "scripts/run").symlink_to(SCRIPTS / "run")
+    return folder / "scripts/run"
+
+
+@contextmanager
+def running(script: Path, domain: int) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start `scripts/run`; yield its process and the output until it is ready or ends."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    with subprocess.Popen(
+        ["bash", script],
+        env={**os.environ, **domain_variables(domain), "PATH": path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            lines = []
+            for line in process.stdout:
+                lines.append(line)
+                if "Press Ctrl-C here" in line:
+                    break
+            yield process, "".join(lines)
+        finally:
+            process.terminate()  # stops its programs, too
+
+
+def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
+    script = checkout(tmp_path)
+    while True:
+        with running(script, domain) as (process, output):
+            if "address already in use" in output:
+                continue  # another program took a port that was free
+            address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
+            assert address, output
+            before, after = output[: address.start()], output[address.end() :]
+            assert "/woosh_robot" not in before
+            assert "starting the agent" in after
+            assert "/woosh_robot/robot/PoseSpeed" in after
+            with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
+                assert b"<canvas" in response.read()
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=TIMEOUT)
+            break
+    assert process.returncode == 130
