@@ -83,6 +83,7 @@ async def test_an_order_waits_for_the_task_of_somebody_else(
         await master.online()
         set_speed(chassis, 0.1)
         assert (await gate.request(task_to(4.3, -6.68))).ok
+        await master.wait_state(lambda state: state["driving"])  # so the task is reported
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
         await master.wait_state(lambda state: "robotBusyError" in error_types(state))
         assert chassis.counts[EXEC] == 1
@@ -100,6 +101,7 @@ async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(
         await master.online()
         set_speed(chassis, 0.1)
         assert (await gate.request(task_to(4.3, -6.68))).ok
+        await master.wait_state(lambda state: state["driving"])  # so the task is reported
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
         await master.wait_state(lambda state: "robotBusyError" in error_types(state))
         master.instant(action("cancelOrder", "cancel"))
