@@ -128,6 +128,8 @@ class Vehicle:
         self._former: asyncio.Task[None] | None = None
         """End of the last session, of another robot; None without one."""
         self._is_closing = False
+        self._is_restoring = False
+        """True while only a part is restored; that must be neither executed nor saved."""
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
@@ -205,11 +207,13 @@ class Vehicle:
             _LOG.error("%s; now %s answers", reason, session.robot)
             self._intake.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
+        self._is_restoring = True
         self._machine.restore(record.order)
         self._pause.set(_PAUSE in record.order.holds)
         self._instant.restore(record.instant_actions, again=CancelOrder.type.name)
         if self._machine.driving:
             self._driver.restore(record.task_id, info)
+        self._is_restoring = False
         if self._machine.busy:
             _LOG.info("order %s goes on after a restart", record.order.order_id)
         self._robot_changed()
@@ -324,7 +328,9 @@ class Vehicle:
 
     def _step(self) -> None:
         """Execute what follows from the events so far, and publish the state soon."""
-        if self._is_closing or self._session is None or not self._session.is_open:
+        if self._session is None or not self._session.is_open:
+            return
+        if self._is_closing or self._is_restoring:
             return
         status = self._facts.status
         if self._permission.is_driven_otherwise(self._machine):
