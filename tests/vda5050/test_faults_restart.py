@@ -18,7 +18,7 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import Master, error_types, node
+from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.motion import MotionGate
@@ -26,6 +26,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050 import store
 
 EXEC = "woosh.robot.ExecTask"
 FILE = "uagv-Woosh-30001.json"
@@ -119,6 +120,41 @@ async def test_the_order_goes_on_after_kill_9(
     for topic in ("state", "connection"):
         ids = [message["headerId"] for message in recorder.sent(topic)]
         assert all(before < after for before, after in pairwise(ids)), (topic, ids)
+
+
+@aio
+async def test_a_second_kill_while_it_restores_loses_nothing(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    written: list[dict[str, Any]] = []
+    replace_file = store._replace
+
+    def replace_and_note(path: Path, content: bytes) -> None:
+        written.append(json.loads(content))
+        replace_file(path, content)
+
+    async with Master(broker.port) as master:
+        set_speed(chassis, NORMAL)
+        async with vehicle(state_folder=tmp_path / "state"):
+            await master.online()
+            master.order(nodes())
+            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+            master.instant(action("startPause", "pause"))
+            await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
+            left = left_by_a_kill(tmp_path / "state")
+            before = saved(left)
+        master.received.clear()
+        monkeypatch.setattr(store, "_replace", replace_and_note)
+        async with vehicle(state_folder=left):
+            await master.wait_state(lambda state: state["orderId"] == "order" and state["paused"])
+    assert written
+    for record in written:
+        assert record["task_id"] == before["task_id"] != 0
+        assert [each["id"] for each in record["instant_actions"]] == ["pause"]
 
 
 @aio

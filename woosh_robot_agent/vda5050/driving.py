@@ -106,7 +106,7 @@ class Driver:
             leg: the leg.
             position: position of the robot; the heading at a node without one follows from it.
         """
-        self.execute(leg_task(0, leg, position))
+        self.execute(leg_task(leg, position))
 
     def execute(self, request: ExecTask) -> None:
         """Execute a task; it gets a new id."""

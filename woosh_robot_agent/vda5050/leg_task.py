@@ -15,15 +15,14 @@ from woosh_robot_agent.vda5050.orders.curve import curve_points
 from woosh_robot_agent.vda5050.orders.legs import Leg
 
 
-def leg_task(task_id: int, leg: Leg, position: Position | None) -> ExecTask:
-    """Return the task that drives a leg.
+def leg_task(leg: Leg, position: Position | None) -> ExecTask:
+    """Return the task that drives a leg, without its id.
 
     Args:
-        task_id: id of the task.
         leg: the leg.
         position: position of the robot; None if unknown.
     """
-    request = ExecTask(task_id=task_id, type=task.kPick)
+    request = ExecTask(type=task.kPick)
     if leg.goal.mark:
         request.mark_no = leg.goal.mark
     elif leg.edges[0].trajectory is not None:
