@@ -230,16 +230,29 @@ async def test_a_task_whose_start_was_not_answered_is_found_again(
 
 @aio
 async def test_a_task_that_was_never_sent_is_not_driven(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    folder, left = tmp_path / "state", tmp_path / "state+"
+    replace_file = store._replace
+
+    def replace_and_copy(path: Path, content: bytes) -> None:
+        """Copy the file as a kill leaves it after the task was saved and before it is sent."""
+        replace_file(path, content)
+        if saved(folder)["task_id"] and not left.exists():
+            left_by_a_kill(folder)
+
     chassis.refuse(EXEC, "no")
     async with Master(broker.port) as master:
-        folder = tmp_path / "state"
-        async with vehicle(state_folder=folder):
-            await master.online()
-            master.order(nodes()[:2])
-            await eventually(lambda: (folder / FILE).exists() and saved(folder)["task_id"])
-            left = left_by_a_kill(folder)
+        with monkeypatch.context() as patched:
+            patched.setattr(store, "_replace", replace_and_copy)
+            async with vehicle(state_folder=folder):
+                await master.online()
+                master.order(nodes()[:2])
+                await eventually(left.exists)
         chassis.clear_faults()
         async with vehicle(state_folder=left):
             await master.wait_state(lambda state: "drivingError" in error_types(state))
