@@ -264,10 +264,10 @@ async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
     vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
 ) -> None:
     chance = random.Random(5)
-    set_speed(chassis, 3.0)
     folder, kills = tmp_path / "state", 0
     async with Master(broker.port) as master:
         while master.state.get("lastNodeId") != "c":
+            set_speed(chassis, 0.2 if kills < 3 else 3.0)
             async with vehicle(state_folder=folder):
                 master.received.clear()
                 await eventually(lambda: master.state)
