@@ -5,19 +5,34 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+import rclpy
 import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
 
 from tests.harness import wait_until
 from tests.interface_facts import HASHES
+from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.tools.recording.errors import RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_msgs.msg import Mode
 
@@ -95,3 +110,108 @@ def test_ros_topics_are_recorded(
         assert f"\n{'=' * 80}\nMSG: {name}\n" in odometry
     assert "/diagnostics" in found
     assert not [topic for topic in found if "/_" in topic]
+
+
+@pytest.fixture
+def publisher_node(domain: int) -> Iterator[Node]:
+    """Return a node in the namespace /fake whose publishers are taken for those of an agent."""
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = Node("agent", namespace="/fake", context=context)
+    agent_topic = TOPICS[0]
+    node.create_publisher(class_of(agent_topic.msg), agent_topic.name, 1)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    yield node
+    executor.shutdown()
+    thread.join()
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)
+
+
+@contextmanager
+def recorder(simulator: Any, path: Path, namespace: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "woosh_robot_agent.tools.record", "--ip", "127.0.0.1"]
+        + ["--port", str(simulator.port), "--output", str(path), "--ros", namespace],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def end(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """End a recorder; return its exit status and stderr."""
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=TIMEOUT)
+    return process.returncode, err
+
+
+LARGE = String(data="x" * 1_000_000)
+
+
+def test_lost_ros_messages_fail_the_recording(
+    tmp_path: Path, simulator: Any, publisher_node: Node
+) -> None:
+    path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = publisher_node.create_publisher(String, "large", qos)
+    publisher.publish(String(data="first"))
+    with recorder(simulator, path, "/fake") as process:
+        wait_until(lambda: count(ros, "/fake/large") >= 1, "the latched message", TIMEOUT)
+        for _ in range(100):  # each replaces the one before, which is still being sent
+            publisher.publish(LARGE)
+        wait_until(lambda: count(ros, "/fake/large") >= 2, "a large message", TIMEOUT)
+        status, err = end(process)
+    assert status == 1
+    assert "error: messages on /fake/large that the middleware lost: " in err
+
+
+def test_latched_messages_replaced_while_the_recorder_subscribes_are_not_lost(
+    tmp_path: Path, simulator: Any, publisher_node: Node
+) -> None:
+    path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publishers: list[Publisher] = []
+
+    def replace(index: int) -> None:
+        publishers[index].publish(String(data="small"))
+
+    for index in range(10):
+        matched = PublisherEventCallbacks(matched=lambda _, index=index: replace(index))
+        publishers.append(
+            publisher_node.create_publisher(String, f"large_{index}", qos, event_callbacks=matched)
+        )
+        publishers[-1].publish(LARGE)
+    with recorder(simulator, path, "/fake") as process:
+        for index in range(10):
+            wait_until(lambda: count(ros, f"/fake/large_{index}") >= 1, "a message", TIMEOUT)  # noqa: B023
+        status, err = end(process)
+    assert (status, err.count("lost")) == (0, 0), err
+
+
+def has_frames(path: Path) -> bool:
+    """Return True if a growing file has a frame already."""
+    try:
+        return bool(read_recording(path).records)
+    except RecordingError:  # not even its header is complete
+        return False
+
+
+def test_a_recording_without_ros_messages_fails(
+    tmp_path: Path, simulator: Any, domain: int
+) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(simulator, path, "/nobody") as process:
+        wait_until(lambda: has_frames(path), "a frame", TIMEOUT)
+        status, err = end(process)
+    assert status == 1
+    assert "error: no ROS message was recorded: check that the agent is running" in err
+    assert "namespace is that of --ros: /nobody" in err

@@ -20,7 +20,8 @@ from woosh_robot_agent.tools.record.frame_parsers import (
     WebSocketParser,
 )
 from woosh_robot_agent.tools.recording.errors import RecordingError
-from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+from woosh_robot_agent.tools.recording.layout import ROS_PROFILE
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
@@ -186,6 +187,37 @@ def test_the_size_limit_counts_all_files(tmp_path):
     file.close()
     assert "size limit" in told[0]
     assert sum(path.stat().st_size for path in file.paths) <= 100_000
+
+
+def test_files_that_are_not_given_are_known(tmp_path):
+    file, _ = writer(tmp_path / "a.mcap", split_size=10_000)
+    for number in range(500):
+        file.frame(1, "client", numbered(number), text=True)
+    file.close()
+    assert read_recording(*file.paths).missing_parts == ()
+    assert read_recording(*file.paths[2:]).missing_parts == (0, 1)
+    assert read_recording(*file.paths[:1], *file.paths[2:]).missing_parts == (1,)
+
+
+def ros_file(path: Path) -> Path:
+    """Write a file as `record --ros` does."""
+    RecordingFiles(path, Limits(MIB), lambda _: None, pytest.fail, ROS_PROFILE).close()
+    return path
+
+
+def test_files_of_ros_topics_are_left_out(tmp_path):
+    file, _ = writer(tmp_path / "a.mcap", split_size=MIB)
+    file.frame(1, "client", numbered(1), text=True)
+    file.close()
+    ros_file(tmp_path / "a_ros_0.mcap")
+    found = read_recording(*sorted(tmp_path.glob("a_*.mcap"), reverse=True))
+    assert (numbers(found), found.missing_parts) == ([1], ())
+
+
+def test_files_of_ros_topics_alone_are_refused(tmp_path):
+    path = ros_file(tmp_path / "a_ros.mcap")
+    with pytest.raises(RecordingError, match=r"a_ros\.mcap has only ROS topics: play it with"):
+        read_recording(path)
 
 
 def test_files_of_different_recordings_are_refused(tmp_path):

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.tools.test_recording import numbered
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools import record, replay
@@ -113,7 +114,7 @@ def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path)
 
 def test_record_ends_after_its_duration(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "0.5")
+    status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "2")
     assert status == 0
     assert read_recording(path).damage == ""
 
@@ -126,10 +127,11 @@ def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> No
             assert process.stderr is not None
             assert any("cannot be reached: " in line for line in process.stderr)
             process.send_signal(signal.SIGINT)
-            process.communicate(timeout=TIMEOUT)
+            _, err = process.communicate(timeout=TIMEOUT)
         finally:
             process.kill()
-    assert process.returncode == 0
+    assert process.returncode == 1
+    assert "no frame was recorded: check that the robot is on and reachable at ws://" in err
     records = read_recording(path).records
     assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
 
@@ -193,8 +195,9 @@ def test_record_warns_if_other_machines_can_connect(
 ) -> None:
     arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
     status, _, err = run("record", *address(chassis), *arguments)
-    assert status == 0
+    assert status == 1
     assert "everybody who can reach 0.0.0.0 can command the robot" in err
+    assert "no frame was recorded: no client connected" in err
 
 
 def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
@@ -215,9 +218,30 @@ def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
     assert f"end of the recording is missing: {path} has no end" in err
 
 
+def test_replay_names_the_files_that_are_not_given(tmp_path: Path) -> None:
+    file = RecordingWriter(
+        tmp_path / "a.mcap", "ws://x", Limits(2**20, split_size=5_000), lambda reason: None
+    )
+    for number in range(200):
+        file.frame(1, "client", numbered(number), text=True)
+    file.close()
+    given = [str(file.paths[1]), str(file.paths[3])]
+    with start("replay", *given, "--port", "0", "--tcp-port", "0") as process:
+        try:
+            assert process.stdout is not None
+            assert any("replayed chassis ready" in line for line in process.stdout)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert "files of this split recording are not given" in err
+    assert "the numbers in their names: 0, 2\n" in err
+
+
 def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
     assert replay.main([str(tmp_path / "nothing.mcap")]) == 1
-    assert "No such file" in capsys.readouterr().err
+    missing = f"error: cannot read {tmp_path / 'nothing.mcap'}: No such file or directory\n"
+    assert capsys.readouterr().err == missing
     path = tmp_path / "a.mcap"
     path.write_text("hello, this is a text\n")
     assert replay.main([str(path)]) == 1
@@ -231,7 +255,11 @@ def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
         (record, ["--ip", "x", "--listen", "nonsense"]),
         (record, ["--ip", "x", "--listen", "x:70000"]),
         (record, ["--ip", "x", "--max-size", "0"]),
+        (record, ["--ip", "x", "--max-size", "inf"]),
+        (record, ["--ip", "x", "--max-size", "nan"]),
         (record, ["--ip", "x", "--duration", "-1"]),
+        (record, ["--ip", "x", "--duration", "inf"]),
+        (record, ["--ip", "x", "--split-size", "0.0000001"]),
         (record, ["--ip", "x", "--split-size", "0"]),
         (record, ["--ip", "x", "--split-duration", "-1"]),
         (replay, []),

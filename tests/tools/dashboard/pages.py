@@ -149,14 +149,13 @@ class Page:
     async def holds(self, linear: float, angular: float = 0.0) -> AsyncIterator[None]:
         """Press the stick and hold it; press it again only if the connection was too slow."""
         self.press += 1
-        refused = len(self.refusals)
-
         held = True
 
         async def repeat() -> None:
+            known = len(self.refusals)
             while held:
-                if TOO_SLOW in self.refusals[refused:][-1:]:
-                    self.refusals.append("pressed again")
+                if TOO_SLOW in self.refusals[known:][-1:]:
+                    known = len(self.refusals)
                     self.press += 1
                 await self.drive(linear, angular)
                 await asyncio.sleep(0.05)

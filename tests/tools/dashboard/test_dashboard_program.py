@@ -55,6 +55,8 @@ async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
+        (["--host", ""], "--host is empty"),
+        (["--ip", "1.1.1.1:99999"], "must be HOST or HOST:PORT, with a port within 0 to 65535"),
         (["--page-port", "70000"], "--page-port must be within"),
         (["--scan-rate", "nan"], "--scan-rate must be within"),
         (["--max-linear", "inf"], "--max-linear must be above 0"),
@@ -69,3 +71,8 @@ def test_invalid_options_are_refused(
     with pytest.raises(SystemExit):
         main(["--ip", "127.0.0.1", *options])
     assert problem in capsys.readouterr().err
+
+
+def test_a_host_that_is_not_of_this_machine_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--ip", "127.0.0.1", "--host", "192.0.2.1", "--page-port", "0"]) == 1
+    assert "choose an address of this machine with --host" in capsys.readouterr().err

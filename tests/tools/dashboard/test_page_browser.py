@@ -245,6 +245,12 @@ def test_zoom_pan_and_fit(browser: Any) -> None:
     assert scale() > 2 * fitted
 
 
+def test_fit_shows_a_large_map(robot: SimulatedPage, browser: Any) -> None:
+    script(browser, "mapView.map.resolution = 10000 / mapView.image.width")  # 10 km
+    element(browser, "#fit").click()
+    assert script(browser, "mapView.scale") * 10000 <= script(browser, "mapView.width")
+
+
 def test_the_view_follows_the_robot_until_it_is_dragged(robot: SimulatedPage, browser: Any) -> None:
     def from_middle() -> float:
         at = script(
@@ -276,6 +282,10 @@ def test_the_view_follows_the_robot_until_it_is_dragged(robot: SimulatedPage, br
     assert not follow.is_selected()
     assert script(browser, "mapView.follow") is False
     assert from_middle() > 50.0
+    follow.click()
+    element(browser, "#fit").click()
+    assert not follow.is_selected()
+    assert not script(browser, "mapView.follow")
 
 
 def test_a_click_on_a_mark_goes_there(robot: SimulatedPage, browser: Any) -> None:
@@ -283,6 +293,26 @@ def test_a_click_on_a_mark_goes_there(robot: SimulatedPage, browser: Any) -> Non
     choose(browser, "go")
     click_until(
         browser, lambda: "to A2" in text(browser, "#state"), "the task", mark["x"], mark["y"]
+    )
+
+
+def test_on_another_screen_everything_is_drawn_where_it_is_clicked(browser: Any) -> None:
+    metrics = {"width": 1280, "height": 700, "deviceScaleFactor": 1.5, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    eventually(lambda: script(browser, "devicePixelRatio === 1.5"), "the other screen")
+    # the canvas has as many pixels as the screen shows, so each is drawn where it is clicked
+    eventually(
+        lambda: script(browser, "Math.abs(mapView.canvas.width - 1.5 * mapView.width) <= 1"),
+        "the pixels",
+    )
+    assert script(browser, "mapView.context.getTransform().a * mapView.width") == pytest.approx(
+        script(browser, "mapView.canvas.width"), abs=1
+    )
+    same_size = {**metrics, "deviceScaleFactor": 2}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", same_size)
+    eventually(
+        lambda: script(browser, "Math.abs(mapView.canvas.width - 2 * mapView.width) <= 1"),
+        "the pixels of a screen of the same size",
     )
 
 
@@ -311,6 +341,9 @@ def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
     field = element(browser, "#speak-text")
     field.send_keys("hello you")
     assert field.get_property("value") == "hello you"
+    for selector in ("#speak-text", "#fault-arguments"):
+        element(browser, selector).send_keys("nonsense=1\n")
+        assert script(browser, "document.activeElement === document.body"), selector
 
 
 def test_a_stop_of_another_viewer_ends_the_press(robot: SimulatedPage, browser: Any) -> None:
@@ -344,12 +377,11 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
         assert "use the emergency stop on the robot: no answer" in text(browser, "#alarm")
     actions(browser).release().perform()
     eventually(lambda: not element(browser, "#outdated").is_displayed(), "the dashboard")
-
-    def stops() -> bool:
-        element(browser, "#stop").click()
-        return not element(browser, "#alarm").is_displayed()
-
-    eventually(stops, "the end of the alarm")
+    # the robot is seen to stand still
+    eventually(lambda: not element(browser, "#alarm").is_displayed(), "the end of the alarm")
+    script(browser, "controls.show(false, 'refused')")
+    hold_stick(browser, robot)
+    assert text(browser, "#message") == ""
 
 
 def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> None:
@@ -360,6 +392,17 @@ def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> Non
         chromium() as browser,
     ):
         browser.get(running.url)
+        eventually(lambda: element(browser, "#tools").is_displayed(), "the tools")
+        assert not element(browser, "[value=obstacle]").is_displayed()  # of a simulator's own page
+        options = "[...document.querySelectorAll('#robots option')].map((each) => each.text)"
+
+        def are_named() -> bool:
+            return all(
+                each.startswith(f"{name} ") and each.endswith(": idle")
+                for name, each in zip((7, 8), script(browser, options), strict=True)
+            )
+
+        eventually(are_named, "names and states in the list")
         for index, name in enumerate(("7 ", "8 ")):
             eventually(lambda: element(browser, "#robots").is_displayed(), "the list")
             element(browser, f"#robots option[value='{index}']").click()
@@ -435,6 +478,32 @@ def test_an_obstacle_appears_and_disappears_by_a_click(
     eventually(lambda: script(browser, "mapView.obstacles.length") == 0, "the end of its picture")
 
 
+def test_a_message_moves_no_button(robot: SimulatedPage, browser: Any) -> None:
+    place = "document.querySelector('#set-work-mode').getBoundingClientRect().top"
+    before = script(browser, place)
+    script(browser, "controls.show(false, 'a long reason '.repeat(30))")
+    assert script(browser, place) == before
+
+
+def test_the_mode_lists_follow_the_robot(robot: SimulatedPage, browser: Any) -> None:
+    def shown() -> tuple[str, str]:
+        return tuple(
+            str(element(browser, selector).get_property("value"))
+            for selector in ("#control-mode", "#work-mode")
+        )
+
+    eventually(lambda: shown() == ("1", "2"), "automatic and task")
+    assert "control automatic, work task" in text(browser, "#state")
+    element(browser, "#key-switch").click()
+    eventually(lambda: shown()[0] == "2", "manual")
+    assert "control manual" in text(browser, "#state")
+    assert "set Control to automatic on a page with control" in text(browser, "#state")
+    element(browser, "#control-mode option[value='3']").click()
+    former = script(browser, "mapView.scan")
+    eventually(lambda: script(browser, "mapView.scan") != former, "the next scan")
+    assert shown()[0] == "3"  # a choice that is not set yet
+
+
 def test_an_obstacle_far_away_disturbs_nothing(robot: SimulatedPage, browser: Any) -> None:
     script(browser, "controls.run('fault', {text: 'obstacle x=1e300 y=-1e300'})")
     eventually(lambda: script(browser, "mapView.obstacles.length") == 1, "the obstacle")
@@ -469,6 +538,54 @@ def test_the_page_comes_back_after_a_lost_link(robot: SimulatedPage, browser: An
     element(browser, "#fault button").click()
     eventually(lambda: element(browser, "#outdated").is_displayed(), "the warning")
     eventually(lambda: not element(browser, "#outdated").is_displayed(), "the link")
+
+
+_SIZES = [(1280, 800), (900, 700), (768, 1024), (844, 390), (667, 375), (360, 640), (320, 568)]
+_ZOOMED = [(640, 400), (427, 267)]
+"""A window of 1280 x 800 pixels at 200 % and 300 %."""
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[Any]:
+    """A browser whose window has the size of many devices."""
+    running = SimulatedPage()
+    try:
+        with chromium() as driver:
+            driver.get(running.url)
+            eventually(lambda: script(driver, "mapView.image !== null"), "map")
+            yield driver
+    finally:
+        running.close()
+
+
+@pytest.mark.parametrize(("width", "height"), _SIZES + _ZOOMED)
+def test_the_stick_lies_over_nothing_that_is_pressed(window: Any, width: int, height: int) -> None:
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    window.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    eventually(lambda: script(window, "[innerWidth, innerHeight]") == [width, height], "the size")
+    stick = element(window, "#stick").rect
+    for selector in ("#stop", "#zoom-in", "#fit", "#follow", "#tools", "aside", "header"):
+        other = element(window, selector).rect
+        apart = (
+            stick["x"] + stick["width"] <= other["x"]
+            or other["x"] + other["width"] <= stick["x"]
+            or stick["y"] + stick["height"] <= other["y"]
+            or other["y"] + other["height"] <= stick["y"]
+        )
+        assert apart, (selector, stick, other)
+    tools, view_tools = element(window, "#tools").rect, element(window, "#view-tools").rect
+    assert view_tools["y"] + view_tools["height"] <= tools["y"]
+    eventually(lambda: script(window, "Math.abs(mapView.canvas.width - mapView.width) <= 1"), "map")
+    element(window, "#fit").click()
+    marks = script(
+        window,
+        "mapView.marks.map(({x, y}) => { const at = mapView.toScreen(x, y);"
+        "  const box = mapView.canvas.getBoundingClientRect();"
+        "  return [at.x + box.x, at.y + box.y]; })",
+    )
+    assert marks
+    for x, y in marks:
+        assert x < stick["x"] or y < stick["y"]
 
 
 def test_the_page_fits_a_phone(robot: SimulatedPage, tmp_path: Path) -> None:

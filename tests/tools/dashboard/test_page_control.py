@@ -254,8 +254,20 @@ async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> No
         assert (await viewer.command("goMark", mark="A2"))[0]
         await viewer.until(lambda parts: parts["robot"]["task"]["running"])
         await hold(viewer, lambda: viewer.parts.get("stick"))
-        assert "is running: cancel it to drive by hand" in viewer.parts["stick"]
+        assert "is running: pause or cancel it to drive by hand" in viewer.parts["stick"]
         assert chassis.counts[TWIST] == 0
+
+
+@aio
+async def test_the_stick_drives_while_a_task_is_paused(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.until(lambda parts: parts["robot"]["task"]["state"] == "executing")
+        assert (await viewer.command("pause"))[0]
+        await viewer.until(lambda parts: parts["robot"]["task"]["state"] == "paused")
+        await hold(viewer, lambda: chassis.counts[TWIST] > 1)
+        assert viewer.parts["robot"]["task"]["state"] == "paused"
 
 
 @aio

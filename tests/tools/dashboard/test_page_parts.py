@@ -103,6 +103,8 @@ async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
         await client.request(ExecTask(task_id=7, type=task_pb2.kPick, mark_no="A2"))
         task = await viewer.until(lambda parts: parts["robot"]["task"])
         assert (task["id"], task["running"]) == ("7", True)
+        reasons = await viewer.until(lambda parts: parts["robot"]["objections"])
+        assert [reason for reason, _ in reasons] == ["the robot is executing task 7"]
         assert len(await viewer.until(lambda parts: parts["path"])) > 1
         await viewer.until(
             lambda parts: (
@@ -110,6 +112,24 @@ async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
                 > 0.3
             )
         )
+
+
+@aio
+async def test_a_failed_task_has_its_reason(chassis: SimulatorThread) -> None:
+    config = LinkConfig("127.0.0.1", chassis.port)
+    async with (
+        dashboard(chassis) as running,
+        page(running) as viewer,
+        ChassisClient(config=config) as client,
+    ):
+        await viewer.until(lambda parts: parts["pose"])
+        task = ExecTask(task_id=7, type=task_pb2.kPick)
+        task.pose.x, task.pose.y = 500.0, 500.0
+        await client.request(task)
+        found = await viewer.until(
+            lambda parts: parts["robot"]["task"]["state"] == "failed" and parts["robot"]["task"]
+        )
+        assert "navigation did not succeed" in found["reason"]
 
 
 @aio

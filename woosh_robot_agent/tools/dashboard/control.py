@@ -210,7 +210,7 @@ class Control:
         if press == self._press and gap > _STICK_TIMEOUT:
             return TOO_SLOW
         owner = self._gate.owner
-        return f"{owner} is running: cancel it to drive by hand" if owner else ""
+        return f"{owner} is running: pause or cancel it to drive by hand" if owner else ""
 
     async def _execute(self, name: str, request: Message) -> tuple[bool, str]:
         try:

@@ -113,6 +113,9 @@ class Dashboard:
             self._controls = {each: Control(each, *limits) for each in self.robots}
         if extras is not None:
             self.robots[0].add_slow_part("simulator", extras.data)
+        if len(self.robots) > 1:
+            for robot in self.robots:
+                robot.add_slow_part("robots", self._summaries)
         self._viewers: set[Viewer] = set()
         self._count = 0
         """Number of viewers so far."""
@@ -271,6 +274,9 @@ class Dashboard:
             "control": self._config.control,
             "robots": [robot.chassis.config.address for robot in self.robots],
         }
+
+    def _summaries(self) -> list[str]:
+        return [robot.summary for robot in self.robots]
 
     def _release(self, viewer: Viewer) -> None:
         for control in self._controls.values():

@@ -6,6 +6,7 @@ import math
 import time
 from typing import Any
 
+from woosh_robot_agent import readiness
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, DeviceState, NavPath, RobotInfo
@@ -13,7 +14,14 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import has_map, is_running, is_taskable, objections
+from woosh_robot_agent.readiness import (
+    Objection,
+    busy,
+    has_map,
+    is_running,
+    is_taskable,
+    objections,
+)
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.robot_view import RobotView
@@ -24,6 +32,24 @@ _MAX_POINTS = 2000
 """Maximum number of points of a path on the page."""
 _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
+
+_SAME_MOMENT = 2000
+"""Longest time between the end of a task and its status code, in milliseconds."""
+
+_HERE = "on a page with control"
+_REMEDIES = {
+    readiness.MANUAL.name: "turn the key switch to automatic; if it is there already, set Control "
+    f"to automatic {_HERE} (the key switch overrides the mode set by software)",
+    readiness.MAINTENANCE.name: f"finish the maintenance, then set Control to automatic {_HERE}",
+    readiness.NO_CONTROL_MODE.name: "turn the key switch to automatic, or set Control to automatic "
+    f"{_HERE}",
+    readiness.DEPLOYMENT.name: f"save maps and marks, then set Work to task {_HERE}",
+    readiness.SCHEDULE.name: f"send the task to the dispatch system, or set Work to task {_HERE}",
+    readiness.NO_WORK_MODE.name: f"set Work to task {_HERE}",
+    readiness.NOT_INITIALISED.name: f"choose Set pose {_HERE}, and show its pose on the map",
+    readiness.LOST.name: f"choose Set pose {_HERE}, and show its actual pose on the map",
+}
+"""What to do about an objection with the means of the page, by the name of the objection."""
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
@@ -56,16 +82,43 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
+        "modes": [info.mode.ctrl, info.mode.work],
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": is_taskable(info),
-        "objections": [[each.reason, each.remedy] for each in objections(info)],
+        "objections": _objections(info),
         "battery": _battery(info),
-        "task": _task(info),
+        "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
         "problems": [
             explained(code.code, code.msg) for code in info.abnormal_codes.scs[:_MAX_CODES]
         ],
     }
+
+
+def summary(view: RobotView, address: str, *, linked: bool) -> str:
+    """Return address, name and state of a robot in one line, for a list of robots.
+
+    Args:
+        view: state of the robot.
+        address: address of the robot.
+        linked: there is a connection to it.
+    """
+    info = view.info
+    number = info.robot_id or info.genral.serial_number
+    names = dict.fromkeys(str(each) for each in (number, info.setting.identity.name) if each)
+    states = []
+    if not linked:
+        states.append("no connection")
+    elif view.has_robot_info:
+        states.append(enum_name(robot.State, info.state))
+        twist = info.pose_speed.twist
+        if _number(twist.linear) or _number(twist.angular):
+            states.append("moving")
+        if info.device_state.hardware & DeviceState.kEmgBtn:
+            states.append("emergency stop")
+        if any(code.level == StatusCode.kFault for code in info.abnormal_codes.scs):
+            states.append("fault")
+    return f"{' '.join([*names, address])}: {', '.join(states) or 'unknown'}"
 
 
 def codes_data(view: RobotView) -> list[dict[str, Any]]:
@@ -112,6 +165,12 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
     return marks
 
 
+def _objections(info: RobotInfo) -> list[list[str]]:
+    """Return why the robot rejects tasks now, its present task included, and what to do."""
+    found: dict[Objection, None] = dict.fromkeys([*objections(info), *busy(info)])
+    return [[each.reason, _REMEDIES.get(each.name, each.remedy)] for each in found]
+
+
 def _battery(info: RobotInfo) -> dict[str, Any] | None:
     if not info.HasField("battery"):
         return None
@@ -122,7 +181,8 @@ def _battery(info: RobotInfo) -> dict[str, Any] | None:
     }
 
 
-def _task(info: RobotInfo) -> dict[str, Any] | None:
+def _task(view: RobotView) -> dict[str, Any] | None:
+    info = view.info
     proc = info.task_proc
     if not info.HasField("task_proc") or proc.state == task.kStateUndefined:
         return None
@@ -134,9 +194,21 @@ def _task(info: RobotInfo) -> dict[str, Any] | None:
         "state": enum_name(task.State, proc.state),
         "running": is_running(proc),
         "text": proc.msg,
+        "reason": _failure(view) if proc.state == task.kFailed else "",
         "action": enum_name(action.Type, doing.type) if doing.type else "",
         "actionState": enum_name(action.State, doing.state) if doing.state else "",
     }
+
+
+def _failure(view: RobotView) -> str:
+    """Return the status code with which the last task failed, explained; empty if none is known."""
+    proc = view.info.task_proc
+    for code in reversed(view.codes):
+        of_task = code.robot_task_id == proc.robot_task_id
+        at_its_end = not code.robot_task_id and abs(code.time - proc.time) < _SAME_MOMENT
+        if code.level in (StatusCode.kWarn, StatusCode.kFault) and (of_task or at_its_end):
+            return explained(code.code, code.msg)
+    return ""
 
 
 def _action(view: RobotView, name: str) -> dict[str, str]:

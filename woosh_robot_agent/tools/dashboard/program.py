@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import errno
+import ipaddress
 import logging
+import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -74,6 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="maximum number of viewers (default: %(default)s)",
     )
     options = parser.parse_args(arguments)
+    if not options.host:
+        parser.error("--host is empty: give an address of this machine, or 0.0.0.0 for all of them")
     if not 0 <= options.page_port < 2**16:
         parser.error(f"--page-port must be within 0 to 65535: {options.page_port}")
     if not 0.1 <= options.scan_rate <= 50.0:
@@ -105,9 +110,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return asyncio.run(_run(_robots(parser, options), config))
     except OSError as error:
         reason = error.strerror or error
+        wrong_host = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
+        remedy = (
+            "choose an address of this machine with --host"
+            if wrong_host
+            else "choose another port with --page-port"
+        )
         print(
             f"error: cannot serve the page on {config.host}, port {config.port}: {reason}; "
-            "choose another port with --page-port",
+            f"{remedy}",
             file=sys.stderr,
         )
         return 1
@@ -118,6 +129,10 @@ def _robots(parser: argparse.ArgumentParser, options: argparse.Namespace) -> lis
     robots = []
     for address in options.ip:
         ip, port = _split(address)
+        if port is None and ":" in ip and not _is_ipv6(ip):
+            parser.error(
+                f"--ip must be HOST or HOST:PORT, with a port within 0 to 65535: {address}"
+            )
         options.ip = ip
         config = link_config(parser, options)
         robots.append(config if port is None else replace(config, port=port))
@@ -134,10 +149,22 @@ def _split(address: str) -> tuple[str, int | None]:
     return host.strip("[]"), int(port)
 
 
+def _is_ipv6(host: str) -> bool:
+    try:
+        ipaddress.IPv6Address(host)
+    except ValueError:
+        return False
+    return True
+
+
 async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
     stop = stop_event()
     async with Dashboard(robots, config) as dashboard:
         print(f"dashboard ready at {dashboard.url}", flush=True)
+        if config.control:
+            print("with control: the page can command and drive the robots", file=sys.stderr)
+        else:
+            print("without control: the page only shows; see --control", file=sys.stderr)
         if not is_local(config.host):
             rights = "command the robots" if config.control else "watch the robots"
             print(f"warning: everybody who knows this address can {rights}", file=sys.stderr)

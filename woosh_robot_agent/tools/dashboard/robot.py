@@ -144,6 +144,12 @@ class Robot:
         """True while somebody watches."""
         return self._watched.is_set()
 
+    @property
+    def summary(self) -> str:
+        """Address, name and state in one line."""
+        linked = self.chassis.state is LinkState.READY
+        return part_data.summary(self.view, self.chassis.config.address, linked=linked)
+
     def _received(self, message: Message) -> None:
         self.view.update(message)
         self.changed()

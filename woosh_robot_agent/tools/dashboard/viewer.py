@@ -48,6 +48,8 @@ class Viewer:
         self._notes: list[str] = []
         """Messages to send, none of which may be left out."""
         self._wake = asyncio.Event()
+        self._closing: asyncio.Task[None] | None = None
+        """The task that closes the WebSocket, because the loop keeps only a weak reference."""
         self.heard_at = asyncio.get_running_loop().time()
 
     def watch(self, robot: Robot) -> None:
@@ -81,8 +83,7 @@ class Viewer:
 
     def dismiss(self, code: int, reason: str) -> None:
         """Close the WebSocket; the commands that wait for their answer go on."""
-        closing = asyncio.get_running_loop().create_task(self._socket.close(code, reason))
-        self._closing = closing  # the loop keeps only a weak reference
+        self._closing = asyncio.get_running_loop().create_task(self._socket.close(code, reason))
 
     def tell_time(self) -> None:
         """Send the time of this process, without which the page cannot drive."""

@@ -1,4 +1,4 @@
-"""Monitor data received from the agent, over ROS. The only module of the tools that needs ROS."""
+"""Monitor data received from the agent, over ROS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
@@ -27,11 +26,10 @@ from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.link_report import LinkReport
 from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.spinning import spin_until
 
 _DISCOVERY_PERIOD = 0.5
 """Time between two searches for the agent, in seconds."""
-_SPIN_TIMEOUT = 0.1
-"""Maximum delay before the executor thread notices that it must stop, in seconds."""
 _AGENT_TIMEOUT = 5.0
 """Time without an answer of the agent after which the view may be outdated, in seconds."""
 _PARAMETERS_TIMEOUT = 2.0
@@ -240,15 +238,7 @@ class RosSource:
     # The methods below run in the executor thread.
 
     def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self._node)
-        try:
-            while not self._stop.is_set():
-                executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
-        except ExternalShutdownException:
-            pass
-        finally:
-            executor.shutdown()
+        spin_until(self._stop, self._node)
 
     def _subscribe(self, name: str, ros_class: Any, push: str, depth: int) -> None:
         convert = converter(ros_class, message_type(push))

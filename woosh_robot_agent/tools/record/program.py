@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -53,18 +54,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Arguments of the program; by default those of the command line.
 
     Returns:
-        The exit status: 0, or 1 if the program could not listen, the recording ended early, or
-        frames were lost.
+        The exit status: 0, or 1 if the program could not listen, the recording ended early,
+        nothing was recorded, or frames or ROS messages were lost.
     """
     parser = _make_parser()
     options = parser.parse_args(arguments)
     config = link_config(parser, options)
-    if not options.max_size > 0:
-        parser.error(f"--max-size must be above 0: {options.max_size}")
-    for name in ("duration", "split_size", "split_duration"):
-        value = getattr(options, name)
-        if value is not None and not value > 0:
-            parser.error(f"--{name.replace('_', '-')} must be above 0: {value}")
+    for name in ("max_size", "split_size", "duration", "split_duration"):
+        _check_limit(parser, options, name)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
         require_libraries()
@@ -130,6 +127,17 @@ def _make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _check_limit(parser: argparse.ArgumentParser, options: argparse.Namespace, name: str) -> None:
+    """End the program if the value of an option is not a possible limit."""
+    value, option = getattr(options, name), f"--{name.replace('_', '-')}"
+    if value is None:
+        return
+    if not 0 < value < math.inf:
+        parser.error(f"{option} must be a finite number above 0: {value}")
+    if name.endswith("_size") and value * MIB < 1:
+        parser.error(f"{option} must be at least one byte, in MiB: {value}")
+
+
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     from woosh_robot_agent.tools.record.passive_client import PassiveClient
     from woosh_robot_agent.tools.record.proxy import RecordingProxy
@@ -184,9 +192,9 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         writer.close()
         if ros_recorder is not None:
             ros_recorder.close()
-    failed = _report_frames(writer)
+    failed = _report_frames(writer, config, options)
     if ros_recorder is not None:
-        failed |= _report_ros(ros_recorder)
+        failed |= _report_ros(ros_recorder, options.ros)
     return int(failed)
 
 
@@ -207,7 +215,9 @@ def _start_ros(
         raise RecordingError(f"--ros {options.ros}: {error}") from None
 
 
-def _report_frames(writer: RecordingWriter) -> bool:
+def _report_frames(
+    writer: RecordingWriter, config: LinkConfig, options: argparse.Namespace
+) -> bool:
     """Print the result of a recording; return True if something is missing."""
     print(
         f"recorded {writer.frames} frames of {writer.connections} connections to "
@@ -215,16 +225,31 @@ def _report_frames(writer: RecordingWriter) -> bool:
     )
     if writer.lost:
         print(f"error: frames that passed but are not recorded: {writer.lost}", file=sys.stderr)
-    return writer.failed or bool(writer.lost)
+    elif not writer.frames:
+        if options.listen and not writer.connections:
+            reason = "no client connected to the address of --listen"
+        else:
+            reason = (
+                f"check that the robot is on and reachable at {config.address} (--ip, --port, "
+                "--transport)"
+            )
+        print(f"error: no frame was recorded: {reason}", file=sys.stderr)
+    return writer.failed or bool(writer.lost) or not writer.frames
 
 
-def _report_ros(recorder: RosRecorder) -> bool:
+def _report_ros(recorder: RosRecorder, namespace: str) -> bool:
     """Print the result of the recording of ROS topics; return True if something is missing."""
     print(f"recorded {recorder.messages} ROS messages to {_names(recorder.paths)}")
     for topic, lost in recorder.lost.items():
         # A publisher with a short queue may have replaced them before they were sent.
-        print(f"warning: messages on {topic} that the middleware lost: {lost}", file=sys.stderr)
-    return recorder.failed
+        print(f"error: messages on {topic} that the middleware lost: {lost}", file=sys.stderr)
+    if not recorder.messages:
+        print(
+            "error: no ROS message was recorded: check that the agent is running, that it has the "
+            f"same ROS_DOMAIN_ID, and that its namespace is that of --ros: {namespace}",
+            file=sys.stderr,
+        )
+    return recorder.failed or bool(recorder.lost) or not recorder.messages
 
 
 def _cannot_create(error: OSError) -> str:

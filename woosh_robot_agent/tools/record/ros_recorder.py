@@ -14,7 +14,6 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -23,14 +22,14 @@ from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, definition
 from woosh_robot_agent.tools.recording.channel import Channel
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+from woosh_robot_agent.tools.recording.layout import ROS_PROFILE
+from woosh_robot_agent.tools.spinning import spin_until
 
 _LOG = logging.getLogger(__name__)
 _DISCOVERY_PERIOD = 0.5
 """Time between two searches for topics, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
-_SPIN_TIMEOUT = 0.1
-"""Maximum delay before the executor thread notices that it must stop, in seconds."""
 _DEPTH = 1000
 """Number of messages of a topic that wait for the recorder; older ones are lost."""
 _AGENT_TOPIC = TOPICS[0].name
@@ -51,7 +50,8 @@ class RosRecorder:
             `close`.
 
     Attributes:
-        lost: Number of messages that the middleware reports as lost, by topic.
+        lost: Number of messages that the middleware reports as lost, by topic. Those that a latched
+            topic replaced before the first one arrived do not count.
 
     Raises:
         OSError: The file cannot be created.
@@ -66,7 +66,7 @@ class RosRecorder:
         rclpy.init(args=[], context=self._context)
         try:
             self._node = Node(f"record_{os.getpid()}", namespace=namespace, context=self._context)
-            self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, "ros2")
+            self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, ROS_PROFILE)
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise
@@ -108,19 +108,12 @@ class RosRecorder:
     # The methods below run in the thread.
 
     def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self._node)
         try:
-            while not self._stop.is_set():
-                executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
-        except ExternalShutdownException:
-            pass
+            spin_until(self._stop, self._node)
         except Exception as error:  # the thread would end without a word
             _LOG.exception("the recording of ROS topics failed")
             self._has_crashed = True
             self._on_early_end(f"internal error: {error!r}")
-        finally:
-            executor.shutdown()
 
     def _discover(self) -> None:
         """Subscribe to the topics that the agent has begun to publish."""
@@ -164,18 +157,25 @@ class RosRecorder:
             },
         )
 
+        profile = _fitting_all(profiles)
+        # The agent may replace the latched message while it is being sent to the new subscription.
+        counts_losses = profile.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+
         def on_message(data: bytes, info: dict[str, int]) -> None:
+            nonlocal counts_losses
+            counts_losses = True
             received = info["received_timestamp"] or time.time_ns()
             self._files.add(channel, received, data, info["source_timestamp"] or received)
 
         def on_lost(event: Any) -> None:
-            self.lost[topic] += event.total_count_change
+            if counts_losses:
+                self.lost[topic] += event.total_count_change
 
         self._node.create_subscription(
             class_of(short),
             topic,
             on_message,
-            _fitting_all(profiles),
+            profile,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
         )

@@ -20,6 +20,8 @@ ROBOT_METADATA = "robot"
 """Name of the metadata with the robot's number, model and software."""
 VERSION = "2"
 """Version of the layout."""
+ROS_PROFILE = "ros2"
+"""Profile, as rosbag2 knows it, in the header of the files of ROS topics."""
 _PACKAGE = "woosh_robot_agent.recording"
 _TYPES = {
     "uint32": FieldDescriptorProto.TYPE_UINT32,

@@ -10,7 +10,7 @@ from typing import IO, Any
 import zstandard
 from google.protobuf.message import DecodeError
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Channel, Message, Metadata
+from mcap.records import Channel, Header, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
 
 from woosh_robot_agent.tools.recording.errors import RecordingError
@@ -18,6 +18,7 @@ from woosh_robot_agent.tools.recording.layout import (
     EVENTS,
     FRAMES,
     METADATA,
+    ROS_PROFILE,
     VERSION,
     EventMessage,
     FrameMessage,
@@ -70,9 +71,14 @@ class _Part:
         self.messages: list[tuple[int, Any]] = []
         """The messages on the channels that are replayed, with their log times."""
         self.damage = ""
+        self.has_ros_topics = False
 
     def read(self) -> None:
-        with self.path.open("rb") as file:
+        try:
+            opened = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"cannot read {self.path}: {error.strerror}") from None
+        with opened as file:
             try:
                 self._read(StreamReader(_Stream(file), validate_crcs=True).records)  # type: ignore[arg-type]
             except InvalidMagic:
@@ -88,7 +94,11 @@ class _Part:
     def _read(self, records: Iterator[Any]) -> None:
         classes: dict[int, Any] = {}
         for record in records:
-            if isinstance(record, Channel):
+            if isinstance(record, Header):
+                self.has_ros_topics = record.profile == ROS_PROFILE
+                if self.has_ros_topics:
+                    return
+            elif isinstance(record, Channel):
                 cls = {FRAMES.topic: FrameMessage, EVENTS.topic: EventMessage}.get(record.topic)
                 if cls is not None:
                     classes[record.id] = cls
@@ -103,13 +113,19 @@ def read_recording(*paths: Path) -> Recording:
     """Read a recording; the end of each file may be missing, as after a crash.
 
     Args:
-        paths: The file, or all files of a split recording in any order.
+        paths: The file, or all files of a split recording in any order. The files of ROS topics,
+            which `record --ros` writes beside them, are left out.
 
     Raises:
-        OSError: A file cannot be read.
-        RecordingError: A file is not a recording, or the files are of different recordings.
+        RecordingError: A file cannot be read or is not a recording, or the files are of different
+            recordings.
     """
-    parts = [_read_part(path) for path in paths]
+    parts = [part for path in paths if not (part := _read_part(path)).has_ros_topics]
+    if not parts:
+        raise RecordingError(
+            f"{paths[0]} has only ROS topics: play it with ros2 bag play, or replay the file "
+            "without _ros in its name"
+        )
     parts.sort(key=lambda part: int(part.metadata["part"]))
     started = parts[0].metadata["started"]
     for part in parts[1:]:
@@ -121,12 +137,18 @@ def read_recording(*paths: Path) -> Recording:
         for log_time, message in part.messages
     )
     damage = "; ".join(part.damage for part in parts if part.damage)
-    return Recording(parts[0].metadata.get("address", ""), int(started) / 1e9, records, damage)
+    present = {int(part.metadata["part"]) for part in parts}
+    missing = tuple(part for part in range(max(present)) if part not in present)
+    return Recording(
+        parts[0].metadata.get("address", ""), int(started) / 1e9, records, damage, missing
+    )
 
 
 def _read_part(path: Path) -> _Part:
     part = _Part(path)
     part.read()
+    if part.has_ros_topics:
+        return part
     version = part.metadata.get("version")
     if version is None:
         raise RecordingError(

@@ -62,9 +62,12 @@ class Recording:
         started: Unix time of the start, in seconds.
         records: Frames and events, in order.
         damage: Why the end of a file is missing; empty if all files are complete.
+        missing_parts: Numbers, from 0, of the files of a split recording that were not given; those
+            after the last one that was given are unknown.
     """
 
     address: str
     started: float
     records: tuple[Record, ...]
     damage: str = ""
+    missing_parts: tuple[int, ...] = ()

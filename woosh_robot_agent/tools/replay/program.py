@@ -14,6 +14,7 @@ from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import warn_if_not_local
 from woosh_robot_agent.tools.recording.errors import RecordingError
 from woosh_robot_agent.tools.recording.libraries import require_libraries
+from woosh_robot_agent.tools.recording.records import Recording
 from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
 from woosh_robot_agent.tools.replay.playback import Playback, prepare
 from woosh_robot_agent.tools.stop_event import stop_event
@@ -86,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         recording = read_recording(*options.file)
         playback = prepare(recording)
-        _print_summary(options.file[0], playback, recording.damage)
+        _print_summary(options.file[0], playback, recording)
         asyncio.run(_run(playback, options))
     except (OSError, RecordingError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -94,13 +95,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _print_summary(path: Path, playback: Playback, damage: str) -> None:
+def _print_summary(path: Path, playback: Playback, recording: Recording) -> None:
     print(
         f"{path}: {playback.duration:.1f} s, {len(playback.steps)} steps, "
         f"{len(playback.answers.types)} types of requests"
     )
-    if damage:
-        print(f"warning: the end of the recording is missing: {damage}", file=sys.stderr)
+    if recording.damage:
+        print(f"warning: the end of the recording is missing: {recording.damage}", file=sys.stderr)
+    if recording.missing_parts:
+        numbers = ", ".join(map(str, recording.missing_parts))
+        print(
+            "warning: files of this split recording are not given, so the playback lacks what "
+            f"they have; the numbers in their names: {numbers}",
+            file=sys.stderr,
+        )
     if playback.answers.unmatched:
         print(
             f"warning: answers without a request are left out: {playback.answers.unmatched}",

@@ -21,6 +21,7 @@ export class Controls {
     this.press = 0; // number of the current or last press
     this.pointer = null; // id of the pointer that holds the stick
     this.enabled = false;
+    this.modes = []; // numbers of control and work mode as the lists have followed them
     this.bind();
   }
 
@@ -28,6 +29,15 @@ export class Controls {
     this.enabled = true;
     for (const each of document.querySelectorAll(".control, #stop, #stick")) each.hidden = false;
     document.querySelector("#tools").hidden = false;
+  }
+
+  /** Let the lists follow the modes of the robot; a choice stays until the robot's mode changes. */
+  showModes(modes) {
+    ["#control-mode", "#work-mode"].forEach((selector, index) => {
+      if (modes[index] === this.modes[index]) return;
+      document.querySelector(selector).value = String(modes[index]); // an unknown one: no choice
+    });
+    this.modes = modes;
   }
 
   async run(name, args = {}) {
@@ -58,6 +68,7 @@ export class Controls {
     on("#speak", "submit", (event) => {
       event.preventDefault();
       this.run("speak", {text: document.querySelector("#speak-text").value});
+      document.activeElement.blur(); // the space bar stops again
     });
     addEventListener("keydown", (event) => {
       if (event.code !== "Space" || !this.enabled || isText(event.target)) return;
@@ -117,6 +128,7 @@ export class Controls {
     const begins = !this.velocity;
     this.velocity = velocity;
     if (begins) {
+      this.show(true, ""); // what an earlier press or command has answered
       this.press++;
       this.sendVelocity();
       this.timer = setInterval(() => this.sendVelocity(), PERIOD);

@@ -16,6 +16,7 @@ const view = new MapView(find("#map"));
 globalThis.mapView = view; // for the console of the browser, and for tests
 let you = "";
 let problem = "connecting"; // why nothing comes from the dashboard; empty if it does
+let known = false; // the robot has reported its state
 let link = {good: false, text: "", detail: ""};
 let robotIndex = 0; // of the robot that is chosen
 let toolChosen = false;
@@ -36,10 +37,20 @@ const parts = {
     link = data;
     showLink();
   },
-  robot: showRobot,
+  robots: (summaries) => summaries.forEach((text, index) => {
+    const option = find("#robots").options[index];
+    if (option.text !== text) option.text = text;
+  }),
+  robot: (robot) => {
+    known = robot.known;
+    controls.showModes(robot.modes);
+    showRobot(robot);
+    showLink();
+  },
   pose: (pose) => {
     showPose(pose);
     view.setPose(pose);
+    endAlarm();
   },
   outline: (outline) => view.set("outline", outline),
   path: (path) => view.set("path", path),
@@ -108,11 +119,20 @@ view.onAct = (tool, place, theta, mark, obstacle) => {
   }
   controls.run(tool, {x: place.x, y: place.y, theta: direction});
 };
+view.corner = () => {
+  const stick = find("#stick"), stage = find("#stage").getBoundingClientRect();
+  if (stick.hidden) return [0, 0];
+  const box = stick.getBoundingClientRect();
+  return [stage.right - box.left, stage.bottom - box.top];
+};
 view.onFollow = (follow) => { find("#follow").checked = follow; };
 
 find("#zoom-in").addEventListener("click", () => view.zoom(1.4));
 find("#zoom-out").addEventListener("click", () => view.zoom(1 / 1.4));
-find("#fit").addEventListener("click", () => view.fit());
+find("#fit").addEventListener("click", () => {
+  view.follow = find("#follow").checked = false;
+  view.fit();
+});
 find("#follow").addEventListener("change", ({target}) => {
   view.set("follow", target.checked);
   if (view.pose) view.setPose(view.pose);
@@ -120,6 +140,7 @@ find("#follow").addEventListener("change", ({target}) => {
 find("#robots").addEventListener("change", ({target}) => {
   controls.letGo();
   robotIndex = Number(target.value);
+  controls.modes = [];
   view.forget();
   connection.watch(robotIndex);
 });
@@ -140,7 +161,16 @@ function showLink() {
   status.title = problem ? "" : link.detail;
   status.className = good ? "good" : "bad";
   find("#outdated").hidden = good;
+  find("#outdated").textContent =
+    known ? "OUTDATED: this is the last known state" : "The robot has not reported its state yet";
   document.body.classList.toggle("outdated", !good);
+  endAlarm();
+}
+
+/** Hide the alarm of an unconfirmed stop once the robot is seen to stand still. */
+function endAlarm() {
+  const {pose} = view;
+  if (link.good && !problem && pose && !pose.linear && !pose.angular) showAlarm("");
 }
 
 function showAlarm(text) {

@@ -1,6 +1,6 @@
 // The map on a canvas, with everything on it: zoom, pan, follow, and what a click means.
 
-const MIN_SCALE = 2; // pixels per metre
+const MIN_SCALE = 0.02; // pixels per metre
 const MAX_SCALE = 400;
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const TRAIL_STEP = 0.05; // metres between two points of the trail
@@ -17,12 +17,14 @@ export class MapView {
     this.centre = {x: 0, y: 0}; // metres
     this.follow = false;
     this.tool = "look";
+    this.corner = () => [0, 0]; // width and height of what lies over the lower right corner
     this.onAct = () => {}; // called with the tool, a place and the direction, or a mark
     this.pointers = new Map();
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.dark.addEventListener("change", () => { this.recolour(); this.redraw(); });
     this.forget();
     new ResizeObserver(() => this.resize()).observe(canvas);
+    this.watchRatio();
     canvas.addEventListener("pointerdown", (event) => this.pressed(event));
     canvas.addEventListener("pointermove", (event) => this.moved(event));
     canvas.addEventListener("pointerup", (event) => this.released(event));
@@ -111,9 +113,15 @@ export class MapView {
     const xs = corners.map((corner) => corner.x), ys = corners.map((corner) => corner.y);
     const [left, right] = [Math.min(...xs), Math.max(...xs)];
     const [low, high] = [Math.min(...ys), Math.max(...ys)];
-    this.centre = {x: (left + right) / 2, y: (low + high) / 2};
-    this.scale = limited(0.95 * Math.min(
-      this.width / (right - left), this.height / (high - low)));
+    const [width, height] = this.corner();
+    const areas = [[this.width - width, this.height], [this.width, this.height - height]];
+    const scaleIn = ([across, down]) => Math.min(across / (right - left), down / (high - low));
+    const area = scaleIn(areas[0]) > scaleIn(areas[1]) ? areas[0] : areas[1];
+    this.scale = limited(0.95 * scaleIn(area));
+    this.centre = { // the area begins at the upper left
+      x: (left + right) / 2 + (this.width - area[0]) / 2 / this.scale,
+      y: (low + high) / 2 - (this.height - area[1]) / 2 / this.scale,
+    };
     this.fitted = true;
     this.redraw();
   }
@@ -221,11 +229,25 @@ export class MapView {
   // Drawing
 
   resize() {
-    const ratio = devicePixelRatio;
-    this.canvas.width = Math.round(this.width * ratio);
-    this.canvas.height = Math.round(this.height * ratio);
     if (!this.fitted) this.fit();
     this.draw();
+  }
+
+  /** Draw anew when the window moves to a screen with other pixels, or is zoomed. */
+  watchRatio() {
+    matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", () => {
+      this.redraw();
+      this.watchRatio();
+    }, {once: true});
+  }
+
+  /** Give the canvas as many pixels as it has on the screen; return their number per CSS pixel. */
+  fitPixels() {
+    const ratio = devicePixelRatio;
+    const width = Math.round(this.width * ratio), height = Math.round(this.height * ratio);
+    if (this.canvas.width !== width) this.canvas.width = width;
+    if (this.canvas.height !== height) this.canvas.height = height;
+    return ratio;
   }
 
   redraw() {
@@ -253,7 +275,8 @@ export class MapView {
     const context = this.context;
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(`--${name}`);
-    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    const ratio = this.fitPixels();
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     this.drawPicture();
     this.drawLine(this.trail, colour("faint"), 1.5, [3, 5]);

@@ -27,7 +27,7 @@ export function showRobot(robot) {
     return;
   }
   row("state", robot.state);
-  row("mode", robot.control ? `control ${robot.control}, work ${robot.work}` : "unknown");
+  row("mode", robot.control ? modes(robot) : "unknown");
   if (robot.emergencyStop) row("", element("span", "the emergency stop is pressed", "bad"));
   row("new task", ...newTask(robot));
   row("battery", battery(robot.battery));
@@ -64,6 +64,15 @@ export function showCodes(codes) {
       {fault: "bad", warn: "warning"}[code.level] ?? "")));
 }
 
+/** Return the modes, named as in the lists that set them. */
+function modes(robot) {
+  const name = (list, number, other) =>
+    document.querySelector(`${list} option[value="${number}"]`)?.textContent ?? other;
+  const [control, work] = robot.modes;
+  return `control ${name("#control-mode", control, robot.control)}, ` +
+    `work ${name("#work-mode", work, robot.work)}`;
+}
+
 function newTask(robot) {
   if (robot.objections.length) {
     return [
@@ -94,6 +103,7 @@ function task(value) {
   parts.push(` (${value.id})`);
   if (value.action) parts.push(element("div", `${value.action}: ${value.actionState}`));
   if (value.text) parts.push(element("div", value.text));
+  if (value.reason) parts.push(element("div", value.reason, "bad"));
   return parts;
 }
 

@@ -19,6 +19,7 @@ export class Simulator {
       const name = document.querySelector("#fault-name").value;
       const args = document.querySelector("#fault-arguments").value;
       this.controls.run("fault", {text: `${name} ${args}`.trim()});
+      document.activeElement.blur(); // the space bar stops again
     });
   }
 
