@@ -210,7 +210,10 @@ class Vehicle:
         self._is_restoring = True
         self._machine.restore(record.order)
         self._pause.set(_PAUSE in record.order.holds)
-        self._instant.restore(record.instant_actions, again=CancelOrder.type.name)
+        for action_id in self._instant.restore(
+            record.instant_actions, record.order.holds, again=CancelOrder.type.name
+        ):
+            self._machine.interrupt(action_id)
         if self._machine.driving:
             self._driver.restore(record.task_id, info)
         self._is_restoring = False
@@ -404,7 +407,7 @@ class Vehicle:
             self.release(_PAUSE)
 
     def _is_driving(self) -> bool:
-        return self._machine.driving and not self._driver.paused
+        return self._machine.driving and not self._driver.stands
 
     async def cancel_order(self, order_id: str) -> None:
         if not self._machine.busy:

@@ -20,6 +20,9 @@ _MAX_STATES = 200
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
+_HOLD = "action "
+"""Begin of the names of what holds the vehicle."""
+
 
 class InstantActions:
     """Instant actions since the last order.
@@ -76,12 +79,18 @@ class InstantActions:
                 self._start(action, self._registry.get(action.type).type)
         self._forget_oldest()
 
-    def restore(self, states: Sequence[ActionState], *, again: str) -> None:
+    def restore(
+        self, states: Sequence[ActionState], holds: Sequence[str], *, again: str
+    ) -> list[str]:
         """Take the states from before a restart. Actions that ran have failed.
 
         Args:
-            states: the states.
+            states: the states, which may be some seconds old.
+            holds: names of what held the vehicle.
             again: type of the actions that are performed again, because they do no harm.
+
+        Returns:
+            The ids of the actions that forbade driving; the robot may go on with them.
         """
         for state in states:
             self._states[state.id] = state
@@ -92,6 +101,10 @@ class InstantActions:
                 self._runner.start(action, at_once=True)
             else:
                 self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
+        interrupted = [hold for hold in holds if hold.startswith(_HOLD)]
+        for hold in interrupted:
+            self._vehicle.release(hold)
+        return [hold.removeprefix(_HOLD) for hold in interrupted]
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
         """Take the new status of an action; return False if it is not an instant action."""
@@ -132,4 +145,4 @@ class InstantActions:
 
 
 def _hold_of(action_id: str) -> str:
-    return f"action {action_id}"
+    return f"{_HOLD}{action_id}"

@@ -109,4 +109,4 @@ class RobotTasks:
             self._driver.resume()
 
     def _is_paused(self) -> bool:
-        return self._end is None or self._driver.paused
+        return self._end is None or self._driver.stands

@@ -73,8 +73,8 @@ class OrderMachine:
         """True if the order was cancelled."""
         self._holds: set[str] = set()
         """Names of what holds the vehicle."""
-        self._is_held = False
-        """True if the drive was paused because of `_holds`."""
+        self._is_held: bool | None = False
+        """True if the drive was paused because of `held`; None if that is unknown."""
         self._position: Position | None = None
         self._doubts_place = False
         """True if the vehicle may have been moved away from the last node."""
@@ -85,8 +85,9 @@ class OrderMachine:
 
     @property
     def held(self) -> bool:
-        """True while something holds the vehicle."""
-        return bool(self._holds)
+        """True while something holds the vehicle, or the order was interrupted."""
+        interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
+        return bool(self._holds) or interrupted
 
     @property
     def busy(self) -> bool:
@@ -281,7 +282,7 @@ class OrderMachine:
         elif self._is_in_place(may_drive=may_drive):
             self._start_actions()
             self._hold_drive()
-            if may_drive and not self._holds:
+            if may_drive and not self.held:
                 while self._start_drive():
                     self._start_actions()
         commands, self._commands = self._commands, []
@@ -329,19 +330,22 @@ class OrderMachine:
             self._leg = Leg(memory.edges[:length], memory.nodes[:length])
         self._cancelled = memory.cancelled
         self._holds = set(memory.holds)
-        self._is_held = self.held
         self.error = memory.error
+        self._is_held = None if self.held else False
         self._driven = None
         self._doubts_place = True
         for action in self._actions.interrupt(_RESTARTED):
-            if stops((action,)) and self.error is None:
-                self.error = self._stuck(
-                    ErrorType.INTERRUPTED,
-                    f"{_RESTARTED}: {action.type}",
-                    Reference("actionId", action.id),
-                )
+            if stops((action,)):
+                self.interrupt(action.id)
         if memory.canceling:
             self.cancel()
+
+    def interrupt(self, action_id: str) -> None:
+        """Let the order not go on after a restart: an action may run that forbids driving."""
+        if self.busy and self.error is None:
+            self.error = self._stuck(
+                ErrorType.INTERRUPTED, _RESTARTED, Reference("actionId", action_id)
+            )
 
     # Steps
 
