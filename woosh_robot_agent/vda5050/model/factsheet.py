@@ -80,12 +80,10 @@ class OptionalParameter:
 
     Attributes:
         name: full name, e.g. `order.edges.maxSpeed`.
-        required: the vehicle needs it.
         description: further information.
     """
 
     name: str
-    required: bool = False
     description: str = ""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 from woosh_robot_agent.vda5050.model.errors import VehicleError
@@ -115,19 +115,6 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class Load:
-    """A load on the vehicle.
-
-    Attributes:
-        id: id of the load; None if unknown.
-        type: type of the load; empty if unknown.
-    """
-
-    id: str | None = None
-    type: str = ""
-
-
-@dataclass(frozen=True)
 class Map:
     """A map on the vehicle.
 
@@ -183,7 +170,7 @@ class RobotStatus:
         field_violation: an obstacle is in the protective field.
         position: position; None if the robot did not report one.
         velocity: velocity; None if the robot did not report one.
-        loads: loads; None if the robot cannot tell.
+        loaded: the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
         errors: errors of the robot.
         path: points of the path that the robot follows, in metres; empty without one.
@@ -196,7 +183,7 @@ class RobotStatus:
     field_violation: bool
     position: Position | None = None
     velocity: Velocity | None = None
-    loads: tuple[Load, ...] | None = None
+    loaded: bool | None = None
     maps: tuple[Map, ...] | None = None
     errors: tuple[VehicleError, ...] = ()
     path: tuple[tuple[float, float], ...] = ()
@@ -214,4 +201,4 @@ class VehicleState:
 
     order: OrderStatus
     robot: RobotStatus
-    errors: tuple[VehicleError, ...] = field(default=())
+    errors: tuple[VehicleError, ...] = ()

@@ -16,7 +16,7 @@ from woosh_robot_agent.vda5050.model.order import (
     NodePosition,
     Trajectory,
 )
-from woosh_robot_agent.vda5050.model.state import ActionState, Load, Map, Velocity
+from woosh_robot_agent.vda5050.model.state import ActionState, OrderStatus, RobotStatus, Velocity
 
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
@@ -172,21 +172,23 @@ def velocity(value: Velocity) -> dict[str, Any]:
     return {"vx": value.vx, "vy": 0.0, "omega": value.omega}
 
 
-def load(each: Load) -> dict[str, Any]:
-    """Return the message of a load."""
-    message = without_empty({"loadType": each.type})
-    if each.id is not None:
-        message["loadId"] = each.id
+def known_state(order: OrderStatus, robot: RobotStatus) -> dict[str, Any]:
+    """Return the optional fields of a state of which the values are known."""
+    message: dict[str, Any] = {}
+    if order.distance_since_last_node is not None:
+        message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
+    if robot.loaded is not None:
+        message["loads"] = [{}] if robot.loaded else []  # nothing else is known about a load
+    if robot.maps is not None:
+        message["maps"] = [
+            {
+                "mapId": each.id,
+                "mapVersion": each.version,
+                "mapStatus": "ENABLED" if each.enabled else "DISABLED",
+            }
+            for each in robot.maps
+        ]
     return message
-
-
-def map_state(each: Map) -> dict[str, Any]:
-    """Return the message of a map."""
-    return {
-        "mapId": each.id,
-        "mapVersion": each.version,
-        "mapStatus": "ENABLED" if each.enabled else "DISABLED",
-    }
 
 
 def parameter_types(

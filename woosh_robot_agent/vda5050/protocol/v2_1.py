@@ -137,9 +137,7 @@ class Version21:
                 "fieldViolation": robot.field_violation,
             },
         }
-        if order.distance_since_last_node is not None:
-            message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
-        return message | _motion(robot) | _optional(robot)
+        return message | parts.known_state(order, robot) | _motion(robot)
 
     def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
         return _motion(robot)
@@ -184,7 +182,7 @@ class Version21:
                     parts.without_empty(
                         {
                             "parameter": each.name,
-                            "support": "REQUIRED" if each.required else "SUPPORTED",
+                            "support": "SUPPORTED",
                             "description": each.description,
                         }
                     )
@@ -254,15 +252,6 @@ def _battery(battery: Battery) -> dict[str, Any]:
 
 def _error(error: VehicleError) -> dict[str, Any]:
     return parts.error(error, _ERROR_TYPES.get(error.type, error.type), error.level.value)
-
-
-def _optional(robot: RobotStatus) -> dict[str, Any]:
-    message: dict[str, Any] = {}
-    if robot.loads is not None:
-        message["loads"] = [parts.load(each) for each in robot.loads]
-    if robot.maps is not None:
-        message["maps"] = [parts.map_state(each) for each in robot.maps]
-    return message
 
 
 def _action_type(action: ActionType) -> dict[str, Any]:

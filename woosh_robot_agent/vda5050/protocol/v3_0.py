@@ -156,13 +156,7 @@ class Version30:
                 "fieldViolation": robot.field_violation,
             },
         }
-        if order.distance_since_last_node is not None:
-            message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
-        if robot.loads is not None:
-            message["loads"] = [parts.load(each) for each in robot.loads]
-        if robot.maps is not None:
-            message["maps"] = [parts.map_state(each) for each in robot.maps]
-        return message | _motion(robot) | _planned_path(state)
+        return message | parts.known_state(order, robot) | _motion(robot) | _planned_path(state)
 
     def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
         return {"referenceStateHeaderId": state_id} | _motion(robot)
@@ -374,7 +368,7 @@ def _optional_parameter(parameter: OptionalParameter) -> dict[str, Any]:
     return parts.without_empty(
         {
             "parameter": _PARAMETERS.get(parameter.name, parameter.name),
-            "support": "REQUIRED" if parameter.required else "SUPPORTED",
+            "support": "SUPPORTED",
             "description": parameter.description,
         }
     )

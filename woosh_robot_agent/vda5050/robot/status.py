@@ -11,7 +11,6 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.vda5050.model.state import (
     Battery,
     EmergencyStop,
-    Load,
     OperatingMode,
     Position,
     RobotStatus,
@@ -40,7 +39,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
         field_violation=field_violated(info.abnormal_codes),
         position=position(info),
         velocity=velocity(info),
-        loads=_loads(info),
+        loaded=_loaded(info),
         errors=code_errors(info.abnormal_codes),
     )
 
@@ -98,11 +97,11 @@ def _battery(report: BatteryReport) -> Battery:
     )
 
 
-def _loads(info: RobotInfo) -> tuple[Load, ...] | None:
-    """Return the loads; None if the robot does not detect goods."""
+def _loaded(info: RobotInfo) -> bool | None:
+    """Return True if the robot carries a load; None if it does not detect loads."""
     if info.device_state.software & DeviceState.kGoodsState:
-        return (Load(),)
-    return () if info.setting.allow.goods_check else None
+        return True
+    return False if info.setting.allow.goods_check else None
 
 
 def _rounded(value: float) -> float:
