@@ -29,7 +29,7 @@ from woosh_robot_agent.vda5050.model.state import ConnectionState, OperatingMode
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity, header
-from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic
 from woosh_robot_agent.vda5050.protocol.v3_0 import Version30
 from woosh_robot_agent.vda5050.protocol.validation import defect
 from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
@@ -438,8 +438,8 @@ async def test_the_option_chooses_the_version(
 
 def test_the_schemas_are_those_of_the_topics() -> None:
     names = {"order", "instantActions", "zoneSet", "responses"} | {
-        topic.value for topic in V3.quality
+        topic.value for topic in PUBLISHED
     }
     folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/protocol/schemas/3.0.0"
     assert {path.stem for path in folder.iterdir()} == names
-    assert V3.quality[Topic.CONNECTION] == (1, True)
+    assert PUBLISHED[Topic.CONNECTION] == (1, True)

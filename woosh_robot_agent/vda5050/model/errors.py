@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from woosh_robot_agent.vda5050.model.order import Order
+
 
 class ErrorLevel(Enum):
     """Severity of an error."""
@@ -123,3 +125,13 @@ def warning(
             for each in (value if isinstance(value, list) else [value])
         ),
     )
+
+
+def rejection(
+    kind: ErrorType, order: Order, description: str, hint: str, **references: object
+) -> RejectedError:
+    """Return the exception that rejects an order; its references begin with those of the order."""
+    error = warning(
+        kind, description, hint, orderId=order.id, orderUpdateId=order.update_id, **references
+    )
+    return RejectedError(error)

@@ -12,7 +12,7 @@ from woosh_robot_agent.vda5050.model.state import (
     RobotStatus,
     VehicleState,
 )
-from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+from woosh_robot_agent.vda5050.protocol.topics import Topic
 
 
 class Version(Protocol):
@@ -20,14 +20,12 @@ class Version(Protocol):
 
     Attributes:
         number: number of the version, e.g. `2.1.0`.
-        quality: QoS level and retain flag of each topic that the vehicle publishes.
         received: topics that the vehicle subscribes to.
         keeps_instant_actions: the states of instant actions stay in the state after a new order,
             until `clearInstantActions`.
     """
 
     number: ClassVar[str]
-    quality: ClassVar[Mapping[Topic, Quality]]
     received: ClassVar[frozenset[Topic]]
     keeps_instant_actions: ClassVar[bool]
 

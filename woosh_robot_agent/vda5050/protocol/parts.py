@@ -71,6 +71,31 @@ def _uniform_knots(degree: int, points: int) -> list[float]:
     return [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
 
 
+def unsupported(
+    message: Mapping[str, Any],
+    names: Iterable[str],
+    always_obeyed: Mapping[str, Callable[[Mapping[str, Any]], bool]],
+) -> tuple[str, ...]:
+    """Return the names of the fields of a message that the robot cannot obey.
+
+    Args:
+        message: an edge.
+        names: fields that the robot cannot obey.
+        always_obeyed: functions that return True if the value of a field asks for what the robot
+            does anyway, by name of the field.
+    """
+    return tuple(
+        name
+        for name in names
+        if name in message and not (name in always_obeyed and always_obeyed[name](message))
+    )
+
+
+def is_tangential(edge: Mapping[str, Any]) -> bool:
+    """Return True if the orientation of an edge is that of a robot that drives forwards."""
+    return not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
+
+
 # From the vehicle
 
 

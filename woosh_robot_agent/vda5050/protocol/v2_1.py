@@ -17,7 +17,7 @@ from woosh_robot_agent.vda5050.model.state import (
     VehicleState,
 )
 from woosh_robot_agent.vda5050.protocol import parts
-from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+from woosh_robot_agent.vda5050.protocol.topics import Topic
 
 _UNSUPPORTED_EDGE_FIELDS = (
     "corridor",
@@ -30,9 +30,7 @@ _UNSUPPORTED_EDGE_FIELDS = (
 )
 """Fields of an edge that the robot cannot obey."""
 _ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
-    "orientation": lambda edge: (
-        not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
-    ),
+    "orientation": parts.is_tangential,
     "rotationAllowed": lambda edge: edge["rotationAllowed"],
 }
 """Values of such fields that ask for what the robot does anyway: it turns, and drives forwards."""
@@ -55,12 +53,6 @@ class Version21:
     """Messages of version 2.1.0."""
 
     number: ClassVar[str] = "2.1.0"
-    quality: ClassVar[Mapping[Topic, Quality]] = {
-        Topic.STATE: Quality(0, False),
-        Topic.VISUALIZATION: Quality(0, False),
-        Topic.CONNECTION: Quality(1, True),
-        Topic.FACTSHEET: Quality(0, True),
-    }
     received: ClassVar[frozenset[Topic]] = frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS})
     keeps_instant_actions: ClassVar[bool] = False
 
@@ -111,7 +103,7 @@ class Version21:
             trajectory=None if trajectory is None else parts.read_trajectory(trajectory),
             actions=tuple(map(_read_action, edge["actions"])),
             description=edge.get("edgeDescription", ""),
-            unsupported=_unsupported_edge_fields(edge),
+            unsupported=parts.unsupported(edge, _UNSUPPORTED_EDGE_FIELDS, _ALWAYS_OBEYED),
         )
 
     # From the vehicle
@@ -205,15 +197,6 @@ class Version21:
                 "versions": [{"key": key, "value": value} for key, value in factsheet.versions]
             },
         }
-
-
-def _unsupported_edge_fields(edge: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the fields that the robot cannot obey."""
-    return tuple(
-        name
-        for name in _UNSUPPORTED_EDGE_FIELDS
-        if name in edge and not (name in _ALWAYS_OBEYED and _ALWAYS_OBEYED[name](edge))
-    )
 
 
 def _read_action(action: Mapping[str, Any]) -> Action:

@@ -37,7 +37,7 @@ from woosh_robot_agent.vda5050.model.state import (
     VehicleState,
 )
 from woosh_robot_agent.vda5050.protocol import parts
-from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+from woosh_robot_agent.vda5050.protocol.topics import Topic
 
 _UNSUPPORTED_EDGE_FIELDS = (
     "corridor",
@@ -51,9 +51,7 @@ _UNSUPPORTED_EDGE_FIELDS = (
 )
 """Fields of an edge that the robot cannot obey."""
 _ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
-    "orientation": lambda edge: (
-        not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
-    ),
+    "orientation": parts.is_tangential,
     "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
 }
 """Values of such fields that ask for what the robot does anyway: it drives forwards."""
@@ -106,12 +104,6 @@ class Version30:
     """Messages of version 3.0.0."""
 
     number: ClassVar[str] = "3.0.0"
-    quality: ClassVar[Mapping[Topic, Quality]] = {
-        Topic.STATE: Quality(0, False),
-        Topic.VISUALIZATION: Quality(0, False),
-        Topic.CONNECTION: Quality(1, True),
-        Topic.FACTSHEET: Quality(0, True),
-    }
     received: ClassVar[frozenset[Topic]] = frozenset(
         {Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}
     )
@@ -274,11 +266,7 @@ def _read_edge(edge: Mapping[str, Any], nodes: Mapping[int, str]) -> Edge:
         trajectory=None if trajectory is None else parts.read_trajectory(trajectory),
         actions=tuple(map(_read_action, edge["actions"])),
         description=edge.get("edgeDescriptor", ""),
-        unsupported=tuple(
-            name
-            for name in _UNSUPPORTED_EDGE_FIELDS
-            if name in edge and not (name in _ALWAYS_OBEYED and _ALWAYS_OBEYED[name](edge))
-        ),
+        unsupported=parts.unsupported(edge, _UNSUPPORTED_EDGE_FIELDS, _ALWAYS_OBEYED),
     )
 
 
