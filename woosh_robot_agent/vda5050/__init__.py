@@ -9,7 +9,7 @@ the bottom up:
 - `robot/`: what the robot reports, as values of the model.
 - `actions/`: the actions that the robot can perform.
 - `driving`, `leg_task`, `speed`: driving along the edges of an order by tasks of the robot, and
-  their speed limits.
+  their speed limits. `background`: asyncio tasks of these parts.
 - `mqtt`: the connection to the broker. `other_connector`: detection of a second connector.
 - `store`: the file that keeps the order and the header ids over a restart.
 - `publisher`, `reports`, `schedule`: what is published, and when.

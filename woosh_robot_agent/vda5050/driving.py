@@ -7,8 +7,7 @@ import contextlib
 import logging
 import math
 import time
-from collections.abc import Callable, Coroutine
-from typing import Any
+from collections.abc import Callable
 
 from woosh_robot_agent.link import (
     Answer,
@@ -25,6 +24,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskPro
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.background import BackgroundTasks
 from woosh_robot_agent.vda5050.leg_task import leg_task
 from woosh_robot_agent.vda5050.model.state import Position
 from woosh_robot_agent.vda5050.orders.legs import Leg
@@ -93,7 +93,7 @@ class Driver:
         self._inquiry: asyncio.Task[None] | None = None
         """Asks the robot about the current task."""
         self._log = LogOnce(_LOG)
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks("vda5050 driving")
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_robot_changed(self._robot_changed)
@@ -112,7 +112,7 @@ class Driver:
         """Execute a task; it gets a new id."""
         request.task_id = max(self._last_id + 1, int(time.time() * 1000))
         self._set_task(request.task_id)
-        self._spawn(self._start(request.task_id, request))
+        self._tasks.start(self._start(request.task_id, request))
 
     def restore(self, task_id: int, info: RobotInfo) -> None:
         """Follow a task that was started before a restart of the program.
@@ -139,13 +139,11 @@ class Driver:
         """Resume the task of the leg."""
         self._wanted = None
         if self.task_id:
-            self._spawn(self._resume(self.task_id))
+            self._tasks.start(self._resume(self.task_id))
 
     async def close(self) -> None:
         """Stop waiting for answers; the robot goes on with its task."""
-        for each in self._tasks:
-            each.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._tasks.close()
 
     # Commands
 
@@ -154,12 +152,6 @@ class Driver:
         self._last_id = max(self._last_id, task_id)
         self._is_reported = self.paused = False
         self._wanted = None
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        running = asyncio.get_running_loop().create_task(work, name="vda5050 driving")
-        self._tasks.add(running)
-        running.add_done_callback(self._tasks.discard)
-        return running
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
@@ -180,7 +172,7 @@ class Driver:
         self._wanted = order
         self._report.set()
         if self._stopping is None or self._stopping.done():
-            self._stopping = self._spawn(self._stop())
+            self._stopping = self._tasks.start(self._stop())
 
     async def _stop(self) -> None:
         while (order := self._order_to_send()) is not None:
@@ -263,7 +255,7 @@ class Driver:
     def _inquire(self) -> None:
         """Ask the robot what became of the current task, until that is known."""
         if self.task_id and (self._inquiry is None or self._inquiry.done()):
-            self._inquiry = self._spawn(self._ask(self.task_id))
+            self._inquiry = self._tasks.start(self._ask(self.task_id))
 
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time
