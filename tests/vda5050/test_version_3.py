@@ -21,12 +21,12 @@ from tests.vda5050.master import Master, Message, action, error_types, node, pla
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.inbox import read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
 from woosh_robot_agent.vda5050.model.order import Ellipse, NodePosition, Order
 from woosh_robot_agent.vda5050.model.path import path_ahead
 from woosh_robot_agent.vda5050.model.state import ConnectionState, OperatingMode, Position
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.parsing import read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity, header
 from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic

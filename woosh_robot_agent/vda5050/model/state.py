@@ -10,7 +10,7 @@ from woosh_robot_agent.vda5050.model.order import Edge, Node
 
 
 class OperatingMode(Enum):
-    """Who controls the vehicle."""
+    """Operating mode of a vehicle."""
 
     AUTOMATIC = "AUTOMATIC"
     MANUAL = "MANUAL"
@@ -19,7 +19,7 @@ class OperatingMode(Enum):
 
 
 class EmergencyStop(Enum):
-    """How an emergency stop is acknowledged."""
+    """Emergency stop, by how it is acknowledged."""
 
     NONE = "NONE"
     """No emergency stop is active."""
@@ -131,7 +131,7 @@ class Map:
 
 @dataclass(frozen=True)
 class OrderStatus:
-    """How far the order is.
+    """Progress of an order.
 
     Attributes:
         order_id: id of the current or last order; empty without any.
@@ -143,7 +143,7 @@ class OrderStatus:
         actions: states of the actions.
         paused: the vehicle is paused.
         new_base_request: the vehicle is about to reach the end of the base.
-        distance_since_last_node: distance driven since the last node, in metres; None without any.
+        distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
 
     order_id: str = ""
@@ -160,13 +160,13 @@ class OrderStatus:
 
 @dataclass(frozen=True)
 class RobotStatus:
-    """What the robot reports about itself.
+    """State of the robot, from its reports.
 
     Attributes:
         driving: the robot drives or turns.
-        mode: who controls it.
+        mode: operating mode.
         battery: state of the battery.
-        emergency_stop: whether an emergency stop is active.
+        emergency_stop: the active emergency stop.
         field_violation: an obstacle is in the protective field.
         position: position; None if the robot did not report one.
         velocity: velocity; None if the robot did not report one.
@@ -194,8 +194,8 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        order: how far the order is.
-        robot: what the robot reports.
+        order: progress of the order.
+        robot: state of the robot.
         errors: errors about orders and actions, and those of the robot.
     """
 

@@ -1,4 +1,4 @@
-"""Parts of messages that are the same in all versions, or differ in a name only."""
+"""Parts of messages that are the same in all versions, or differ only in names."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def without_empty(message: dict[str, Any]) -> dict[str, Any]:
 
 
 def angle(value: float) -> float:
-    """Return an angle within the limits of the schemas; rounding may have moved it outside."""
+    """Clamp an angle to the limits of the schemas, which rounding may have exceeded."""
     return max(-_MAX_ANGLE, min(_MAX_ANGLE, value))
 
 
@@ -65,7 +65,7 @@ def read_trajectory(trajectory: Mapping[str, Any]) -> Trajectory:
 
 
 def _uniform_knots(degree: int, points: int) -> list[float]:
-    """Return the knots of a curve that begins and ends at its control points."""
+    """Return uniform knots of a curve that begins and ends at its outer control points."""
     spans = max(1, points - degree)
     inner = [number / spans for number in range(1, spans)]
     return [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
@@ -170,23 +170,23 @@ def action_state(
     return {"actionId": action.id, "actionStatus": status} | without_empty(optional)
 
 
-def error(each: VehicleError, kind: str, level: str) -> dict[str, Any]:
+def error(value: VehicleError, kind: str, level: str) -> dict[str, Any]:
     """Return the message of an error.
 
     Args:
-        each: the error.
-        kind: name of its type.
-        level: name of its level.
+        value: the error.
+        kind: errorType.
+        level: errorLevel.
     """
     return without_empty(
         {
             "errorType": kind,
             "errorLevel": level,
-            "errorDescription": each.description,
-            "errorHint": each.hint,
+            "errorDescription": value.description,
+            "errorHint": value.hint,
             "errorReferences": [
                 {"referenceKey": reference.key, "referenceValue": reference.value}
-                for reference in each.references
+                for reference in value.references
             ],
         }
     )

@@ -33,4 +33,4 @@ PUBLISHED: Mapping[Topic, PublishOptions] = {
     Topic.CONNECTION: PublishOptions(1, True),
     Topic.FACTSHEET: PublishOptions(0, True),
 }
-"""Topics that the vehicle publishes; all versions of the standard have the same options."""
+"""Publish options of the topics of the vehicle; they are the same in all versions."""

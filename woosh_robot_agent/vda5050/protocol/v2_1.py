@@ -33,7 +33,8 @@ _ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "orientation": parts.is_tangential,
     "rotationAllowed": lambda edge: edge["rotationAllowed"],
 }
-"""Values of such fields that ask for what the robot does anyway: it turns, and drives forwards."""
+"""Functions that return True if such a field asks for what the robot does anyway: it turns where it
+must, and drives forwards."""
 _ERROR_TYPES: Mapping[str, str] = {
     ErrorType.UNSUPPORTED_PARAMETER: "orderError",
     ErrorType.ORDER_ACTION: "orderError",
@@ -44,9 +45,9 @@ _ERROR_TYPES: Mapping[str, str] = {
     ErrorType.CHANGED_UPDATE: "orderUpdateError",
     ErrorType.UPDATE_AFTER_CANCEL: "orderUpdateError",
 }
-"""Names of errors that this version does not distinguish; the others are `ErrorType.value`."""
+"""errorType of errors that this version does not distinguish; of others it is `ErrorType.value`."""
 _STATUS = {ActionStatus.PAUSED: ActionStatus.RUNNING}
-"""Statuses that the published schema of the state lacks, and those that take their place."""
+"""Substitutes for statuses that the published schema of the state lacks."""
 
 
 class Version21:
@@ -238,7 +239,7 @@ def _error(error: VehicleError) -> dict[str, Any]:
 
 
 def _action_type(action: ActionType) -> dict[str, Any]:
-    # the schema of blockingTypes cannot be fulfilled, so it is left out
+    # no blockingTypes, because no list of them fits the published schema
     return parts.without_empty(
         {
             "actionType": action.name,

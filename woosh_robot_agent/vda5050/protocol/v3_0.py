@@ -54,7 +54,8 @@ _ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "orientation": parts.is_tangential,
     "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
 }
-"""Values of such fields that ask for what the robot does anyway: it drives forwards."""
+"""Functions that return True if such a field asks for what the robot does anyway: it drives
+forwards."""
 _PARAMETERS: Mapping[str, str] = {
     "order.edges.maxSpeed": "order.edges.maximumSpeed",
     "order.edges.rotationAllowed": "",
@@ -76,7 +77,7 @@ _ERROR_TYPES: Mapping[str, str] = {
     ErrorType.DRIVING: "NODE_UNREACHABLE",
     ErrorType.INSTANT_ACTION: "INVALID_INSTANT_ACTION",
 }
-"""Names of errors; the others are `ErrorType.value` in capitals with underscores."""
+"""errorType of errors; of others it is `ErrorType.value` in capitals with underscores."""
 _ERROR_LEVELS = {"UNSUPPORTED_PARAMETER": "CRITICAL", "NODE_UNREACHABLE": "CRITICAL"}
 """Levels that the standard prescribes and that differ from `VehicleError.level`."""
 _NOT_LOCALIZED = VehicleError(
@@ -94,9 +95,9 @@ _KINEMATICS = {
     Kinematics.OMNIDIRECTIONAL: "OMNIDIRECTIONAL",
 }
 _DATA_TYPES = {"FLOAT": "NUMBER"}
-"""Data types of parameters that this version does not have, and those that take their place."""
+"""Substitutes for data types of parameters that this version lacks."""
 _TRUE = "true"
-"""The published schema demands the text, although the standard speaks of a Boolean."""
+"""The published schema demands a string, although the text of the standard says Boolean."""
 _FALSE = "false"
 
 
@@ -164,7 +165,7 @@ class Version30:
                     "seriesName": factsheet.series,
                     "seriesDescription": factsheet.description,
                     "mobileRobotKinematics": kinematics,
-                    # the published schema demands the field by this name
+                    # the published schema requires this spelling
                     "mobileRobotKinematic": kinematics,
                     "mobileRobotClass": factsheet.vehicle_class.value,
                     "maximumLoadMass": factsheet.max_load,
@@ -306,9 +307,9 @@ def _motion(robot: RobotStatus) -> dict[str, Any]:
 
 
 def _planned_path(state: VehicleState) -> dict[str, Any]:
-    """Return the path of the robot while it executes an order; empty without one.
+    """Return the field plannedPath while the robot executes an order; empty without a path.
 
-    The robot gives no times, so there is no `intermediatePath`.
+    There is no `intermediatePath`, because the robot does not report arrival times.
     """
     place = state.robot.position
     if place is None or not state.order.nodes:

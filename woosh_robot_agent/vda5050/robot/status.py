@@ -1,4 +1,4 @@
-"""The state of a vehicle from what its robot reports."""
+"""The state of the robot from its reports."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ _MODES = {
     robot.kDeployMode: OperatingMode.TEACH_IN,
     robot.kTaskMode: OperatingMode.AUTOMATIC,
 }
-"""Operating modes of a robot in automatic control mode, by its work mode. In any other work mode,
-the master control does not control the robot."""
+"""Operating modes in automatic control mode, by work mode; in other work modes it is MANUAL."""
 
 
 def robot_status(info: RobotInfo) -> RobotStatus:
@@ -45,7 +44,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
 
 
 def operating_mode(info: RobotInfo) -> OperatingMode:
-    """Return who controls the robot."""
+    """Return the operating mode of the robot."""
     if info.mode.ctrl == robot.kMaintain:
         return OperatingMode.SERVICE
     if info.mode.ctrl != robot.kAuto:
@@ -54,7 +53,7 @@ def operating_mode(info: RobotInfo) -> OperatingMode:
 
 
 def position(info: RobotInfo) -> Position | None:
-    """Return the position of the robot; None if it has none on a map."""
+    """Return the position of the robot; None if it is on no map."""
     report = info.pose_speed
     if not report.map_id:
         return None
@@ -105,5 +104,5 @@ def _loaded(info: RobotInfo) -> bool | None:
 
 
 def _rounded(value: float) -> float:
-    """Return a value of the robot without the digits that 32-bit numbers do not have."""
+    """Round a 32-bit float to the decimals that it really has."""
     return round(value, 6)
