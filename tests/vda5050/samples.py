@@ -24,7 +24,6 @@ from woosh_robot_agent.vda5050.model.state import (
     ActionStatus,
     Battery,
     EmergencyStop,
-    Load,
     Map,
     OperatingMode,
     OrderStatus,
@@ -45,7 +44,7 @@ ROBOT = RobotStatus(
     field_violation=False,
     position=Position(0.1, 0.0, 0.0, "hall", initialised=True),
     velocity=Velocity(0.5, 0.1),
-    loads=(Load("box 7", "box"),),
+    loaded=True,
     maps=(Map("hall", "3", enabled=True),),
     path=((0.0, 0.0), (0.5, 0.0), (1.0, 0.0)),
 )

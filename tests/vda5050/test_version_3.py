@@ -21,15 +21,15 @@ from tests.vda5050.master import Master, Message, action, error_types, node, pla
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.inbox import read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
 from woosh_robot_agent.vda5050.model.order import Ellipse, NodePosition, Order
 from woosh_robot_agent.vda5050.model.path import path_ahead
 from woosh_robot_agent.vda5050.model.state import ConnectionState, OperatingMode, Position
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.parsing import read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity, header
-from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic
 from woosh_robot_agent.vda5050.protocol.v3_0 import Version30
 from woosh_robot_agent.vda5050.protocol.validation import defect
 from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
@@ -438,8 +438,8 @@ async def test_the_option_chooses_the_version(
 
 def test_the_schemas_are_those_of_the_topics() -> None:
     names = {"order", "instantActions", "zoneSet", "responses"} | {
-        topic.value for topic in V3.quality
+        topic.value for topic in PUBLISHED
     }
     folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/protocol/schemas/3.0.0"
     assert {path.stem for path in folder.iterdir()} == names
-    assert V3.quality[Topic.CONNECTION] == (1, True)
+    assert PUBLISHED[Topic.CONNECTION] == (1, True)

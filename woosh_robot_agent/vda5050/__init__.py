@@ -9,14 +9,13 @@ the bottom up:
 - `robot/`: what the robot reports, as values of the model.
 - `actions/`: the actions that the robot can perform.
 - `driving`, `leg_task`, `speed`: driving along the edges of an order by tasks of the robot, and
-  their speed limits.
+  their speed limits. `background`: asyncio tasks of these parts.
 - `mqtt`: the connection to the broker. `other_connector`: detection of a second connector.
-- `store`: the file that keeps the order and the header ids over a restart.
+- `store`: the state file, which keeps the order and the header ids over a restart.
 - `publisher`, `reports`, `schedule`: what is published, and when.
-- `inbox`, `order_check`, `intake`: what is received, from bytes to orders that are taken or
-  rejected.
-- `drive_permission`: whether the order may start a drive, and why not.
-- `session`: one identity of a vehicle at the broker.
+- `parsing`, `order_check`, `intake`: received messages: parsing, check, acceptance or rejection.
+- `drive_permission`: permission to start a drive, and the reasons against it.
+- `session`: the vehicle under one identity: its connection to the broker, and its state file.
 - `vehicle`: one robot with all of these parts.
 - `connector`, `program`: the vehicles of one process, and the command line.
 """

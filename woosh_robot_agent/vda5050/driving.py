@@ -6,8 +6,7 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import Callable, Coroutine
-from typing import Any
+from collections.abc import Callable
 
 from woosh_robot_agent.link import (
     Answer,
@@ -22,6 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskPro
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.background import BackgroundTasks
 from woosh_robot_agent.vda5050.leg_task import leg_task
 from woosh_robot_agent.vda5050.model.state import Position
 from woosh_robot_agent.vda5050.orders.legs import Leg
@@ -82,7 +82,7 @@ class Driver:
         )
         self._inquiry: asyncio.Task[None] | None = None
         """Asks the robot about the current task."""
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks("vda5050 driving")
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_robot_changed(self._robot_changed)
@@ -110,7 +110,7 @@ class Driver:
         """Execute a task; it gets a new id."""
         request.task_id = max(self._last_id + 1, int(time.time() * 1000))
         self._set_task(request.task_id)
-        self._spawn(self._start(request.task_id, request))
+        self._tasks.start(self._start(request.task_id, request))
 
     def restore(self, task_id: int, info: RobotInfo) -> None:
         """Follow a task that was started before a restart of the program.
@@ -140,9 +140,7 @@ class Driver:
     async def close(self) -> None:
         """Stop waiting for answers; the robot goes on with its task."""
         await self._orders.close()
-        for each in self._tasks:
-            each.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._tasks.close()
 
     # Commands
 
@@ -151,12 +149,6 @@ class Driver:
         self._last_id = max(self._last_id, task_id)
         self._is_reported = False
         self._orders.begin(task_id)
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        running = asyncio.get_running_loop().create_task(work, name="vda5050 driving")
-        self._tasks.add(running)
-        running.add_done_callback(self._tasks.discard)
-        return running
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
@@ -215,7 +207,7 @@ class Driver:
     def _inquire(self) -> None:
         """Ask the robot what became of the current task, until that is known."""
         if self.task_id and (self._inquiry is None or self._inquiry.done()):
-            self._inquiry = self._spawn(self._ask(self.task_id))
+            self._inquiry = self._tasks.start(self._ask(self.task_id))
 
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.inbox import read_instant_actions, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.model.errors import RejectedError, VehicleError
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.order_check import OrderCheck
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
+from woosh_robot_agent.vda5050.parsing import read_instant_actions, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts

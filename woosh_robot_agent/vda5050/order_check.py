@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
+from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, rejection
 from woosh_robot_agent.vda5050.model.factsheet import Scope
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.model.state import OperatingMode, RobotStatus
@@ -141,17 +141,7 @@ class OrderCheck:
     def _error(
         self, kind: ErrorType, reason: str, hint: str, **references: object
     ) -> RejectedError:
-        order = self._order
-        return RejectedError(
-            warning(
-                kind,
-                reason,
-                hint,
-                orderId=order.id,
-                orderUpdateId=order.update_id,
-                **references,
-            )
-        )
+        return rejection(kind, self._order, reason, hint, **references)
 
 
 def _misses(node: Node, point: tuple[float, float]) -> str:

@@ -12,7 +12,7 @@ from woosh_robot_agent.vda5050.model.state import ConnectionState
 from woosh_robot_agent.vda5050.mqtt import MqttConnection, Publication
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity, header
-from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic
 
 _OWN_CONNECTIONS = 64
 """Number of own messages about the connection that are remembered."""
@@ -81,4 +81,4 @@ class Publisher:
         payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
         if topic is Topic.CONNECTION:
             self._connections.append(payload.encode())
-        return Publication(self.topic(topic), payload, *self.version.quality[topic])
+        return Publication(self.topic(topic), payload, *PUBLISHED[topic])

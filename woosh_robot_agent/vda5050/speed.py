@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.background import BackgroundTasks
 
 _LOG = logging.getLogger(__name__)
 _UNKNOWN = math.nan
@@ -53,7 +53,7 @@ class SpeedLimiter:
         self._task_id = 0
         """Id of the task that the robot executes."""
         self._navigates = False
-        self._running: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks("vda5050 speed limit")
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._connected)
 
@@ -68,9 +68,7 @@ class SpeedLimiter:
 
     async def close(self) -> None:
         """Stop waiting for answers."""
-        for each in self._running:
-            each.cancel()
-        await asyncio.gather(*self._running, return_exceptions=True)
+        await self._tasks.close()
 
     def _connected(self, info: RobotInfo) -> None:
         self._reported(info.task_proc)
@@ -91,11 +89,7 @@ class SpeedLimiter:
         if self._limit is None or not self._navigates or self._limit == self._sent:
             return
         self._sent = self._limit
-        work = asyncio.get_running_loop().create_task(
-            self._request(self._task_id, self._limit), name="vda5050 speed limit"
-        )
-        self._running.add(work)
-        work.add_done_callback(self._running.discard)
+        self._tasks.start(self._request(self._task_id, self._limit))
 
     async def _request(self, task_id: int, limit: float) -> None:
         mode = navigation.ModeSetting(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from woosh_robot_agent.vda5050.actions.charging import StartCharging, StopCharging
+from woosh_robot_agent.vda5050.actions.custom import LiftTo, Rotate, Speak, Step, SwitchFootprint
 from woosh_robot_agent.vda5050.actions.errors import Objection
 from woosh_robot_agent.vda5050.actions.loads import Drop, Pick
 from woosh_robot_agent.vda5050.actions.map_actions import DeleteMap, DownloadMap, EnableMap
-from woosh_robot_agent.vda5050.actions.own import LiftTo, Rotate, Speak, Step, SwitchFootprint
 from woosh_robot_agent.vda5050.actions.parameters import parameter_objection
 from woosh_robot_agent.vda5050.actions.pausing import StartPause, StopPause
 from woosh_robot_agent.vda5050.actions.performer import Context, Performer

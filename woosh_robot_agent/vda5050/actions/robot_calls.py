@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any
 
 from google.protobuf.message import Message
@@ -26,6 +26,7 @@ from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.vda5050.actions.conditions import Conditions
 from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
 from woosh_robot_agent.vda5050.actions.pause import Pause
+from woosh_robot_agent.vda5050.background import BackgroundTasks
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
 _LOG = logging.getLogger(__name__)
@@ -120,7 +121,7 @@ class RobotCalls:
         self._runs: dict[str, _Run] = {}
         """Current actions, by the full name of their command."""
         self._closing = False
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks("vda5050 call")
         chassis.subscribe(Feedbacks, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_robot_changed(self._robot_changed)
@@ -163,9 +164,7 @@ class RobotCalls:
     async def close(self) -> None:
         """Stop waiting for answers; the robot goes on with its actions."""
         self._closing = True
-        for each in self._tasks:
-            each.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._tasks.close()
 
     async def _start(self, run: _Run) -> None:
         def answered(answer: Answer) -> None:
@@ -179,7 +178,7 @@ class RobotCalls:
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of %s was not answered: %s", run.name, error)
             if self._chassis.state is LinkState.READY:
-                self._spawn(self._poll(run))
+                self._tasks.start(self._poll(run))
         except LinkError as error:
             raise ActionFailedError(f"{run.name} was not sent: {error}") from None
         else:
@@ -240,7 +239,7 @@ class RobotCalls:
     def _pause(self, pause: bool) -> None:
         for run in self._runs.values():
             run.cannot_pause = False
-            self._spawn(self._pause_run(run) if pause else self._resume_run(run))
+            self._tasks.start(self._pause_run(run) if pause else self._resume_run(run))
 
     async def _pause_run(self, run: _Run) -> None:
         if not await self._order(run, action_pb2.kPause):
@@ -255,7 +254,7 @@ class RobotCalls:
     def _snapshot(self, info: RobotInfo) -> None:
         """Find out what became of the actions while there was no link."""
         for run in self._runs.values():
-            self._spawn(self._poll(run))
+            self._tasks.start(self._poll(run))
 
     async def _poll(self, run: _Run) -> None:
         def found(answer: Answer) -> None:
@@ -276,8 +275,3 @@ class RobotCalls:
     def _robot_changed(self) -> None:
         for run in self._runs.values():
             run.end("another robot answers now")
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        running = asyncio.get_running_loop().create_task(work, name="vda5050 call")
-        self._tasks.add(running)
-        running.add_done_callback(self._tasks.discard)

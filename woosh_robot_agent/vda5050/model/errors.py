@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from woosh_robot_agent.vda5050.model.order import Order
+
 
 class ErrorLevel(Enum):
     """Severity of an error."""
@@ -16,7 +18,7 @@ class ErrorLevel(Enum):
 
 
 class ErrorType(str, Enum):
-    """Types of errors about orders and instant actions; versions have names of their own."""
+    """Types of errors of the connector. Each version of the standard may name them differently."""
 
     VALIDATION = "validationError"
     """A message is malformed."""
@@ -39,7 +41,7 @@ class ErrorType(str, Enum):
     OUTDATED_UPDATE = "outdatedUpdate"
     """The vehicle has a later update of the order."""
     CHANGED_UPDATE = "changedUpdate"
-    """The vehicle has an update with the same number and another content."""
+    """The vehicle has an update with the same number and different content."""
     UPDATE_AFTER_CANCEL = "updateAfterCancel"
     """The order of the update was cancelled."""
     NO_ORDER_TO_CANCEL = "noOrderToCancel"
@@ -57,16 +59,16 @@ class ErrorType(str, Enum):
     ROBOT_CONNECTION = "robotConnectionError"
     """The connector has no link to the robot."""
     ROBOT_BUSY = "robotBusyError"
-    """Something else than the order drives the robot."""
+    """The order waits: something else drives the robot, or the robot charges."""
     SECOND_CONNECTOR = "secondConnectorError"
     """Another connector uses the topics of the vehicle."""
     STATE_FILE = "stateFileError"
-    """The file with the order cannot be used."""
+    """The state file cannot be used."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference to what an error is about.
+    """A reference from an error to what it is about.
 
     Attributes:
         key: name of the field, e.g. `orderId`.
@@ -111,7 +113,7 @@ class RejectedError(Exception):
 def warning(
     kind: ErrorType, description: str, hint: str = "", **references: object
 ) -> VehicleError:
-    """Return a warning whose references are the keyword arguments; a list gives one for each."""
+    """Return a warning. Keyword arguments are its references; a list gives one for each item."""
     return VehicleError(
         kind.value,
         ErrorLevel.WARNING,
@@ -123,3 +125,13 @@ def warning(
             for each in (value if isinstance(value, list) else [value])
         ),
     )
+
+
+def rejection(
+    kind: ErrorType, order: Order, description: str, hint: str, **references: object
+) -> RejectedError:
+    """Return the exception that rejects an order, with references to the order and others."""
+    error = warning(
+        kind, description, hint, orderId=order.id, orderUpdateId=order.update_id, **references
+    )
+    return RejectedError(error)

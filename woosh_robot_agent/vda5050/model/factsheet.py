@@ -1,4 +1,4 @@
-"""What a vehicle is and can do."""
+"""The factsheet: properties and capabilities of a vehicle."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from enum import Enum
 from woosh_robot_agent.vda5050.model.order import BlockingType
 
 STANDSTILL = frozenset({BlockingType.SOFT, BlockingType.HARD})
-"""Blocking types of actions during which the vehicle does not drive along its order."""
+"""Blocking types for actions that need a standing vehicle."""
 
 
 class Kinematics(Enum):
-    """How the vehicle can move."""
+    """Kinematics of a vehicle."""
 
     DIFFERENTIAL = "DIFF"
     OMNIDIRECTIONAL = "OMNI"
 
 
 class VehicleClass(Enum):
-    """What the vehicle is made for."""
+    """Class of a vehicle: its purpose."""
 
     CARRIER = "CARRIER"
     CONVEYOR = "CONVEYOR"
@@ -27,7 +27,7 @@ class VehicleClass(Enum):
 
 
 class Scope(Enum):
-    """Where an action may be requested."""
+    """Places where an action may be requested."""
 
     INSTANT = "INSTANT"
     NODE = "NODE"
@@ -61,8 +61,8 @@ class ActionType:
         description: what it does.
         parameters: its parameters.
         result: meaning of the result; empty if there is none.
-        blocking: blocking types with which it may be requested on nodes and edges.
-        pausable: it moves something, so that it is paused with the vehicle.
+        blocking: blocking types that it may have on nodes and edges.
+        pausable: it moves something; it is paused with the vehicle.
     """
 
     name: str
@@ -80,18 +80,16 @@ class OptionalParameter:
 
     Attributes:
         name: full name, e.g. `order.edges.maxSpeed`.
-        required: the vehicle needs it.
         description: further information.
     """
 
     name: str
-    required: bool = False
     description: str = ""
 
 
 @dataclass(frozen=True)
 class Factsheet:
-    """What a vehicle is and can do. Lengths are in metres, masses in kilograms.
+    """Properties and capabilities of a vehicle. Lengths are in metres, masses in kilograms.
 
     Attributes:
         series: name of the model.
@@ -109,7 +107,7 @@ class Factsheet:
         optional_parameters: optional fields that it obeys.
         min_state_interval: minimum time between two states, in seconds.
         state_interval: maximum time between two states, in seconds.
-        visualization_interval: time between two positions while it moves, in seconds.
+        visualization_interval: time between two visualizations while it moves, in seconds.
         versions: versions of its software, by name.
     """
 

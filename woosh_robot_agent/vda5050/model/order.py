@@ -9,7 +9,7 @@ from typing import Any
 
 
 class BlockingType(Enum):
-    """What may happen while an action runs."""
+    """Activities that are permitted while an action runs."""
 
     NONE = "NONE"
     """Driving and other actions."""
@@ -71,7 +71,7 @@ class NodePosition:
         deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
             for the normal tolerance of the robot.
         deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
-        ellipse: shape of the deviation, if it is no circle; `deviation_xy` is its smaller axis.
+        ellipse: permitted deviation, if it is no circle; `deviation_xy` is its smaller semi-axis.
     """
 
     x: float
@@ -94,8 +94,8 @@ class Node:
         position: position; None if the order has none.
         actions: actions to perform on the node.
         description: further information; may be empty.
-        mark: number of the robot's mark that it drives to, instead of to the position; empty if it
-            drives to the position.
+        mark: number of the mark by which the robot drives to the node; empty if it drives to the
+            position.
     """
 
     id: str
@@ -167,7 +167,7 @@ class Order:
     Attributes:
         id: id of the order.
         update_id: number of the update.
-        nodes: nodes in the sequence of traversal.
+        nodes: nodes in the order of traversal.
         edges: edges between them.
         unsupported: names of the fields that are set although the robot cannot obey them.
     """

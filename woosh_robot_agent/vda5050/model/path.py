@@ -9,13 +9,13 @@ from typing import TypeAlias
 Point: TypeAlias = tuple[float, float]
 
 _PRECISION = 0.02
-"""Largest distance by which a path may change when points are left out, in metres."""
+"""Maximum distance of a simplified path from the original one, in metres."""
 _MAX_OFFSET = 1.0
-"""Distance from its path beyond which the vehicle does not follow it, in metres."""
+"""Maximum distance of the vehicle from a path that it follows, in metres."""
 
 
 def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
-    """Return the rest of a path from where the vehicle is, with as few points as it needs.
+    """Return the rest of a path from the position of the vehicle, simplified.
 
     Args:
         path: points of the path.
@@ -42,11 +42,11 @@ def _is_behind(point: Point, following: Point, here: Point) -> bool:
 
 
 def _simplified(path: Sequence[Point]) -> list[Point]:
-    """Return a path without the points that it does not need, by Douglas and Peucker."""
+    """Simplify a path with the Ramer-Douglas-Peucker algorithm."""
     kept = {0, len(path) - 1}
-    stretches = [(0, len(path) - 1)]
-    while stretches:
-        first, last = stretches.pop()
+    sections = [(0, len(path) - 1)]
+    while sections:
+        first, last = sections.pop()
         offsets = [
             (_offset(path[index], path[first], path[last]), index)
             for index in range(first + 1, last)
@@ -54,7 +54,7 @@ def _simplified(path: Sequence[Point]) -> list[Point]:
         if offsets and max(offsets)[0] > _PRECISION:
             middle = max(offsets)[1]
             kept.add(middle)
-            stretches += [(first, middle), (middle, last)]
+            sections += [(first, middle), (middle, last)]
     return [path[index] for index in sorted(kept)]
 
 

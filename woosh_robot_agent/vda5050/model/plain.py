@@ -1,4 +1,4 @@
-"""Values of the model as plain data, which JSON can hold, and back."""
+"""Conversion of the model's dataclasses to data that JSON can hold, and back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 def to_plain(value: Any) -> Any:
-    """Return a value as dictionaries, lists, texts, numbers, bools and None."""
+    """Return a value as dictionaries, lists, strings, numbers, bools and None."""
     if is_dataclass(value):
         return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Enum):
@@ -26,7 +26,7 @@ def to_plain(value: Any) -> Any:
 
 
 def from_plain(cls: type[T], data: Any) -> T:
-    """Return the value of a dataclass that `to_plain` made plain.
+    """Return the dataclass instance for data from `to_plain`.
 
     Unknown fields are ignored, and missing ones take their defaults.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 from woosh_robot_agent.vda5050.model.errors import VehicleError
@@ -10,7 +10,7 @@ from woosh_robot_agent.vda5050.model.order import Edge, Node
 
 
 class OperatingMode(Enum):
-    """Who controls the vehicle."""
+    """Operating mode of a vehicle."""
 
     AUTOMATIC = "AUTOMATIC"
     MANUAL = "MANUAL"
@@ -19,7 +19,7 @@ class OperatingMode(Enum):
 
 
 class EmergencyStop(Enum):
-    """How an emergency stop is acknowledged."""
+    """Emergency stop, by how it is acknowledged."""
 
     NONE = "NONE"
     """No emergency stop is active."""
@@ -115,19 +115,6 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class Load:
-    """A load on the vehicle.
-
-    Attributes:
-        id: id of the load; None if unknown.
-        type: type of the load; empty if unknown.
-    """
-
-    id: str | None = None
-    type: str = ""
-
-
-@dataclass(frozen=True)
 class Map:
     """A map on the vehicle.
 
@@ -144,7 +131,7 @@ class Map:
 
 @dataclass(frozen=True)
 class OrderStatus:
-    """How far the order is.
+    """Progress of an order.
 
     Attributes:
         order_id: id of the current or last order; empty without any.
@@ -156,7 +143,7 @@ class OrderStatus:
         actions: states of the actions.
         paused: the vehicle is paused.
         new_base_request: the vehicle is about to reach the end of the base.
-        distance_since_last_node: distance driven since the last node, in metres; None without any.
+        distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
 
     order_id: str = ""
@@ -173,17 +160,17 @@ class OrderStatus:
 
 @dataclass(frozen=True)
 class RobotStatus:
-    """What the robot reports about itself.
+    """State of the robot, from its reports.
 
     Attributes:
         driving: the robot drives or turns.
-        mode: who controls it.
+        mode: operating mode.
         battery: state of the battery.
-        emergency_stop: whether an emergency stop is active.
+        emergency_stop: the active emergency stop.
         field_violation: an obstacle is in the protective field.
         position: position; None if the robot did not report one.
         velocity: velocity; None if the robot did not report one.
-        loads: loads; None if the robot cannot tell.
+        loaded: the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
         errors: errors of the robot.
         path: points of the path that the robot follows, in metres; empty without one.
@@ -196,7 +183,7 @@ class RobotStatus:
     field_violation: bool
     position: Position | None = None
     velocity: Velocity | None = None
-    loads: tuple[Load, ...] | None = None
+    loaded: bool | None = None
     maps: tuple[Map, ...] | None = None
     errors: tuple[VehicleError, ...] = ()
     path: tuple[tuple[float, float], ...] = ()
@@ -207,11 +194,11 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        order: how far the order is.
-        robot: what the robot reports.
+        order: progress of the order.
+        robot: state of the robot.
         errors: errors about orders and actions, and those of the robot.
     """
 
     order: OrderStatus
     robot: RobotStatus
-    errors: tuple[VehicleError, ...] = field(default=())
+    errors: tuple[VehicleError, ...] = ()

@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import Enum
 
-from woosh_robot_agent.vda5050.model.errors import (
-    ErrorType,
-    RejectedError,
-    VehicleError,
-    warning,
-)
+from woosh_robot_agent.vda5050.model.errors import ErrorType, rejection
 from woosh_robot_agent.vda5050.model.order import Node, Order
 from woosh_robot_agent.vda5050.orders.structure import check_structure
 
@@ -52,83 +47,58 @@ def judge(
     check_structure(order)
     if current is None or order.id != current.id:
         if busy:
-            raise RejectedError(
-                _error(
-                    ErrorType.OTHER_ORDER_ACTIVE,
-                    order,
-                    "the vehicle still executes another order, or waits for its update",
-                    "wait for its end, or cancel it with cancelOrder",
-                )
+            raise rejection(
+                ErrorType.OTHER_ORDER_ACTIVE,
+                order,
+                "the vehicle still executes another order, or waits for its update",
+                "wait for its end, or cancel it with cancelOrder",
             )
         if not in_reach(order.nodes[0]):
-            raise RejectedError(
-                _error(
-                    ErrorType.NO_ROUTE,
-                    order,
-                    "the vehicle is not within the permitted deviation from the first node",
-                    "start the order where the vehicle stands, or permit a larger deviation",
-                    nodeId=order.nodes[0].id,
-                )
+            raise rejection(
+                ErrorType.NO_ROUTE,
+                order,
+                "the vehicle is not within the permitted deviation from the first node",
+                "start the order where the vehicle stands, or permit a larger deviation",
+                nodeId=order.nodes[0].id,
             )
         return Verdict.NEW
     if order.update_id < current.update_id:
-        raise RejectedError(
-            _error(
-                ErrorType.OUTDATED_UPDATE,
-                order,
-                f"the vehicle has orderUpdateId {current.update_id} already",
-                "send updates with increasing orderUpdateId",
-            )
+        raise rejection(
+            ErrorType.OUTDATED_UPDATE,
+            order,
+            f"the vehicle has orderUpdateId {current.update_id} already",
+            "send updates with increasing orderUpdateId",
         )
     is_restored = not current.nodes  # its content did not survive a restart
     if order == current or (is_restored and order.update_id == current.update_id):
         return Verdict.KNOWN
     if order.update_id == current.update_id:
-        raise RejectedError(
-            _error(
-                ErrorType.CHANGED_UPDATE,
-                order,
-                f"the vehicle has another content of orderUpdateId {current.update_id}",
-                "send a changed order with a larger orderUpdateId",
-            )
+        raise rejection(
+            ErrorType.CHANGED_UPDATE,
+            order,
+            f"the vehicle has another content of orderUpdateId {current.update_id}",
+            "send a changed order with a larger orderUpdateId",
         )
     if cancelled:
-        raise RejectedError(
-            _error(
-                ErrorType.UPDATE_AFTER_CANCEL,
-                order,
-                "the order was cancelled",
-                "send a new order with another orderId",
-            )
+        raise rejection(
+            ErrorType.UPDATE_AFTER_CANCEL,
+            order,
+            "the order was cancelled",
+            "send a new order with another orderId",
         )
     first = order.nodes[0]
     if decision_point is None or (first.id, first.sequence_id) != (
         decision_point.id,
         decision_point.sequence_id,
     ):
-        raise RejectedError(
-            _error(
-                ErrorType.ORDER_UPDATE,
-                order,
-                "the update does not begin with the last node of the base",
-                "begin the update with the last released node of the order"
-                if decision_point is None
-                else f"begin the update with node {decision_point.id}, "
-                f"sequenceId {decision_point.sequence_id}",
-                nodeId=first.id,
-            )
+        raise rejection(
+            ErrorType.ORDER_UPDATE,
+            order,
+            "the update does not begin with the last node of the base",
+            "begin the update with the last released node of the order"
+            if decision_point is None
+            else f"begin the update with node {decision_point.id}, "
+            f"sequenceId {decision_point.sequence_id}",
+            nodeId=first.id,
         )
     return Verdict.UPDATE
-
-
-def _error(
-    kind: ErrorType, order: Order, description: str, hint: str, **references: object
-) -> VehicleError:
-    return warning(
-        kind,
-        description,
-        hint,
-        orderId=order.id,
-        orderUpdateId=order.update_id,
-        **references,
-    )

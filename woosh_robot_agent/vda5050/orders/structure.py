@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from itertools import pairwise
 
-from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
+from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, rejection
 from woosh_robot_agent.vda5050.model.order import Edge, Node, Order
 
 
@@ -70,13 +70,6 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
 
 
 def _malformed(order: Order, reason: str, **references: object) -> RejectedError:
-    return RejectedError(
-        warning(
-            ErrorType.VALIDATION,
-            reason,
-            "correct the order and send it again",
-            orderId=order.id,
-            orderUpdateId=order.update_id,
-            **references,
-        )
+    return rejection(
+        ErrorType.VALIDATION, order, reason, "correct the order and send it again", **references
     )

@@ -1,4 +1,4 @@
-"""What the connector needs from a version of the standard."""
+"""Interface of a version of the standard."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from woosh_robot_agent.vda5050.model.state import (
     RobotStatus,
     VehicleState,
 )
-from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+from woosh_robot_agent.vda5050.protocol.topics import Topic
 
 
 class Version(Protocol):
@@ -20,36 +20,34 @@ class Version(Protocol):
 
     Attributes:
         number: number of the version, e.g. `2.1.0`.
-        quality: QoS level and retain flag of each topic that the vehicle publishes.
         received: topics that the vehicle subscribes to.
         keeps_instant_actions: the states of instant actions stay in the state after a new order,
             until `clearInstantActions`.
     """
 
     number: ClassVar[str]
-    quality: ClassVar[Mapping[Topic, Quality]]
     received: ClassVar[frozenset[Topic]]
     keeps_instant_actions: ClassVar[bool]
 
     def order(self, message: Mapping[str, Any]) -> Order:
-        """Return a received order, which the schema has been checked for."""
+        """Return the order in a message that fits the schema."""
 
     def instant_actions(self, message: Mapping[str, Any]) -> list[Action]:
-        """Return received instant actions, which the schema has been checked for."""
+        """Return the instant actions in a message that fits the schema."""
 
     def state(self, state: VehicleState) -> dict[str, Any]:
-        """Return the message of a state."""
+        """Return a `state` message."""
 
     def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
-        """Return the message of a position.
+        """Return a `visualization` message.
 
         Args:
-            robot: the robot.
+            robot: state of the robot.
             state_id: header id of the last state.
         """
 
     def connection(self, state: ConnectionState) -> dict[str, Any]:
-        """Return the message of the connection's state."""
+        """Return a `connection` message."""
 
     def factsheet(self, factsheet: Factsheet) -> dict[str, Any]:
-        """Return the message of a factsheet."""
+        """Return a `factsheet` message."""

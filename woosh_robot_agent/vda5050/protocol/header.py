@@ -9,14 +9,14 @@ from datetime import datetime, timezone
 from typing import Any
 
 _COUNT = 2**32
-"""Number of header ids; after the last one, they begin again at 0."""
+"""Number of header ids; after the last one, they start again at 0."""
 _BLOCK = 1000
-"""Number of header ids of a topic that are reserved at a time."""
+"""Number of header ids of a topic that are reserved at once."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What identifies a vehicle.
+    """Identity of a vehicle, in topics and headers.
 
     Attributes:
         manufacturer: manufacturer of the vehicle.
@@ -28,14 +28,14 @@ class Identity:
 
 
 class HeaderIds:
-    """Number of the next message of each topic.
+    """Header ids of a vehicle, counted for each topic.
 
-    So that no number is used again after a restart, they are reserved in blocks: after the end of
-    the program without `close`, the numbers go on behind the block.
+    Ids are reserved in blocks, so that none is used again after a restart. If the program ends
+    without `close`, the ids continue after the reserved block.
 
     Args:
-        first: numbers from which to go on.
-        save: called with the numbers from which to go on after a restart, before any of them is
+        first: next id of each topic.
+        save: saves the next id of each topic after a restart; called before the reserved ids are
             used.
     """
 
@@ -46,21 +46,21 @@ class HeaderIds:
     ) -> None:
         self._next = Counter(first or {})
         self._reserved = Counter(self._next)
-        """The first number of each topic that is not reserved."""
+        """The first id of each topic that is not reserved."""
         self._save = save
 
     def next(self, topic: str) -> int:
-        """Return the number of the next message of a topic, which is taken by this."""
+        """Take the next id of a topic, and return it."""
         number = self._next[topic]
         self._take(topic, number + 1)
         return number
 
     def peek(self, topic: str) -> int:
-        """Return the number of the next message of a topic, which is not taken."""
+        """Return the next id of a topic without taking it."""
         return self._next[topic]
 
     def close(self) -> None:
-        """Save the exact numbers; take none after this."""
+        """Save the exact ids; take none afterwards."""
         self._save(dict(self._next))
 
     def _take(self, topic: str, following: int) -> None:
@@ -77,7 +77,7 @@ def timestamp(unix: float) -> str:
 
 
 def header(identity: Identity, version: str, header_id: int, unix: float) -> dict[str, Any]:
-    """Return the fields with which each message begins."""
+    """Return the header fields of a message."""
     return {
         "headerId": header_id,
         "timestamp": timestamp(unix),

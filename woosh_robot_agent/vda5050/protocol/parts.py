@@ -1,4 +1,4 @@
-"""Parts of messages that are the same in all versions, or differ in a name only."""
+"""Parts of messages that are the same in all versions, or differ only in names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from woosh_robot_agent.vda5050.model.order import (
     NodePosition,
     Trajectory,
 )
-from woosh_robot_agent.vda5050.model.state import ActionState, Load, Map, Velocity
+from woosh_robot_agent.vda5050.model.state import ActionState, OrderStatus, RobotStatus, Velocity
 
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
@@ -28,7 +28,7 @@ def without_empty(message: dict[str, Any]) -> dict[str, Any]:
 
 
 def angle(value: float) -> float:
-    """Return an angle within the limits of the schemas; rounding may have moved it outside."""
+    """Clamp an angle to the limits of the schemas, which rounding may have exceeded."""
     return max(-_MAX_ANGLE, min(_MAX_ANGLE, value))
 
 
@@ -65,10 +65,35 @@ def read_trajectory(trajectory: Mapping[str, Any]) -> Trajectory:
 
 
 def _uniform_knots(degree: int, points: int) -> list[float]:
-    """Return the knots of a curve that begins and ends at its control points."""
+    """Return uniform knots of a curve that begins and ends at its outer control points."""
     spans = max(1, points - degree)
     inner = [number / spans for number in range(1, spans)]
     return [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
+
+
+def unsupported(
+    message: Mapping[str, Any],
+    names: Iterable[str],
+    always_obeyed: Mapping[str, Callable[[Mapping[str, Any]], bool]],
+) -> tuple[str, ...]:
+    """Return the names of the fields of a message that the robot cannot obey.
+
+    Args:
+        message: an edge.
+        names: fields that the robot cannot obey.
+        always_obeyed: functions that return True if the value of a field asks for what the robot
+            does anyway, by name of the field.
+    """
+    return tuple(
+        name
+        for name in names
+        if name in message and not (name in always_obeyed and always_obeyed[name](message))
+    )
+
+
+def is_tangential(edge: Mapping[str, Any]) -> bool:
+    """Return True if the orientation of an edge is that of a robot that drives forwards."""
+    return not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
 
 
 # From the vehicle
@@ -145,23 +170,23 @@ def action_state(
     return {"actionId": action.id, "actionStatus": status} | without_empty(optional)
 
 
-def error(each: VehicleError, kind: str, level: str) -> dict[str, Any]:
+def error(value: VehicleError, kind: str, level: str) -> dict[str, Any]:
     """Return the message of an error.
 
     Args:
-        each: the error.
-        kind: name of its type.
-        level: name of its level.
+        value: the error.
+        kind: errorType.
+        level: errorLevel.
     """
     return without_empty(
         {
             "errorType": kind,
             "errorLevel": level,
-            "errorDescription": each.description,
-            "errorHint": each.hint,
+            "errorDescription": value.description,
+            "errorHint": value.hint,
             "errorReferences": [
                 {"referenceKey": reference.key, "referenceValue": reference.value}
-                for reference in each.references
+                for reference in value.references
             ],
         }
     )
@@ -172,21 +197,23 @@ def velocity(value: Velocity) -> dict[str, Any]:
     return {"vx": value.vx, "vy": 0.0, "omega": value.omega}
 
 
-def load(each: Load) -> dict[str, Any]:
-    """Return the message of a load."""
-    message = without_empty({"loadType": each.type})
-    if each.id is not None:
-        message["loadId"] = each.id
+def known_state(order: OrderStatus, robot: RobotStatus) -> dict[str, Any]:
+    """Return the optional fields of a state of which the values are known."""
+    message: dict[str, Any] = {}
+    if order.distance_since_last_node is not None:
+        message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
+    if robot.loaded is not None:
+        message["loads"] = [{}] if robot.loaded else []  # nothing else is known about a load
+    if robot.maps is not None:
+        message["maps"] = [
+            {
+                "mapId": each.id,
+                "mapVersion": each.version,
+                "mapStatus": "ENABLED" if each.enabled else "DISABLED",
+            }
+            for each in robot.maps
+        ]
     return message
-
-
-def map_state(each: Map) -> dict[str, Any]:
-    """Return the message of a map."""
-    return {
-        "mapId": each.id,
-        "mapVersion": each.version,
-        "mapStatus": "ENABLED" if each.enabled else "DISABLED",
-    }
 
 
 def parameter_types(

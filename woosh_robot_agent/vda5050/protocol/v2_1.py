@@ -17,7 +17,7 @@ from woosh_robot_agent.vda5050.model.state import (
     VehicleState,
 )
 from woosh_robot_agent.vda5050.protocol import parts
-from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+from woosh_robot_agent.vda5050.protocol.topics import Topic
 
 _UNSUPPORTED_EDGE_FIELDS = (
     "corridor",
@@ -30,12 +30,11 @@ _UNSUPPORTED_EDGE_FIELDS = (
 )
 """Fields of an edge that the robot cannot obey."""
 _ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
-    "orientation": lambda edge: (
-        not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
-    ),
+    "orientation": parts.is_tangential,
     "rotationAllowed": lambda edge: edge["rotationAllowed"],
 }
-"""Values of such fields that ask for what the robot does anyway: it turns, and drives forwards."""
+"""Functions that return True if such a field asks for what the robot does anyway: it turns where it
+must, and drives forwards."""
 _ERROR_TYPES: Mapping[str, str] = {
     ErrorType.UNSUPPORTED_PARAMETER: "orderError",
     ErrorType.ORDER_ACTION: "orderError",
@@ -46,21 +45,15 @@ _ERROR_TYPES: Mapping[str, str] = {
     ErrorType.CHANGED_UPDATE: "orderUpdateError",
     ErrorType.UPDATE_AFTER_CANCEL: "orderUpdateError",
 }
-"""Names of errors that this version does not distinguish; the others are `ErrorType.value`."""
+"""errorType of errors that this version does not distinguish; of others it is `ErrorType.value`."""
 _STATUS = {ActionStatus.PAUSED: ActionStatus.RUNNING}
-"""Statuses that the published schema of the state lacks, and those that take their place."""
+"""Substitutes for statuses that the published schema of the state lacks."""
 
 
 class Version21:
     """Messages of version 2.1.0."""
 
     number: ClassVar[str] = "2.1.0"
-    quality: ClassVar[Mapping[Topic, Quality]] = {
-        Topic.STATE: Quality(0, False),
-        Topic.VISUALIZATION: Quality(0, False),
-        Topic.CONNECTION: Quality(1, True),
-        Topic.FACTSHEET: Quality(0, True),
-    }
     received: ClassVar[frozenset[Topic]] = frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS})
     keeps_instant_actions: ClassVar[bool] = False
 
@@ -111,7 +104,7 @@ class Version21:
             trajectory=None if trajectory is None else parts.read_trajectory(trajectory),
             actions=tuple(map(_read_action, edge["actions"])),
             description=edge.get("edgeDescription", ""),
-            unsupported=_unsupported_edge_fields(edge),
+            unsupported=parts.unsupported(edge, _UNSUPPORTED_EDGE_FIELDS, _ALWAYS_OBEYED),
         )
 
     # From the vehicle
@@ -137,9 +130,7 @@ class Version21:
                 "fieldViolation": robot.field_violation,
             },
         }
-        if order.distance_since_last_node is not None:
-            message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
-        return message | _motion(robot) | _optional(robot)
+        return message | parts.known_state(order, robot) | _motion(robot)
 
     def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
         return _motion(robot)
@@ -184,7 +175,7 @@ class Version21:
                     parts.without_empty(
                         {
                             "parameter": each.name,
-                            "support": "REQUIRED" if each.required else "SUPPORTED",
+                            "support": "SUPPORTED",
                             "description": each.description,
                         }
                     )
@@ -207,15 +198,6 @@ class Version21:
                 "versions": [{"key": key, "value": value} for key, value in factsheet.versions]
             },
         }
-
-
-def _unsupported_edge_fields(edge: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the fields that the robot cannot obey."""
-    return tuple(
-        name
-        for name in _UNSUPPORTED_EDGE_FIELDS
-        if name in edge and not (name in _ALWAYS_OBEYED and _ALWAYS_OBEYED[name](edge))
-    )
 
 
 def _read_action(action: Mapping[str, Any]) -> Action:
@@ -256,17 +238,8 @@ def _error(error: VehicleError) -> dict[str, Any]:
     return parts.error(error, _ERROR_TYPES.get(error.type, error.type), error.level.value)
 
 
-def _optional(robot: RobotStatus) -> dict[str, Any]:
-    message: dict[str, Any] = {}
-    if robot.loads is not None:
-        message["loads"] = [parts.load(each) for each in robot.loads]
-    if robot.maps is not None:
-        message["maps"] = [parts.map_state(each) for each in robot.maps]
-    return message
-
-
 def _action_type(action: ActionType) -> dict[str, Any]:
-    # the schema of blockingTypes cannot be fulfilled, so it is left out
+    # no blockingTypes, because no list of them fits the published schema
     return parts.without_empty(
         {
             "actionType": action.name,

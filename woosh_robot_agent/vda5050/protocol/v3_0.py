@@ -37,7 +37,7 @@ from woosh_robot_agent.vda5050.model.state import (
     VehicleState,
 )
 from woosh_robot_agent.vda5050.protocol import parts
-from woosh_robot_agent.vda5050.protocol.topics import Quality, Topic
+from woosh_robot_agent.vda5050.protocol.topics import Topic
 
 _UNSUPPORTED_EDGE_FIELDS = (
     "corridor",
@@ -51,12 +51,11 @@ _UNSUPPORTED_EDGE_FIELDS = (
 )
 """Fields of an edge that the robot cannot obey."""
 _ALWAYS_OBEYED: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
-    "orientation": lambda edge: (
-        not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
-    ),
+    "orientation": parts.is_tangential,
     "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
 }
-"""Values of such fields that ask for what the robot does anyway: it drives forwards."""
+"""Functions that return True if such a field asks for what the robot does anyway: it drives
+forwards."""
 _PARAMETERS: Mapping[str, str] = {
     "order.edges.maxSpeed": "order.edges.maximumSpeed",
     "order.edges.rotationAllowed": "",
@@ -78,7 +77,7 @@ _ERROR_TYPES: Mapping[str, str] = {
     ErrorType.DRIVING: "NODE_UNREACHABLE",
     ErrorType.INSTANT_ACTION: "INVALID_INSTANT_ACTION",
 }
-"""Names of errors; the others are `ErrorType.value` in capitals with underscores."""
+"""errorType of errors; of others it is `ErrorType.value` in capitals with underscores."""
 _ERROR_LEVELS = {"UNSUPPORTED_PARAMETER": "CRITICAL", "NODE_UNREACHABLE": "CRITICAL"}
 """Levels that the standard prescribes and that differ from `VehicleError.level`."""
 _NOT_LOCALIZED = VehicleError(
@@ -96,9 +95,9 @@ _KINEMATICS = {
     Kinematics.OMNIDIRECTIONAL: "OMNIDIRECTIONAL",
 }
 _DATA_TYPES = {"FLOAT": "NUMBER"}
-"""Data types of parameters that this version does not have, and those that take their place."""
+"""Substitutes for data types of parameters that this version lacks."""
 _TRUE = "true"
-"""The published schema demands the text, although the standard speaks of a Boolean."""
+"""The published schema demands a string, although the text of the standard says Boolean."""
 _FALSE = "false"
 
 
@@ -106,12 +105,6 @@ class Version30:
     """Messages of version 3.0.0."""
 
     number: ClassVar[str] = "3.0.0"
-    quality: ClassVar[Mapping[Topic, Quality]] = {
-        Topic.STATE: Quality(0, False),
-        Topic.VISUALIZATION: Quality(0, False),
-        Topic.CONNECTION: Quality(1, True),
-        Topic.FACTSHEET: Quality(0, True),
-    }
     received: ClassVar[frozenset[Topic]] = frozenset(
         {Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}
     )
@@ -156,13 +149,7 @@ class Version30:
                 "fieldViolation": robot.field_violation,
             },
         }
-        if order.distance_since_last_node is not None:
-            message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
-        if robot.loads is not None:
-            message["loads"] = [parts.load(each) for each in robot.loads]
-        if robot.maps is not None:
-            message["maps"] = [parts.map_state(each) for each in robot.maps]
-        return message | _motion(robot) | _planned_path(state)
+        return message | parts.known_state(order, robot) | _motion(robot) | _planned_path(state)
 
     def visualization(self, robot: RobotStatus, state_id: int) -> dict[str, Any]:
         return {"referenceStateHeaderId": state_id} | _motion(robot)
@@ -178,7 +165,7 @@ class Version30:
                     "seriesName": factsheet.series,
                     "seriesDescription": factsheet.description,
                     "mobileRobotKinematics": kinematics,
-                    # the published schema demands the field by this name
+                    # the published schema requires this spelling
                     "mobileRobotKinematic": kinematics,
                     "mobileRobotClass": factsheet.vehicle_class.value,
                     "maximumLoadMass": factsheet.max_load,
@@ -280,11 +267,7 @@ def _read_edge(edge: Mapping[str, Any], nodes: Mapping[int, str]) -> Edge:
         trajectory=None if trajectory is None else parts.read_trajectory(trajectory),
         actions=tuple(map(_read_action, edge["actions"])),
         description=edge.get("edgeDescriptor", ""),
-        unsupported=tuple(
-            name
-            for name in _UNSUPPORTED_EDGE_FIELDS
-            if name in edge and not (name in _ALWAYS_OBEYED and _ALWAYS_OBEYED[name](edge))
-        ),
+        unsupported=parts.unsupported(edge, _UNSUPPORTED_EDGE_FIELDS, _ALWAYS_OBEYED),
     )
 
 
@@ -324,9 +307,9 @@ def _motion(robot: RobotStatus) -> dict[str, Any]:
 
 
 def _planned_path(state: VehicleState) -> dict[str, Any]:
-    """Return the path of the robot while it executes an order; empty without one.
+    """Return the field plannedPath while the robot executes an order; empty without a path.
 
-    The robot gives no times, so there is no `intermediatePath`.
+    There is no `intermediatePath`, because the robot does not report arrival times.
     """
     place = state.robot.position
     if place is None or not state.order.nodes:
@@ -374,7 +357,7 @@ def _optional_parameter(parameter: OptionalParameter) -> dict[str, Any]:
     return parts.without_empty(
         {
             "parameter": _PARAMETERS.get(parameter.name, parameter.name),
-            "support": "REQUIRED" if parameter.required else "SUPPORTED",
+            "support": "SUPPORTED",
             "description": parameter.description,
         }
     )

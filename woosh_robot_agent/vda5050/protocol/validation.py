@@ -15,7 +15,7 @@ from jsonschema.protocols import Validator
 SCHEMAS = Path(__file__).with_name("schemas")
 """Folder of the schemas, with a folder for each version of the standard."""
 _MAX_ERRORS = 100
-"""Number of defects of a message among which the most important one is looked for."""
+"""Maximum number of schema errors from which the most relevant one is chosen."""
 
 
 @functools.cache
@@ -33,7 +33,7 @@ def validator(version: str, topic: str) -> Validator:
 
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
-    """Return the path of a defective field of a message, and the reason; None without a defect."""
+    """Validate a message; return the path of an invalid field and the reason, or None."""
     errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)  # type: ignore[no-untyped-call]
     if error is None:

@@ -1,4 +1,4 @@
-"""The last reports of the robot, and what they mean for the state of the vehicle."""
+"""The last reports of the robot, and the state that follows from them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _PARTS: tuple[type[Message], ...] = (
 class RobotFacts:
     """The last reports of the robot. Used in the event loop of the link.
 
-    The state is computed when it is asked for, and only the parts that have changed.
+    The state is computed on demand. After a new pose, only position and velocity are updated.
 
     Args:
         chassis: the link.
@@ -104,7 +104,7 @@ class RobotFacts:
         self._on_changed()
 
     def _path_changed(self) -> None:
-        """Compute the state anew when it is asked for; a new path alone is not reported."""
+        """Invalidate the state. A new path alone does not publish it."""
         self._is_current = False
 
     def _forget(self) -> None:

@@ -1,4 +1,4 @@
-"""The factsheet of a vehicle from what its robot reports."""
+"""The factsheet of a vehicle from the reports of its robot."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ OPTIONAL_PARAMETERS = (
 
 @dataclass(frozen=True)
 class Limits:
-    """What the robot does not report about itself.
+    """Limits of the robot that it does not report, and options of the state.
 
     Attributes:
         max_speed: maximum speed, in m/s.
         max_acceleration: maximum acceleration, in m/s².
         min_state_interval: minimum time between two states, in seconds.
         state_interval: maximum time between two states, in seconds.
-        visualization_interval: time between two positions while it moves, in seconds.
+        visualization_interval: time between two visualizations while it moves, in seconds.
         driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
             `state_interval`.
         maps_in_state: the state lists the maps on the robot, if it tells them.

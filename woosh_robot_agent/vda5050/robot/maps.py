@@ -24,7 +24,7 @@ class StoredMap:
     Attributes:
         scene: name of its scene.
         name: name of the map, unique in its scene; the standard's mapId.
-        version: version of the map, as a text; empty if the robot does not tell.
+        version: version of the map, as a string; empty if the robot does not report it.
     """
 
     scene: str
@@ -50,10 +50,10 @@ class MapLibrary:
         chassis.on_robot_changed(self._forget)
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
-        """Return the maps for the state; None if the robot has not told them.
+        """Return the maps for the state; None if they are unknown.
 
         Args:
-            info: reports of the robot, which tell the current map.
+            info: reports of the robot, with the current map.
         """
         if self._maps is None:
             return None
@@ -67,7 +67,7 @@ class MapLibrary:
 
         Args:
             name: name of the map.
-            version: version of the map; None for any. A robot that tells no versions has all.
+            version: version of the map; None for any. A map of unknown version matches all.
         """
         return [
             each
@@ -87,7 +87,9 @@ class MapLibrary:
         """
         answer = await self._chassis.request(SceneList())
         if not isinstance(answer.body, SceneList) or not answer.ok:
-            _LOG.warning("the robot does not tell its maps: %s", answer.msg or answer.defect)
+            _LOG.warning(
+                "the robot did not send the list of its maps: %s", answer.msg or answer.defect
+            )
             return
         maps: list[StoredMap] = []
         for scene in answer.body.scenes:
@@ -113,15 +115,15 @@ class MapLibrary:
     def _refresh(self) -> None:
         if self._reading is not None:
             self._reading.cancel()
-        work = self._read_quietly()
+        work = self._read_when_ready()
         self._reading = asyncio.get_running_loop().create_task(work, name="vda5050 maps")
 
-    async def _read_quietly(self) -> None:
+    async def _read_when_ready(self) -> None:
         try:
-            await self._chassis.wait_ready(_READY_TIMEOUT)  # a snapshot comes shortly before
+            await self._chassis.wait_ready(_READY_TIMEOUT)  # the snapshot comes shortly before
             await self.read()
         except LinkError as error:
-            _LOG.debug("the list of maps was not read: %s", error)  # read after a reconnect
+            _LOG.debug("the list of maps was not read: %s", error)  # a reconnect reads it again
 
     def _forget(self) -> None:
         self._maps = None

@@ -1,4 +1,4 @@
-"""The marks of the robot's scene, requested when the link begins and when the scene changes."""
+"""The marks of the robot's scene, read at each connection and when the scene changes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RobotMarks:
         self._scene = ("", 0)
         """Name and version of the robot's scene."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
-        """Places of the marks, by the id of the map and the number of the mark."""
+        """Positions of the marks, by the id of the map and the number of the mark."""
         self._request: asyncio.Task[None] | None = None
         chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
         chassis.on_state(self._link_changed)
@@ -38,7 +38,7 @@ class RobotMarks:
         chassis.on_robot_changed(self._forget)
 
     def find(self, number: str, map_id: str) -> NodePosition | None:
-        """Return the place of a mark, with its heading; None if the map has no such mark."""
+        """Return the position of a mark, with its heading; None if the map has no such mark."""
         return self._marks.get((map_id, number))
 
     async def close(self) -> None:
@@ -49,7 +49,7 @@ class RobotMarks:
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
-            self._fetch(self._scene)
+            self._request_marks(self._scene)
         elif self._request is not None:
             self._request.cancel()
 
@@ -58,30 +58,32 @@ class RobotMarks:
         if self._scene[0] != before[0]:
             self._marks = {}
         if self._scene != before and self._chassis.state is LinkState.READY:
-            self._fetch(self._scene)
+            self._request_marks(self._scene)
 
-    def _fetch(self, scene: tuple[str, int]) -> None:
+    def _request_marks(self, scene: tuple[str, int]) -> None:
         if self._request is not None:
             self._request.cancel()
         if not scene[0]:
             return
         self._request = asyncio.get_running_loop().create_task(
-            self._ask(scene[0]), name="vda5050 marks"
+            self._read(scene[0]), name="vda5050 marks"
         )
 
     def _forget(self) -> None:
         self._marks = {}
         self._scene = ("", 0)
 
-    async def _ask(self, scene: str) -> None:
+    async def _read(self, scene: str) -> None:
         try:
             answer = await self._chassis.request(SceneData(name=scene))
-        except LinkError as error:  # requested again after a reconnect
-            _LOG.warning("the marks of scene %s are unknown: %s", scene, error)
+        except LinkError as error:
+            _LOG.warning("the marks of scene %s are unknown until a reconnect: %s", scene, error)
             return
         if not answer.ok or not isinstance(answer.body, SceneData):
             _LOG.warning(
-                "the marks of scene %s are unknown, the robot sent none: %s", scene, answer.msg
+                "the marks of scene %s are unknown, because the robot sent none: %s",
+                scene,
+                answer.msg,
             )
             return
         self._marks = {
@@ -94,7 +96,7 @@ class RobotMarks:
 
 
 def _place(pose: Pose, map_id: str) -> NodePosition | None:
-    """Return where a robot stands at a mark; None if the robot does not tell."""
+    """Return the position of a robot at a mark; None if it is unknown."""
     for name in ("dock", "real"):
         if pose.HasField(name):
             there = getattr(pose, name)

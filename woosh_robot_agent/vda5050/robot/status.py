@@ -1,4 +1,4 @@
-"""The state of a vehicle from what its robot reports."""
+"""The state of the robot from its reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.vda5050.model.state import (
     Battery,
     EmergencyStop,
-    Load,
     OperatingMode,
     Position,
     RobotStatus,
@@ -23,8 +22,7 @@ _MODES = {
     robot.kDeployMode: OperatingMode.TEACH_IN,
     robot.kTaskMode: OperatingMode.AUTOMATIC,
 }
-"""Operating modes of a robot in automatic control mode, by its work mode. In any other work mode,
-the master control does not control the robot."""
+"""Operating modes in automatic control mode, by work mode; in other work modes it is MANUAL."""
 
 
 def robot_status(info: RobotInfo) -> RobotStatus:
@@ -40,13 +38,13 @@ def robot_status(info: RobotInfo) -> RobotStatus:
         field_violation=field_violated(info.abnormal_codes),
         position=position(info),
         velocity=velocity(info),
-        loads=_loads(info),
+        loaded=_loaded(info),
         errors=code_errors(info.abnormal_codes),
     )
 
 
 def operating_mode(info: RobotInfo) -> OperatingMode:
-    """Return who controls the robot."""
+    """Return the operating mode of the robot."""
     if info.mode.ctrl == robot.kMaintain:
         return OperatingMode.SERVICE
     if info.mode.ctrl != robot.kAuto:
@@ -55,7 +53,7 @@ def operating_mode(info: RobotInfo) -> OperatingMode:
 
 
 def position(info: RobotInfo) -> Position | None:
-    """Return the position of the robot; None if it has none on a map."""
+    """Return the position of the robot; None if it is on no map."""
     report = info.pose_speed
     if not report.map_id:
         return None
@@ -98,13 +96,13 @@ def _battery(report: BatteryReport) -> Battery:
     )
 
 
-def _loads(info: RobotInfo) -> tuple[Load, ...] | None:
-    """Return the loads; None if the robot does not detect goods."""
+def _loaded(info: RobotInfo) -> bool | None:
+    """Return True if the robot carries a load; None if it does not detect loads."""
     if info.device_state.software & DeviceState.kGoodsState:
-        return (Load(),)
-    return () if info.setting.allow.goods_check else None
+        return True
+    return False if info.setting.allow.goods_check else None
 
 
 def _rounded(value: float) -> float:
-    """Return a value of the robot without the digits that 32-bit numbers do not have."""
+    """Round a 32-bit float to the decimals that it really has."""
     return round(value, 6)
