@@ -13,6 +13,7 @@ from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
     LinkError,
+    NotConnectedError,
     RequestTimeoutError,
 )
 from woosh_robot_agent.motion import MotionGate
@@ -51,6 +52,7 @@ class Driver:
         requests: addresses the requests.
         on_end: called when the robot does not drive the leg any more, with the reason why it did
             not reach the goal; empty if it did.
+        on_unsent: called when a start was not sent, because there is no link.
         on_changed: called when the robot pauses or resumes the task, or when a task of somebody
             else begins or ends.
 
@@ -65,12 +67,14 @@ class Driver:
         gate: MotionGate,
         requests: RequestMaker,
         on_end: Callable[[str], None],
+        on_unsent: Callable[[], None],
         on_changed: Callable[[], None],
     ) -> None:
         self._chassis = chassis
         self._gate = gate
         self._requests = requests
         self._on_end = on_end
+        self._on_unsent = on_unsent
         self._on_changed = on_changed
         self.task_id = 0
         self._last_id = 0
@@ -156,6 +160,10 @@ class Driver:
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of task %d was not answered: %s", task_id, error)
             self._inquire()
+        except NotConnectedError:
+            if task_id == self.task_id:
+                self._set_task(0)
+                self._on_unsent()
         except LinkError as error:
             self._end_task(task_id, str(error))
         else:

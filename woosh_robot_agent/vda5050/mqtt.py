@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 import ssl
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -28,9 +28,10 @@ _STABLE_AFTER = 5.0
 _MAX_OUTBOX = 1000
 """Maximum number of messages that wait to be sent; the oldest ones are dropped."""
 _MAX_INBOX = 200
-"""Maximum number of messages that wait to be handled; new ones are dropped."""
+"""Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_INBOX_SIZE = 16 * 2**20
-"""Maximum length of all messages that wait to be handled, in bytes; a single one may be longer."""
+"""Maximum length of all messages of one topic that wait to be handled, in bytes; a single one may
+be longer."""
 _HINTS = (
     (
         ssl.SSLCertVerificationError,
@@ -242,29 +243,39 @@ class MqttConnection:
 
 
 class _Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Received messages that wait to be handled. If there are too many, new ones are dropped."""
+    """Received messages that wait to be handled. If a topic has too many, new ones are dropped.
+
+    Each topic has its own limit, so that a flood of orders does not take the place of a pause.
+    """
 
     def __init__(self, maxsize: int = 0) -> None:
         super().__init__(maxsize)
-        self._size = 0
-        """Length of all payloads, in bytes."""
+        self._counts = Counter[str]()
+        """Number of messages, by topic."""
+        self._sizes = Counter[str]()
+        """Length of all payloads, in bytes, by topic."""
         self._log = LogOnce(_LOG)
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        length = _length(item)
-        if self.qsize() >= _MAX_INBOX or (self._size and self._size + length > _MAX_INBOX_SIZE):
+        topic, length = item.topic.value, _length(item)
+        size = self._sizes[topic]
+        if self._counts[topic] >= _MAX_INBOX or (size and size + length > _MAX_INBOX_SIZE):
             self._log.warn(
-                "flood", "messages come faster than they can be handled, and some were dropped"
+                topic,
+                f"messages on {topic} come faster than they can be handled, and some were dropped",
             )
             return
-        self._size += length
+        self._counts[topic] += 1
+        self._sizes[topic] += length
         super().put_nowait(item)
 
     def get_nowait(self) -> aiomqtt.Message:
         item = super().get_nowait()
-        self._size -= _length(item)
-        if not self._size:
-            self._log.clear()
+        topic = item.topic.value
+        self._counts[topic] -= 1
+        self._sizes[topic] -= _length(item)
+        if not self._counts[topic]:
+            self._log.clear(topic)
         return item
 
 

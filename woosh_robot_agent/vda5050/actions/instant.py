@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.vda5050.actions.errors import Objection
 from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
@@ -17,6 +18,8 @@ from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 
 _MAX_STATES = 200
 """Number of instant actions above which those that have ended are forgotten."""
+_MAX_KNOWN = 500
+"""Number of the last instant actions that are not performed again."""
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
@@ -34,6 +37,7 @@ class InstantActions:
 
     Attributes:
         errors: errors of actions that failed.
+        last_motion: id of the last instant action that moves something; empty without one.
     """
 
     def __init__(self, registry: Registry, runner: ActionRunner, vehicle: VehicleControls) -> None:
@@ -41,6 +45,9 @@ class InstantActions:
         self._runner = runner
         self._vehicle = vehicle
         self._states: dict[str, ActionState] = {}
+        self._known: RecentDict[str, None] = RecentDict(_MAX_KNOWN)
+        """Ids of the last instant actions."""
+        self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 
     @property
@@ -48,11 +55,28 @@ class InstantActions:
         """States of the instant actions since the last order."""
         return tuple(self._states.values())
 
+    @property
+    def known_ids(self) -> tuple[str, ...]:
+        """Ids of the last instant actions, which are not performed again."""
+        return tuple(self._known)
+
+    def ids_in_state(self, *, ended: bool) -> set[str]:
+        """Return the ids of the actions in the state.
+
+        Args:
+            ended: include those that have ended.
+        """
+        return {key for key, state in self._states.items() if ended or not state.status.ended}
+
     def receive(self, actions: Sequence[Action]) -> None:
         """Perform instant actions; those that were received before are ignored."""
         for action in actions:
-            if action.id in self._states:
+            if action.id in self._known or action.id in self._states:
                 continue
+            if self._vehicle.order_has_action(action.id):
+                self.failed(action, "an action of the order has this id", ErrorType.INSTANT_ACTION)
+                continue
+            self._known[action.id] = None
             self._states[action.id] = ActionState(
                 action.id,
                 action.type,
@@ -80,18 +104,25 @@ class InstantActions:
         self._forget_oldest()
 
     def restore(
-        self, states: Sequence[ActionState], holds: Sequence[str], *, again: str
+        self,
+        states: Sequence[ActionState],
+        known_ids: Sequence[str],
+        holds: Sequence[str],
+        *,
+        again: str,
     ) -> list[str]:
         """Take the states from before a restart. Actions that ran have failed.
 
         Args:
-            states: the states, which may be some seconds old.
+            states: the states, which may be a second old.
+            known_ids: ids of the last instant actions.
             holds: names of what held the vehicle.
             again: type of the actions that are performed again, because they do no harm.
 
         Returns:
             The ids of the actions that forbade driving; the robot may go on with them.
         """
+        self._known.update(dict.fromkeys(known_ids))
         for state in states:
             self._states[state.id] = state
             if state.status.ended:
@@ -130,6 +161,8 @@ class InstantActions:
             # it controls the vehicle, so it waits for nothing, whatever its blockingType
             self._runner.start(action, at_once=True)
             return
+        if kind.pausable:
+            self.last_motion = action.id
         if action.blocking not in kind.blocking:
             action = replace(action, blocking=BlockingType.HARD)
         if action.blocking.stops:

@@ -39,7 +39,14 @@ class RobotTasks:
         conditions: Conditions,
     ) -> None:
         self._conditions = conditions
-        self._driver = Driver(chassis, gate, requests, self._ended, self._changed)
+        self._driver = Driver(
+            chassis,
+            gate,
+            requests,
+            self._ended,
+            lambda: self._ended("there is no link to the robot"),
+            self._changed,
+        )
         self._end: asyncio.Future[str] | None = None
         """Done when the task has ended, with the reason why it failed; None without a task."""
         self._report: Callable[[ActionStatus], None] = lambda status: None
