@@ -18,7 +18,17 @@ from tests.vda5050.master import Master, error_types, node
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050 import other_connector
+from woosh_robot_agent.vda5050.mqtt import (
+    BrokerConfig,
+    MqttConnection,
+    refused_topics,
+)
+from woosh_robot_agent.vda5050.other_connector import OtherConnector
+from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
+from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
+from woosh_robot_agent.vda5050.publisher import Publisher
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
@@ -196,3 +206,34 @@ def test_two_connectors_of_a_robot_are_detected(
             assert master.last("connection")["connectionState"] == "ONLINE"
 
     asyncio.run(run())  # not @aio: aiomqtt may wait for a socket that the broker has just closed
+
+
+def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
+    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", HeaderIds())
+    broker = MqttConnection(
+        BrokerConfig("127.0.0.1", 1), "1", publisher.last_will, {}, lambda: None
+    )
+    broker.connected = True
+    will = publisher.last_will()
+    publisher.publish(broker, Topic.CONNECTION, {"connectionState": "ONLINE"})
+    for _ in range(100):
+        publisher.last_will()
+    assert publisher.is_own_connection(will.payload.encode())
+    assert not publisher.is_own_connection(b"{}")
+
+
+@aio
+async def test_another_connector_whose_end_was_missed_is_gone_after_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(other_connector, "_QUIET", 0.0)
+    other = OtherConnector(lambda payload: False, lambda: None)
+    other.connected()
+    other.received(b'{"connectionState": "ONLINE"}', False)
+    assert other.error is not None
+    other.connected()
+    await eventually(lambda: other.error is None)
+
+
+def test_topics_that_the_vehicle_may_not_read_are_found() -> None:
+    assert refused_topics(["order", "instantActions"], [0, 0x80]) == ["instantActions"]

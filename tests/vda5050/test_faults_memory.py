@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +18,7 @@ from woosh_robot_agent.vda5050.orders.commands import CancelDrive, Drive, Perfor
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.orders.memory import Memory
 from woosh_robot_agent.vda5050.protocol.header import HeaderIds
+from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 HARD, NONE = BlockingType.HARD, BlockingType.NONE
 
@@ -191,3 +193,16 @@ def test_after_an_orderly_end_the_header_ids_have_no_gap() -> None:
 def test_header_ids_begin_again_after_32_bits() -> None:
     ids = HeaderIds({"state": 2**32 - 2})
     assert [ids.next("state") for _ in range(4)] == [2**32 - 2, 2**32 - 1, 0, 1]
+
+
+def test_a_file_that_could_not_be_read_is_read_when_that_is_corrected(tmp_path: Path) -> None:
+    obstacle = tmp_path / "vehicle.json"
+    obstacle.mkdir()
+    store = Store(tmp_path, "vehicle")
+    with pytest.raises(OSError):
+        store.open()
+    obstacle.rmdir()
+    assert store.open() == (Record(), None)
+    with pytest.raises(StoreInUseError):
+        Store(tmp_path, "vehicle").open()
+    store.close()

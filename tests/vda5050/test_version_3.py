@@ -443,3 +443,18 @@ def test_the_schemas_are_those_of_the_topics() -> None:
     folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/protocol/schemas/3.0.0"
     assert {path.stem for path in folder.iterdir()} == names
     assert PUBLISHED[Topic.CONNECTION] == (1, True)
+
+
+@BOTH
+def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> None:
+    nodes = [node("a", 0.0, 0.0, 0.0), node("b", 2.0, 1.0, 0.0)]  # type: ignore[arg-type]
+    points = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}]
+    line = {"degree": 1.0, "knotVector": [0, 0, 1, 1], "controlPoints": points}
+    edges = _edges(nodes) if version.number == V3.number else plain_edges(nodes)
+    edges[0]["trajectory"] = line
+    content = {"orderId": "order", "orderUpdateId": 1.0, "nodes": nodes, "edges": edges}
+    order = read_order(json.dumps(_full(version, content)).encode(), version, VEHICLE)
+    assert order.edges[0].trajectory is not None
+    numbers = [order.update_id, order.edges[0].trajectory.degree]
+    numbers += [each.sequence_id for each in (*order.nodes, *order.edges)]
+    assert [type(each) for each in numbers] == [int] * 5

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Coroutine
 from typing import Any
+
+_LOG = logging.getLogger(__name__)
 
 
 class BackgroundTasks:
@@ -22,8 +25,13 @@ class BackgroundTasks:
         """Start a task, and return it."""
         task = asyncio.get_running_loop().create_task(work, name=self._name)
         self._tasks.add(task)  # the event loop keeps only a weak reference
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(self._ended)
         return task
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _LOG.error("%s failed by an error of the program", self._name, exc_info=error)
 
     async def close(self) -> None:
         """Cancel all tasks, and wait for their end."""

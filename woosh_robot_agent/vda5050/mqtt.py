@@ -7,9 +7,9 @@ import logging
 import math
 import ssl
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 import aiomqtt
@@ -32,6 +32,8 @@ _MAX_INBOX = 200
 _MAX_INBOX_SIZE = 16 * 2**20
 """Maximum length of all messages of one topic that wait to be handled, in bytes; a single one may
 be longer."""
+_REFUSED = 0x80
+"""Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
     (
         ssl.SSLCertVerificationError,
@@ -197,7 +199,13 @@ class MqttConnection:
             tls_context=broker.tls,
             queue_type=_Inbox,
         ) as client:
-            await client.subscribe([(topic, 0) for topic in self._handlers])
+            granted = await client.subscribe([(topic, 0) for topic in self._handlers])
+            if refused := refused_topics(self._handlers, granted):
+                self._log.warn(
+                    "subscription",
+                    f"the broker refused the subscription to {', '.join(refused)}; give the "
+                    "vehicle the right to read there",
+                )
             self._outbox.clear()
             self.connected = True
             self._connected_at = asyncio.get_running_loop().time()
@@ -277,6 +285,17 @@ class _Inbox(asyncio.Queue[aiomqtt.Message]):
         if not self._counts[topic]:
             self._log.clear(topic)
         return item
+
+
+def refused_topics(topics: Iterable[str], granted: Iterable[Any]) -> list[str]:
+    """Return the topics that the broker does not let the vehicle read.
+
+    Args:
+        topics: the topics.
+        granted: result code of the subscription to each of them.
+    """
+    codes = (getattr(each, "value", each) for each in granted)
+    return [topic for topic, code in zip(topics, codes, strict=False) if code >= _REFUSED]
 
 
 def _length(message: aiomqtt.Message) -> int:

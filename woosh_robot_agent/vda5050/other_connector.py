@@ -46,7 +46,7 @@ class OtherConnector:
     def connected(self) -> None:
         """A connection to the broker has begun."""
         self._connections += 1
-        if self._timer is not None:
+        if self.error is not None:  # its end may have been published meanwhile
             self._restart_timer()
 
     def received(self, payload: bytes, retained: bool) -> None:

@@ -38,8 +38,10 @@ class Publisher:
         self._header_ids = header_ids
         self._will_id = -1
         """Header id of the last will of the last connection."""
+        self._will = b""
+        """The last will of the last attempt to connect."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
-        """The last messages about the connection, last wills included."""
+        """The last messages about the connection, with the last wills of the connections."""
         self.state_id: int | None = None
         """Header id of the last state; None if there was none."""
 
@@ -57,18 +59,24 @@ class Publisher:
         if ids.peek(topic.value) == self._will_id:  # the broker may have published the last will
             ids.next(topic.value)
         self._will_id = ids.peek(topic.value) + 1
-        return self._message(
+        will = self._message(
             topic, self.version.connection(ConnectionState.BROKEN), header_id=self._will_id
         )
+        self._will = will.payload.encode()
+        return will
 
     def is_own_connection(self, payload: bytes) -> bool:
         """Return True for a message about the connection that was made here."""
-        return payload in self._connections
+        return payload == self._will or payload in self._connections
 
     def publish(self, mqtt: MqttConnection, topic: Topic, content: Mapping[str, Any]) -> None:
         """Publish a message with this content."""
-        if mqtt.connected:
-            mqtt.publish(self._message(topic, content))
+        if not mqtt.connected:
+            return
+        publication = self._message(topic, content)
+        if topic is Topic.CONNECTION:
+            self._connections += (self._will, publication.payload.encode())
+        mqtt.publish(publication)
 
     def _message(
         self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
@@ -79,6 +87,4 @@ class Publisher:
         if topic is Topic.STATE:
             self.state_id = header_id
         payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
-        if topic is Topic.CONNECTION:
-            self._connections.append(payload.encode())
         return Publication(self.topic(topic), payload, *PUBLISHED[topic])

@@ -189,10 +189,10 @@ class Session:
             try:
                 return self._store.open()
             except StoreInUseError as error:
-                self._log.warn("open", f"the vehicle stays offline: {error}")
+                self._log.warn("in use", f"the vehicle stays offline: {error}")
             except OSError as error:
                 self._log.warn(
-                    "open",
+                    str(error),
                     f"the vehicle stays offline, because the file with its state cannot be used; "
                     f"correct that, or give another folder: {error}",
                 )

@@ -113,12 +113,10 @@ class Store:
             ) from None
         self._lock = lock
         try:
-            self._record = self._read(self._path)
-        except FileNotFoundError:
-            return self._record, None
-        except (ValueError, RecursionError) as error:
-            return self._record, self._put_aside(self._path, error)
-        return self._record, None
+            return self._load(self._path)
+        except OSError:
+            self.close()
+            raise
 
     def can_wait(self, record: Record) -> bool:
         """Return True if nothing is done twice without a record: the saved one is enough for now.
@@ -182,6 +180,15 @@ class Store:
             reason = f"{reason}; remove {path}, which is out of date, before a restart"
         self._log.warn("save", reason)
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
+
+    def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
+        try:
+            self._record = self._read(path)
+        except FileNotFoundError:
+            pass
+        except (ValueError, RecursionError) as error:
+            return self._record, self._put_aside(path, error)
+        return self._record, None
 
     def _read(self, path: Path) -> Record:
         with path.open("rb") as file:

@@ -129,6 +129,12 @@ class ActionRunner:
         work = self._run(action)
         running = asyncio.get_running_loop().create_task(work, name=f"vda5050 {action.type}")
         self._tasks[action.id] = running
+        running.add_done_callback(lambda task: self._done(action, task))
+
+    def _done(self, action: Action, task: asyncio.Task[None]) -> None:
+        """Let an action fail that was ended before it began; others have reported their end."""
+        if self._tasks.get(action.id) is task:
+            self._ended(action, ActionStatus.FAILED, _ENDED)
 
     async def _run(self, action: Action) -> None:
         def report(status: ActionStatus) -> None:

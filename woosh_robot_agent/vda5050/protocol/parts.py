@@ -54,7 +54,7 @@ def read_action(action: Mapping[str, Any], description: str) -> Action:
 def read_trajectory(trajectory: Mapping[str, Any]) -> Trajectory:
     """Return a received trajectory."""
     points = trajectory["controlPoints"]
-    degree = trajectory.get("degree", 1)
+    degree = int(trajectory.get("degree", 1))  # JSON permits 3.0 for an integer
     return Trajectory(
         degree=degree,
         knots=tuple(trajectory.get("knotVector") or _uniform_knots(degree, len(points))),

@@ -62,7 +62,7 @@ class Version21:
     def order(self, message: Mapping[str, Any]) -> Order:
         return Order(
             id=message["orderId"],
-            update_id=message["orderUpdateId"],
+            update_id=int(message["orderUpdateId"]),
             nodes=tuple(map(self._node, message["nodes"])),
             edges=tuple(map(self._edge, message["edges"])),
             unsupported=("zoneSetId",) if message.get("zoneSetId") else (),
@@ -75,7 +75,7 @@ class Version21:
         position = node.get("nodePosition")
         return Node(
             id=node["nodeId"],
-            sequence_id=node["sequenceId"],
+            sequence_id=int(node["sequenceId"]),
             released=node["released"],
             position=None if position is None else self._node_position(position),
             actions=tuple(map(_read_action, node["actions"])),
@@ -96,7 +96,7 @@ class Version21:
         trajectory = edge.get("trajectory")
         return Edge(
             id=edge["edgeId"],
-            sequence_id=edge["sequenceId"],
+            sequence_id=int(edge["sequenceId"]),
             start_node_id=edge["startNodeId"],
             end_node_id=edge["endNodeId"],
             released=edge["released"],

@@ -116,7 +116,7 @@ class Version30:
         nodes = {node["sequenceId"]: node["nodeId"] for node in message["nodes"]}
         return Order(
             id=message["orderId"],
-            update_id=message["orderUpdateId"],
+            update_id=int(message["orderUpdateId"]),
             nodes=tuple(map(_read_node, message["nodes"])),
             edges=tuple(_read_edge(edge, nodes) for edge in message["edges"]),
             unsupported=_unsupported_action_fields([*message["nodes"], *message["edges"]]),
@@ -226,7 +226,7 @@ def _read_node(node: Mapping[str, Any]) -> Node:
     position = node.get("nodePosition")
     return Node(
         id=node["nodeId"],
-        sequence_id=node["sequenceId"],
+        sequence_id=int(node["sequenceId"]),
         released=node["released"],
         position=None if position is None else _read_position(position),
         actions=tuple(map(_read_action, node["actions"])),
@@ -256,7 +256,7 @@ def _read_edge(edge: Mapping[str, Any], nodes: Mapping[int, str]) -> Edge:
         nodes: ids of the nodes of the order, by their sequence ids.
     """
     trajectory = edge.get("trajectory")
-    number = edge["sequenceId"]
+    number = int(edge["sequenceId"])
     return Edge(
         id=edge["edgeId"],
         sequence_id=number,

@@ -53,14 +53,15 @@ def operating_mode(info: RobotInfo) -> OperatingMode:
 
 
 def position(info: RobotInfo) -> Position | None:
-    """Return the position of the robot; None if it is on no map."""
+    """Return the position of the robot; None if it is on no map, or unknown."""
     report = info.pose_speed
-    if not report.map_id:
+    place = report.pose
+    if not report.map_id or not all(map(math.isfinite, (place.x, place.y, place.theta))):
         return None
     return Position(
-        x=_rounded(report.pose.x),
-        y=_rounded(report.pose.y),
-        theta=_rounded(math.remainder(report.pose.theta, math.tau)),
+        x=_rounded(place.x),
+        y=_rounded(place.y),
+        theta=_rounded(math.remainder(place.theta, math.tau)),
         map_id=map_id(info),
         initialised=info.state != robot.kUninit and readiness.is_located(info) is not False,
     )
@@ -68,16 +69,23 @@ def position(info: RobotInfo) -> Position | None:
 
 def velocity(info: RobotInfo) -> Velocity | None:
     """Return the velocity of the robot; None if it does not report one."""
+    motion = info.pose_speed.twist
     if not info.pose_speed.HasField("twist"):
         return None
-    return Velocity(_rounded(info.pose_speed.twist.linear), _rounded(info.pose_speed.twist.angular))
+    if not (math.isfinite(motion.linear) and math.isfinite(motion.angular)):
+        return None
+    return Velocity(_rounded(motion.linear), _rounded(motion.angular))
 
 
 def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
     """Return the points of the path that the robot follows; empty if it follows none."""
     if report is None:
         return ()
-    return tuple((_rounded(pose.x), _rounded(pose.y)) for pose in report.path.poses)
+    return tuple(
+        (_rounded(pose.x), _rounded(pose.y))
+        for pose in report.path.poses
+        if math.isfinite(pose.x) and math.isfinite(pose.y)
+    )
 
 
 def map_id(info: RobotInfo) -> str:
