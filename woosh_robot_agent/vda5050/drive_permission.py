@@ -15,11 +15,11 @@ from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 
 
 class DrivePermission:
-    """Tells from the state of the robot if the order may start a drive, and if not, why.
+    """Decides from the state of the robot whether the order may start a drive.
 
     Args:
         chassis: the link.
-        gate: knows what drives the robot.
+        gate: tells what drives the robot.
         facts: what the robot reports.
         driver: drives the legs of the order.
         tasks: executes tasks of actions.
@@ -54,7 +54,7 @@ class DrivePermission:
         )
 
     def is_driven_otherwise(self, machine: OrderMachine) -> bool:
-        """Return True if neither the order nor an action drives the robot, but something else."""
+        """Return True if something other than the order and its actions drives the robot."""
         if machine.driving or machine.acting:
             return False
         own = self._tasks.task_id
@@ -63,14 +63,14 @@ class DrivePermission:
         return bool(self._gate.reported_owner) and not own and not self._calls.busy
 
     def errors(self, machine: OrderMachine) -> list[VehicleError]:
-        """Return why the order does not go on, and that the state is old without a link."""
+        """Return the reasons why the order waits, and the error of a lost link."""
         errors = []
         if self._chassis.state is not LinkState.READY:
             since = timestamp(self._chassis.since)
             errors.append(
                 warning(
                     ErrorType.ROBOT_CONNECTION,
-                    f"there is no link to the robot since {since}; its state is from then",
+                    f"the link to the robot is lost; its last state is from {since}",
                     "check that the robot is on, and that the network reaches it",
                 )
             )
@@ -93,5 +93,5 @@ class DrivePermission:
         return errors
 
     def _goes_on_charging(self, machine: OrderMachine) -> bool:
-        """Return True if the task of an action goes on after the action has ended."""
+        """Return True if the task of an action continues after the action has ended."""
         return bool(self._tasks.task_id) and not machine.driving and not machine.acting

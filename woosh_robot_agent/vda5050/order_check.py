@@ -15,11 +15,11 @@ from woosh_robot_agent.vda5050.orders.curve import curve_defect, curve_points
 MIN_SPEED = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
 _TOLERANCE = 0.25
-"""Distance of a trajectory's ends from their nodes that counts as none, in metres."""
+"""Maximum distance of the ends of a trajectory from their nodes, in metres."""
 
 
 class OrderCheck:
-    """Finds the reason why a vehicle cannot perform an order.
+    """Check of an order against what a vehicle can do.
 
     Args:
         order: the order.

@@ -1,4 +1,4 @@
-"""Messages of the master control: from bytes to values of the model."""
+"""Parsing and validation of the messages of the master control."""
 
 from __future__ import annotations
 
@@ -86,32 +86,34 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
         raise _rejected(topic, None, f"cannot be read: {error}") from None
     if found := defect(version.number, topic.value, message):
         field_path, reason = found
-        raise _rejected(topic, message, f"is malformed at {field_path or 'its top'}: {reason}")
+        raise _rejected(
+            topic, message, f"is malformed at {field_path or 'its top level'}: {reason}"
+        )
     if message["version"].split(".")[0] != version.number.split(".")[0]:
-        reason = f"has version {message['version']}, and the vehicle {version.number}"
+        reason = f"has version {message['version']}; the vehicle speaks {version.number}"
         raise _rejected(topic, message, reason)
     for key, own in (
         ("manufacturer", identity.manufacturer),
         ("serialNumber", identity.serial_number),
     ):
         if message[key] != own:
-            reason = f"is for {key} {message[key]}, and this vehicle has {own}"
+            reason = f"is for {key} {message[key]}; this vehicle has {own}"
             raise _rejected(topic, message, reason)
     return message  # type: ignore[no-any-return]
 
 
 def _check_limits(message: Any) -> None:
-    """Check that a message has no value that is impossible, or too large to be handled.
+    """Check that no text, number or nesting of a message exceeds the limits.
 
     Raises:
-        ValueError: it has one.
+        ValueError: one does.
     """
     level = [message]
     for _ in range(_MAX_DEPTH):
         following: list[Any] = []
         for value in level:
             if isinstance(value, str):
-                value.encode()  # JSON can hold texts that are not Unicode
+                value.encode()  # raises for lone surrogates, which JSON can hold
                 if len(value) > _MAX_TEXT:
                     raise ValueError(f"a text has {len(value)} characters, more than {_MAX_TEXT}")
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
