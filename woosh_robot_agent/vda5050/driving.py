@@ -33,9 +33,9 @@ _LOG = logging.getLogger(__name__)
 _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0
-"""Pause between two questions about a task, in seconds."""
+"""Pause between two queries about a task, in seconds."""
 _REPEAT_AFTER = 3.0
-"""Time after which an order that stops the robot is repeated if it had no effect, in seconds."""
+"""Time after which a command that stops the robot is repeated if it had no effect, in seconds."""
 _ENDED = {
     task.kCompleted: "",
     task.kCanceled: "the task was cancelled at the robot",
@@ -47,22 +47,21 @@ _ENDED = {
 class Driver:
     """Drives one leg at a time by a task of the robot. Used in the event loop of the link.
 
-    No start is repeated. While it is in doubt what became of a task, the robot is asked. A pause
-    and a cancel are repeated until the robot reports their effect, because they only stop it.
+    A start is never repeated. If the outcome of a task is unknown, the robot is asked. A pause or a
+    cancellation is repeated until the robot reports its effect, because it only stops the robot.
 
     Args:
         chassis: the link.
         gate: sends the commands.
         requests: addresses the requests.
-        on_end: called when the robot does not drive the leg any more, with the reason why it did
-            not reach the goal; empty if it did.
-        on_changed: called when the robot pauses or resumes the task, or when a task of somebody
-            else begins or ends.
+        on_end: called when the task has ended, with the reason why it failed; empty if it did not.
+        on_changed: called when the robot pauses or resumes the task, or when a task of another
+            client begins or ends.
 
     Attributes:
         task_id: id of the current task; 0 without one.
         paused: True while the robot pauses the task.
-        other_task: id of the task of somebody else that the robot executes; 0 without one.
+        other_task: id of the task of another client that the robot executes; 0 without one.
     """
 
     def __init__(
@@ -85,11 +84,11 @@ class Driver:
         self.paused = False
         self.other_task = 0
         self._wanted: action.Order | None = None
-        """kPause or kCancel while the robot must obey it."""
+        """kPause or kCancel that the robot has not obeyed yet; None without one."""
         self._stopping: asyncio.Task[None] | None = None
         """Sends `_wanted` until the robot obeys."""
-        self._report = asyncio.Event()
-        """Set by a pause, a resumption or the end, and when `_wanted` or the link changes."""
+        self._wake = asyncio.Event()
+        """Wakes `_stop`: set by a pause, a resumption, the end, and a change of `_wanted` or the link."""
         self._inquiry: asyncio.Task[None] | None = None
         """Asks the robot about the current task."""
         self._log = LogOnce(_LOG)
@@ -97,7 +96,7 @@ class Driver:
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_robot_changed(self._robot_changed)
-        chassis.on_state(lambda state: self._report.set())
+        chassis.on_state(lambda state: self._wake.set())
 
     def start(self, leg: Leg, position: Position | None) -> None:
         """Drive a leg.
@@ -165,26 +164,26 @@ class Driver:
             if not answer.ok:
                 self._end_task(task_id, f"the robot refused the task: {answer.msg}")
 
-    def _insist(self, order: action.Order) -> None:
-        """Send an order that stops the robot until it obeys."""
+    def _insist(self, command: action.Order) -> None:
+        """Send a command that stops the robot, and repeat it until the robot obeys."""
         if not self.task_id:
             return
-        self._wanted = order
-        self._report.set()
+        self._wanted = command
+        self._wake.set()
         if self._stopping is None or self._stopping.done():
             self._stopping = self._tasks.start(self._stop())
 
     async def _stop(self) -> None:
-        while (order := self._order_to_send()) is not None:
-            self._report.clear()
+        while (command := self._pending_command()) is not None:
+            self._wake.clear()
             if self._chassis.state is LinkState.READY and not self.other_task:
-                await self._send(order, self.task_id)
+                await self._send(command, self.task_id)
                 self._inquire()
             with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._report.wait(), _REPEAT_AFTER)
+                await asyncio.wait_for(self._wake.wait(), _REPEAT_AFTER)
 
-    def _order_to_send(self) -> action.Order | None:
-        """Return the order that the robot has not obeyed; None without one."""
+    def _pending_command(self) -> action.Order | None:
+        """Return the command that the robot has not obeyed; None without one."""
         if self._wanted == action.kPause and self.paused:
             self._wanted = None
         return self._wanted
@@ -193,10 +192,10 @@ class Driver:
         if not await self._send(action.kContinue, task_id):
             self._inquire()
 
-    async def _send(self, order: action.Order, task_id: int) -> bool:
-        """Send an order to the current task; return True if the robot has accepted it."""
-        name = action.Order.Name(order)
-        request = ActionOrder(order=order)
+    async def _send(self, command: action.Order, task_id: int) -> bool:
+        """Send a command to the current task; return True if the robot has accepted it."""
+        name = action.Order.Name(command)
+        request = ActionOrder(order=command)
         try:
             answer = await self._gate.request(self._requests.address(request))
         except LinkError as error:
@@ -220,7 +219,7 @@ class Driver:
             self._inquire()
 
     def _note_other(self, report: TaskProc) -> None:
-        """Remember if the robot executes a task of somebody else."""
+        """Take note of a task of another client."""
         is_running = report.robot_task_id and report.state not in _ENDED
         other = report.robot_task_id if is_running else 0
         if other == self.task_id:
@@ -239,11 +238,11 @@ class Driver:
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
         if paused != self.paused:
             self.paused = paused
-            self._report.set()
+            self._wake.set()
             self._on_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out what became of the task while there was no link."""
+        """Find out the state of the task after a reconnect."""
         self._note_other(info.task_proc)
         if not self.task_id:
             return
@@ -253,7 +252,7 @@ class Driver:
             self._inquire()
 
     def _inquire(self) -> None:
-        """Ask the robot what became of the current task, until that is known."""
+        """Ask the robot about the current task until its state is known."""
         if self.task_id and (self._inquiry is None or self._inquiry.done()):
             self._inquiry = self._tasks.start(self._ask(self.task_id))
 
@@ -288,7 +287,7 @@ class Driver:
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
-        """Return True if the robot remembers the end of the task."""
+        """Return True if the history of the robot has the end of the task."""
 
         def end_of(answer: Answer) -> TaskProc | None:
             reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
@@ -314,6 +313,6 @@ class Driver:
     def _end(self, reason: str) -> None:
         if self.task_id:
             self._set_task(0)
-            self._report.set()
+            self._wake.set()
             self._log.clear()
             self._on_end(reason)

@@ -16,7 +16,8 @@ from woosh_robot_agent.vda5050.model.order import Action, BlockingType
 from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 
 _MAX_STATES = 200
-"""Number of instant actions above which those that have ended are forgotten."""
+"""Maximum number of instant actions in the state. Beyond it, ended ones are forgotten, and new ones
+fail if none has ended."""
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
@@ -46,7 +47,7 @@ class InstantActions:
         return tuple(self._states.values())
 
     def receive(self, actions: Sequence[Action]) -> None:
-        """Perform instant actions; those that were received before are ignored."""
+        """Perform instant actions; those with a known id are ignored."""
         for action in actions:
             if action.id in self._states:
                 continue
@@ -77,11 +78,11 @@ class InstantActions:
         self._forget_oldest()
 
     def restore(self, states: Sequence[ActionState], *, again: str) -> None:
-        """Take the states from before a restart. Actions that ran have failed.
+        """Restore the states after a restart. Actions that ran have failed.
 
         Args:
             states: the states.
-            again: type of the actions that are performed again, because they do no harm.
+            again: type of the actions that are performed again; they must be harmless.
         """
         for state in states:
             self._states[state.id] = state

@@ -27,7 +27,7 @@ class StartPause(PlainPerformer):
             pause.set(False)
             raise ActionFailedError(f"the robot did not pause within {TIMEOUT:g} s")
         if not pause.wanted:
-            raise ActionFailedError("a stopPause came meanwhile")
+            raise ActionFailedError("a stopPause arrived in the meantime")
         return ""
 
 
@@ -47,5 +47,5 @@ class StopPause(PlainPerformer):
         ):
             raise ActionFailedError(f"the robot did not resume within {TIMEOUT:g} s")
         if pause.wanted:
-            raise ActionFailedError("a startPause came meanwhile")
+            raise ActionFailedError("a startPause arrived in the meantime")
         return ""
