@@ -88,7 +88,7 @@ class Driver:
         self._stopping: asyncio.Task[None] | None = None
         """Sends `_wanted` until the robot obeys."""
         self._wake = asyncio.Event()
-        """Wakes `_stop`: set by a pause, a resumption, the end, and a change of `_wanted` or the link."""
+        """Wakes `_stop`; set when the task is paused or ended, or `_wanted` or the link changes."""
         self._inquiry: asyncio.Task[None] | None = None
         """Asks the robot about the current task."""
         self._log = LogOnce(_LOG)

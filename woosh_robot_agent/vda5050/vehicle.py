@@ -60,7 +60,7 @@ from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = "pause"
-"""Name of the hold of the pause."""
+"""Name of the hold by which a pause stops the drive."""
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
 
@@ -88,7 +88,7 @@ class Vehicle:
             self._chassis, self._gate, requests, config.limits.max_speed, self._speed_refused
         )
         self._refused_speed = ""
-        """Why the drive is being cancelled: the robot does not take a speed limit; else empty."""
+        """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
         self._marks = RobotMarks(self._chassis, self._robot_changed)
         self._maps = MapLibrary(self._chassis, self._robot_changed)
         self._waits = Conditions()
@@ -120,16 +120,16 @@ class Vehicle:
         self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
         self._instant = InstantActions(self._registry, self._runner, self)
         self._cancelled: asyncio.Future[None] | None = None
-        """Done when the order has been cancelled; None if it is not being cancelled."""
+        """Done when the order has been cancelled; None without a cancelOrder."""
         self._was_driving = False
-        """The robot drove at its last report of a pose."""
+        """True if the robot drove at its last report of a pose."""
         self._session: Session | None = None
         """None until the robot has told who it is."""
         self._former: asyncio.Task[None] | None = None
-        """End of the last session, of another robot; None without one."""
+        """Task that closes the session of the former robot; None without one."""
         self._is_closing = False
         self._is_restoring = False
-        """True while only a part is restored; that must be neither executed nor saved."""
+        """True while the state is restored only in part: it must be neither executed nor saved."""
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
@@ -146,7 +146,7 @@ class Vehicle:
     async def close(self) -> None:
         """Close both connections. The robot goes on with the task that it executes."""
         self._remember()
-        self._is_closing = True  # what ends from now on is no event of the order
+        self._is_closing = True  # tasks that end from now on must not change the order
         try:
             await self._gate.close(_CLOSE_TIMEOUT)
         except LinkError as error:
@@ -196,7 +196,7 @@ class Vehicle:
         self._session.start(self._former)
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
-        """Go on with the order from before a restart, and ask the robot what became of its task."""
+        """Restore the order after a restart, and ask the robot for the state of its task."""
         info, session = self._facts.info, self._session
         if info is None or session is None:
             return
@@ -219,7 +219,7 @@ class Vehicle:
         self._robot_changed()
 
     def _remember(self) -> None:
-        """Save what a restart must not lose."""
+        """Save the state that must survive a restart."""
         session = self._session
         if session is not None:
             session.save(
@@ -233,7 +233,7 @@ class Vehicle:
             )
 
     def _robot_replaced(self) -> None:
-        """Another robot answers: it is another vehicle, and does not take over the order."""
+        """Close the session: another robot is another vehicle, and does not take over the order."""
         session, self._session = self._session, None
         if session is None or self._is_closing:
             return
@@ -251,7 +251,7 @@ class Vehicle:
         self._runner.end_all()
 
     def _clear_order(self, mode: OperatingMode) -> None:
-        """Clear the order, as the standard demands in modes that are not automatic."""
+        """Clear the order, as the standard demands in modes other than AUTOMATIC."""
         if not self._machine.busy or self._machine.canceling:
             return
         order = self._machine.status.order_id

@@ -10,16 +10,16 @@ from woosh_robot_agent.vda5050.model.order import Trajectory
 _SPACING = 0.25
 """Usual distance between two points along a curve, in metres."""
 _MAX_POINTS = 100
-"""Number of points along a curve above which they are farther apart."""
-_ROUGH = 8
-"""Number of points in each span of the knots from which the length of the curve is estimated."""
+"""Approximate maximum number of points along a curve; on a longer one they are farther apart."""
+_SAMPLES = 8
+"""Number of points in each span of the knots by which the length of the curve is estimated."""
 
 Point = tuple[float, float]
 """Position in the map frame, in metres."""
 
 
 def curve_defect(trajectory: Trajectory) -> str:
-    """Return what is wrong with a trajectory; empty if it is a curve."""
+    """Return the defect of a trajectory; empty if it has none."""
     degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
     numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
     if not all(map(math.isfinite, (degree, *numbers))):
@@ -48,7 +48,7 @@ def curve_points(trajectory: Trajectory) -> list[Point]:
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
     ]
-    lengths = [_length(_points_of_span(trajectory, span, _ROUGH)) for span in spans]
+    lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
     spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
     points = [_point(trajectory, spans[0], knots[spans[0]])]
     for span, length in zip(spans, lengths, strict=True):

@@ -40,15 +40,15 @@ _SAME_PLACE = 0.01
 
 
 class OrderMachine:
-    """The current order: what is left of it, and what to do next.
+    """The current order: its state, and what to do next.
 
     Call a method for each event, and then `poll` for the commands.
 
     Args:
-        tolerance: deviation from a node that counts as none.
+        tolerance: minimum tolerance at nodes.
 
     Attributes:
-        error: why the order does not go on until it is cancelled; None while it does.
+        error: why the order cannot go on until it is cancelled; None if it can.
     """
 
     def __init__(self, tolerance: Tolerance | None = None) -> None:
@@ -72,7 +72,7 @@ class OrderMachine:
         self._cancelled = False
         """True if the order was cancelled."""
         self._holds: set[str] = set()
-        """Names of what holds the vehicle."""
+        """Names of the holds that keep the vehicle from driving."""
         self._is_held = False
         """True if the drive was paused because of `_holds`."""
         self._position: Position | None = None
@@ -85,7 +85,7 @@ class OrderMachine:
 
     @property
     def held(self) -> bool:
-        """True while something holds the vehicle."""
+        """True while a hold keeps the vehicle from driving."""
         return bool(self._holds)
 
     @property
@@ -131,7 +131,7 @@ class OrderMachine:
 
     @property
     def status(self) -> OrderStatus:
-        """How far the order is."""
+        """Progress of the order."""
         order, last = self._order, self._last_node
         return OrderStatus(
             order_id=order.id if order else "",
@@ -220,7 +220,7 @@ class OrderMachine:
             self._enter_edge()
 
     def drive_ended(self, reason: str = "") -> None:
-        """The vehicle does not drive any more.
+        """Take the end of the drive.
 
         Args:
             reason: why it did not reach the goal of the leg; empty if it did.
@@ -250,7 +250,7 @@ class OrderMachine:
         """Pause the drive, and start none, until each `hold` has its `release`.
 
         Args:
-            name: name of what holds the vehicle.
+            name: name of the hold.
         """
         self._holds.add(name)
 
@@ -288,14 +288,14 @@ class OrderMachine:
         return commands
 
     def doubt_place(self) -> None:
-        """Check that the vehicle stands on the last node before the order goes on."""
+        """Check the position of the vehicle before the order goes on: it may have been moved."""
         self._doubts_place = True
 
     # Memory
 
     @property
     def memory(self) -> Memory:
-        """What a restart of the program must not lose."""
+        """State that must survive a restart of the program."""
         order, leg = self._order, self._leg
         ends = (leg is not None and node is leg.goal for node in self._nodes)
         return Memory(
@@ -346,7 +346,7 @@ class OrderMachine:
     # Steps
 
     def _is_in_place(self, *, may_drive: bool) -> bool:
-        """Return True if the vehicle stands where the order goes on, or is on its way."""
+        """Return True unless the order must wait until the position is known and was checked."""
         last = self._last_node
         goes_on = self._actions.are_triggered or (self._edges and self._edges[0].released)
         if not self._doubts_place or self._leg is not None or not goes_on:
@@ -364,7 +364,7 @@ class OrderMachine:
         return True
 
     def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
-        """Return an error after which the order does not go on."""
+        """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
             ErrorLevel.FATAL,
@@ -379,7 +379,7 @@ class OrderMachine:
         return is_reached(node.position, None, self._position, self._tolerance)
 
     def _stands_still_on(self, node: Node) -> bool:
-        """Return True if a node is where the last one is, and the vehicle stands there."""
+        """Return True if a node is at the place of the last one, and the vehicle stands there."""
         last = self._last_node
         if last is None or last.position is None or node.position is None or node.mark:
             return False
@@ -466,6 +466,6 @@ class OrderMachine:
 
 
 def _parts_of(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:
-    """Return nodes and edges in the sequence of traversal."""
+    """Return nodes and edges in the order of traversal."""
     parts: list[Node | Edge] = [*nodes, *edges]
     return sorted(parts, key=lambda part: part.sequence_id)
