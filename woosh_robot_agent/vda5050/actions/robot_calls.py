@@ -1,4 +1,4 @@
-"""Execution of the robot's own actions: steps, lifts and the like."""
+"""Execution of the robot's own actions, such as steps and movements of the lift."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class _Run:
 
     @property
     def name(self) -> str:
-        """Name of the command, for texts."""
+        """Name of the command, for log and error texts."""
         return self.command.DESCRIPTOR.name
 
     def call(self, action: action_pb2.ControlAction) -> CallAction:

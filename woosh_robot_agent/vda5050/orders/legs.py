@@ -10,6 +10,9 @@ from itertools import pairwise
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
 from woosh_robot_agent.vda5050.orders.curve import curve_points
 
+_MAX_POSES = 150
+"""Maximum number of poses in a task of the robot; a chassis may refuse longer paths."""
+
 
 @dataclass(frozen=True)
 class Leg:
@@ -27,10 +30,6 @@ class Leg:
     def goal(self) -> Node:
         """The last node."""
         return self.nodes[-1]
-
-
-_MAX_POSES = 150
-"""Maximum number of poses that one task of the robot gets; a chassis may refuse longer paths."""
 
 
 def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
