@@ -14,11 +14,14 @@ from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
 """Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
+AT_ONCE = Limits(min_state_interval=0.0)
+"""Every change is published."""
 
 
 @pytest.fixture(autouse=True)

@@ -7,14 +7,11 @@ import pytest
 from tests.tools.waiting import aio
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, result_of, statuses, together
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import AT_ONCE, VehicleStarter
 from tests.vda5050.master import Master, Message, action, edge, node, status_of
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.robot.factsheet import Limits
 
 START = (4.23276472, -6.6727581)
-AT_ONCE = Limits(min_state_interval=0.0)
-"""Every change is published."""
 
 
 def lift(name: str, blocking: str, height: float = 0.1) -> Message:

@@ -77,10 +77,13 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(
         await master.online()
         off = chassis.inject("off")
         await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
-        master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
-        await master.wait_state(lambda state: state["orderId"] == "order")
+        words = action("speak", "words", text="ready")
+        master.order([node("a", 0, *START, actions=[words]), node("b", 2, 6.0, -7.0)])
+        await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
         off.clear()
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert status_of(ended, "words") == "FINISHED"
+    assert chassis.state.spoken == ("ready",)
     assert chassis.counts[EXEC] == 1
 
 

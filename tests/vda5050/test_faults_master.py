@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
+import uuid
+from pathlib import Path
 from typing import Any
 
+import aiomqtt
 import paho.mqtt.publish as publish
 import pytest
 
@@ -15,6 +18,7 @@ from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050 import mqtt
 
 EXEC = "woosh.robot.ExecTask"
 HEADER = {
@@ -34,6 +38,10 @@ STAND: dict[str, Any] = {
 
 def order(**changes: Any) -> bytes:
     return json.dumps(HEADER | STAND | changes).encode()
+
+
+def message(topic: str, number: int) -> aiomqtt.Message:
+    return aiomqtt.Message(topic, b"{}", 0, False, number, None)
 
 
 def nested(depth: int) -> bytes:
@@ -163,10 +171,69 @@ async def test_a_flood_of_messages_does_not_stop_the_vehicle(
         await master.wait_state(lambda state: state["lastNodeId"] == "b")
 
         def ended() -> bool:
-            master.instant(action("stateRequest", "last"))
-            return status_of(master.state, "last") == "FINISHED"
+            master.instant(action("stateRequest", f"last {uuid.uuid4()}"))
+            states = master.state["actionStates"]
+            return any(
+                each["actionId"].startswith("last") and each["actionStatus"] == "FINISHED"
+                for each in states
+            )
 
         await eventually(ended)
         assert len(master.state["actionStates"]) <= 300
         assert len(master.state["errors"]) <= 30
     assert len(caplog.text) < 200_000
+
+
+@aio
+async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    words = action("speak", "words", text="once")
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.instant(words)
+            await master.wait_state(lambda state: status_of(state, "words") == "FINISHED")
+            master.order([node("a", 0, *START)])
+            await master.wait_state(lambda state: state["orderId"] == "order")
+            master.instant(words)
+        master.received.clear()
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.instant(words, action("stateRequest", "last"))
+            await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
+    assert chassis.state.spoken == ("once",)
+
+
+@aio
+async def test_an_action_of_an_order_and_an_instant_action_cannot_have_the_same_id(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        first = node("a", 0, *START, actions=[action("speak", "one", text="order")])
+        master.order([first, node("b", 2, 6.0, -7.0, released=False)])
+        await master.wait_state(lambda state: status_of(state, "one") == "FINISHED")
+        master.instant(action("speak", "one", text="instant"))
+        state = await master.wait_state(lambda state: "instantActionError" in error_types(state))
+        assert "has this id" in state["errors"][-1]["errorDescription"]
+
+        master.instant(action("speak", "two", text="instant"))
+        await master.wait_state(lambda state: status_of(state, "two") == "FINISHED")
+        second = node("b", 2, 6.0, -7.0, actions=[action("speak", "two", text="order")])
+        master.order([first, second], update=1)
+        await master.wait_state(lambda state: "validationError" in error_types(state))
+        master.order([first, second | {"actions": []}], update=1)
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert chassis.state.spoken == ("order", "instant")
+
+
+def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
+    inbox = mqtt._Inbox()
+    for number in range(2 * mqtt._MAX_INBOX):
+        inbox.put_nowait(message("order", number))
+    inbox.put_nowait(message("instantActions", 0))
+    taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
+    assert taken == [*["order"] * mqtt._MAX_INBOX, "instantActions"]
+    inbox.put_nowait(message("order", 0))
+    assert inbox.qsize() == 1

@@ -32,7 +32,7 @@ def test_the_points_are_close_together() -> None:
 
 def test_degree_one_is_a_polyline_of_its_control_points() -> None:
     corners = [(0.0, 0.0), (5.0, 0.0), (5.0, 4.0)]
-    assert curve_points(curve(1, [0, 0, 0.5, 1, 1], *corners)) == corners
+    assert curve_points(curve(1, [0, 0, 0.5, 1, 1], *corners)) == tuple(corners)
 
 
 def test_a_cubic_passes_the_points_of_its_definition() -> None:

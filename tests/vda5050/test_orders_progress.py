@@ -11,6 +11,7 @@ from woosh_robot_agent.vda5050.model.errors import ErrorLevel, ErrorType
 from woosh_robot_agent.vda5050.model.order import BlockingType, ControlPoint, Trajectory
 from woosh_robot_agent.vda5050.orders.commands import (
     CancelDrive,
+    Drive,
     EndAction,
     PauseDrive,
     Perform,
@@ -385,3 +386,42 @@ def test_the_last_node_follows_from_where_the_vehicle_was_placed() -> None:
     robot.machine.placed("dock")
     assert robot.last == "dock"
     assert robot.machine.status.last_node_sequence_id == 0
+
+
+def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.arrive()
+    robot.machine.moved(at(1.2))  # it may stand a bit beside its node
+    robot.machine.moved(at(9.0))
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b"]
+    assert robot.machine.error is not None
+    assert robot.machine.error.type == ErrorType.INTERRUPTED.value
+
+
+def test_a_vehicle_that_its_own_actions_have_moved_goes_on() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.arrive()
+    robot.machine.moved(at(1.9), by_itself=True)
+    robot.machine.moved(at(1.95))
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b", "c"]
+
+
+def test_a_trajectory_that_begins_far_away_is_not_driven() -> None:
+    robot = Robot()
+    robot.machine.moved(at(-3.0))
+    robot.give(path("ab", a=place(0.0, deviation_xy=5.0), edges={"ab": {"trajectory": line(0, 1)}}))
+    assert robot.legs == []
+    assert robot.machine.error is not None
+    assert "begins 3.0 m away" in robot.machine.error.description
+
+
+def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.machine.drive_unsent()
+    assert robot.machine.poll(may_drive=False) == []
+    assert [type(each) for each in robot.machine.poll()] == [Drive]

@@ -12,7 +12,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import AT_ONCE, VehicleStarter
 from tests.vda5050.master import (
     Master,
     Message,
@@ -97,7 +97,9 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(
         assert ended["newBaseRequest"]
         assert ended["errors"] == []
         visited = [state["lastNodeId"] for state in master.received["state"] if state["orderId"]]
-        assert [a for a, b in pairwise([*visited, ""]) if a != b] == ["f", "d", "g", "b", "h"]
+        passed = [a for a, b in pairwise([*visited, ""]) if a != b]
+        # the robot may pass two nodes between two reports
+        assert passed == [name for name in "fdgbh" if name in passed]
     assert chassis.state.pose.x == pytest.approx(X + 4 * STEP, abs=0.05)
     assert len(requests(chassis, ExecTask)) == 2
 
@@ -413,11 +415,11 @@ async def test_the_order_is_cleared_when_the_robot_leaves_the_automatic_mode(
 async def test_the_distance_since_the_last_node_is_reported(
     vehicle: VehicleStarter, broker: Mosquitto
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
         await master.online()
         assert "distanceSinceLastNode" not in master.state
         master.order([node("a", 0, *START), node("b", 2, X + 4, Y)])
         await master.wait_state(lambda state: state["lastNodeId"] == "b")
         assert master.state["distanceSinceLastNode"] < 0.1
         states = [state for state in master.received["state"] if state["orderId"]]
-        assert 0.0 <= states[0]["distanceSinceLastNode"] < 4.0
+        assert states[0]["distanceSinceLastNode"] == 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import math
 import time
@@ -14,12 +13,11 @@ from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
     LinkError,
-    LinkState,
+    NotConnectedError,
     RequestTimeoutError,
 )
-from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -28,14 +26,13 @@ from woosh_robot_agent.vda5050.background import BackgroundTasks
 from woosh_robot_agent.vda5050.leg_task import leg_task
 from woosh_robot_agent.vda5050.model.state import Position
 from woosh_robot_agent.vda5050.orders.legs import Leg
+from woosh_robot_agent.vda5050.task_orders import TaskOrders
 
 _LOG = logging.getLogger(__name__)
 _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
-_REPEAT_AFTER = 3.0
-"""Time after which a command that stops the robot is repeated if it had no effect, in seconds."""
 _ENDED = {
     task.kCompleted: "",
     task.kCanceled: "the task was cancelled at the robot",
@@ -47,20 +44,19 @@ _ENDED = {
 class Driver:
     """Drives one leg at a time by a task of the robot. Used in the event loop of the link.
 
-    A start is never repeated. If the outcome of a task is unknown, the robot is asked. A pause or a
-    cancellation is repeated until the robot reports its effect, because it only stops the robot.
+    A start is never repeated. If the outcome of a task is unknown, the robot is asked.
 
     Args:
         chassis: the link.
         gate: sends the commands.
         requests: addresses the requests.
         on_end: called when the task has ended, with the reason why it failed; empty if it did not.
+        on_unsent: called when a start was not sent, because there is no link.
         on_changed: called when the robot pauses or resumes the task, or when a task of another
             client begins or ends.
 
     Attributes:
         task_id: id of the current task; 0 without one.
-        paused: True while the robot pauses the task.
         other_task: id of the task of another client that the robot executes; 0 without one.
     """
 
@@ -70,33 +66,39 @@ class Driver:
         gate: MotionGate,
         requests: RequestMaker,
         on_end: Callable[[str], None],
+        on_unsent: Callable[[], None],
         on_changed: Callable[[], None],
     ) -> None:
         self._chassis = chassis
         self._gate = gate
         self._requests = requests
         self._on_end = on_end
+        self._on_unsent = on_unsent
         self._on_changed = on_changed
         self.task_id = 0
         self._last_id = 0
         self._is_reported = False
         """True once the robot has reported on the current task."""
-        self.paused = False
         self.other_task = 0
-        self._wanted: action.Order | None = None
-        """kPause or kCancel that the robot has not obeyed yet; None without one."""
-        self._stopping: asyncio.Task[None] | None = None
-        """Sends `_wanted` until the robot obeys."""
-        self._wake = asyncio.Event()
-        """Wakes `_stop`; set when the task is paused or ended, or `_wanted` or the link changes."""
+        self._orders = TaskOrders(
+            chassis, gate, requests, lambda: not self.other_task, self._inquire
+        )
         self._inquiry: asyncio.Task[None] | None = None
         """Asks the robot about the current task."""
-        self._log = LogOnce(_LOG)
         self._tasks = BackgroundTasks("vda5050 driving")
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_robot_changed(self._robot_changed)
-        chassis.on_state(lambda state: self._wake.set())
+
+    @property
+    def paused(self) -> bool:
+        """True while the robot pauses the task, by its last report."""
+        return self._orders.paused
+
+    @property
+    def stands(self) -> bool:
+        """True while the robot pauses the task and was not told to go on."""
+        return self._orders.stands
 
     def start(self, leg: Leg, position: Position | None) -> None:
         """Drive a leg.
@@ -128,20 +130,19 @@ class Driver:
 
     def cancel(self) -> None:
         """Cancel the task of the leg."""
-        self._insist(action.kCancel)
+        self._orders.cancel()
 
     def pause(self) -> None:
-        """Pause the task of the leg."""
-        self._insist(action.kPause)
+        """Keep the task of the leg paused."""
+        self._orders.pause()
 
     def resume(self) -> None:
         """Resume the task of the leg."""
-        self._wanted = None
-        if self.task_id:
-            self._tasks.start(self._resume(self.task_id))
+        self._orders.resume()
 
     async def close(self) -> None:
         """Stop waiting for answers; the robot goes on with its task."""
+        await self._orders.close()
         await self._tasks.close()
 
     # Commands
@@ -149,8 +150,8 @@ class Driver:
     def _set_task(self, task_id: int) -> None:
         self.task_id = task_id
         self._last_id = max(self._last_id, task_id)
-        self._is_reported = self.paused = False
-        self._wanted = None
+        self._is_reported = False
+        self._orders.begin(task_id)
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
@@ -158,54 +159,15 @@ class Driver:
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of task %d was not answered: %s", task_id, error)
             self._inquire()
+        except NotConnectedError:
+            if task_id == self.task_id:
+                self._set_task(0)
+                self._on_unsent()
         except LinkError as error:
             self._end_task(task_id, str(error))
         else:
             if not answer.ok:
                 self._end_task(task_id, f"the robot refused the task: {answer.msg}")
-
-    def _insist(self, command: action.Order) -> None:
-        """Send a command that stops the robot, and repeat it until the robot obeys."""
-        if not self.task_id:
-            return
-        self._wanted = command
-        self._wake.set()
-        if self._stopping is None or self._stopping.done():
-            self._stopping = self._tasks.start(self._stop())
-
-    async def _stop(self) -> None:
-        while (command := self._pending_command()) is not None:
-            self._wake.clear()
-            if self._chassis.state is LinkState.READY and not self.other_task:
-                await self._send(command, self.task_id)
-                self._inquire()
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._wake.wait(), _REPEAT_AFTER)
-
-    def _pending_command(self) -> action.Order | None:
-        """Return the command that the robot has not obeyed; None without one."""
-        if self._wanted == action.kPause and self.paused:
-            self._wanted = None
-        return self._wanted
-
-    async def _resume(self, task_id: int) -> None:
-        if not await self._send(action.kContinue, task_id):
-            self._inquire()
-
-    async def _send(self, command: action.Order, task_id: int) -> bool:
-        """Send a command to the current task; return True if the robot has accepted it."""
-        name = action.Order.Name(command)
-        request = ActionOrder(order=command)
-        try:
-            answer = await self._gate.request(self._requests.address(request))
-        except LinkError as error:
-            self._log.warn(f"{name} {task_id}", f"{name} of task {task_id} failed: {error}")
-            return False
-        if not answer.ok and task_id == self.task_id:
-            self._log.warn(
-                f"{name} {task_id}", f"the robot refused {name} of task {task_id}: {answer.msg}"
-            )
-        return answer.ok
 
     # Reports
 
@@ -236,9 +198,7 @@ class Driver:
             self._end(f"{reason}: {report.msg}" if reason and report.msg else reason)
             return
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
-        if paused != self.paused:
-            self.paused = paused
-            self._wake.set()
+        if self._orders.reported(paused):
             self._on_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -313,6 +273,4 @@ class Driver:
     def _end(self, reason: str) -> None:
         if self.task_id:
             self._set_task(0)
-            self._wake.set()
-            self._log.clear()
             self._on_end(reason)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 
 from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.vda5050.actions.registry import Registry
@@ -13,6 +15,7 @@ from woosh_robot_agent.vda5050.order_check import OrderCheck
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
+from woosh_robot_agent.vda5050.orders.structure import check_instant_ids
 from woosh_robot_agent.vda5050.parsing import read_instant_actions, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity
@@ -32,6 +35,8 @@ class Intake:
         facts: what the robot reports.
         marks: the marks of the robot.
         maps: the maps of the robot.
+        taken_ids: returns the ids of instant actions, which no action of an order may have; called
+            with True for a new order, and with False for an update.
 
     Attributes:
         order_error: why the last order was rejected or dropped; None if one was accepted since.
@@ -46,12 +51,14 @@ class Intake:
         facts: RobotFacts,
         marks: RobotMarks,
         maps: MapLibrary,
+        taken_ids: Callable[[bool], Collection[str]],
     ) -> None:
         self._version = version
         self._registry = registry
         self._facts = facts
         self._marks = marks
         self._maps = maps
+        self._taken_ids = taken_ids
         self._log = LogOnce(_LOG)
         self.order_error: VehicleError | None = None
         self.message_error: VehicleError | None = None
@@ -69,7 +76,8 @@ class Intake:
         """
         try:
             order = self._with_marks(read_order(payload, self._version, identity))
-            verdict = machine.receive(order, self._check)
+            is_new = order.id != machine.status.order_id
+            verdict = machine.receive(order, partial(self._check, is_new=is_new))
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
             self.order_error = rejected.error
@@ -106,12 +114,13 @@ class Intake:
         place = status.position if status is not None else None
         return with_marks(order, "" if place is None else place.map_id, self._marks.find)
 
-    def _check(self, order: Order) -> None:
+    def _check(self, order: Order, *, is_new: bool) -> None:
         """Check an order against what the vehicle can do now.
 
         Raises:
             RejectedError: the vehicle cannot perform it.
         """
+        check_instant_ids(order, self._taken_ids(is_new))
         status, info = self._facts.status, self._facts.info
         if status is not None and info is not None:
             status = replace(status, maps=self._maps.listed(info))

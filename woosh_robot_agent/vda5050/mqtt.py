@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 import ssl
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -28,9 +28,10 @@ _STABLE_AFTER = 5.0
 _MAX_OUTBOX = 1000
 """Maximum number of messages that wait to be sent; the oldest ones are dropped."""
 _MAX_RECEIVED = 200
-"""Maximum number of messages that wait to be handled; new ones are dropped."""
+"""Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_RECEIVED_SIZE = 16 * 2**20
-"""Maximum size of all messages that wait to be handled, in bytes; a single one may be larger."""
+"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single one may be
+larger."""
 _HINTS = (
     (
         ssl.SSLCertVerificationError,
@@ -245,31 +246,39 @@ class MqttConnection:
 
 
 class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
-    """Received messages that wait to be handled; drops new ones if there are too many."""
+    """Received messages that wait to be handled; drops new ones of a topic that has too many.
+
+    Each topic has its own limit, so that a flood of orders does not take the place of a pause.
+    """
 
     def __init__(self, maxsize: int = 0) -> None:
         super().__init__(maxsize)
-        self._size = 0
-        """Length of all payloads, in bytes."""
+        self._counts = Counter[str]()
+        """Number of messages, by topic."""
+        self._sizes = Counter[str]()
+        """Length of all payloads, in bytes, by topic."""
         self._log = LogOnce(_LOG)
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        length = _length(item)
-        if self.qsize() >= _MAX_RECEIVED or (
-            self._size and self._size + length > _MAX_RECEIVED_SIZE
-        ):
+        topic, length = item.topic.value, _length(item)
+        size = self._sizes[topic]
+        if self._counts[topic] >= _MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
             self._log.warn(
-                "flood", "messages come faster than they can be handled, and some were dropped"
+                topic,
+                f"messages on {topic} come faster than they can be handled, and some were dropped",
             )
             return
-        self._size += length
+        self._counts[topic] += 1
+        self._sizes[topic] += length
         super().put_nowait(item)
 
     def get_nowait(self) -> aiomqtt.Message:
         item = super().get_nowait()
-        self._size -= _length(item)
-        if not self._size:
-            self._log.clear()
+        topic = item.topic.value
+        self._counts[topic] -= 1
+        self._sizes[topic] -= _length(item)
+        if not self._counts[topic]:
+            self._log.clear(topic)
         return item
 
 

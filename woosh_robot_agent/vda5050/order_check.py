@@ -14,6 +14,8 @@ from woosh_robot_agent.vda5050.orders.curve import curve_defect, curve_points
 
 MIN_SPEED = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
+_MAX_CONTROL_POINTS = 2000
+"""Maximum number of control points of all trajectories of an order."""
 _TOLERANCE = 0.25
 """Maximum distance of the ends of a trajectory from their nodes, in metres."""
 
@@ -50,6 +52,7 @@ class OrderCheck:
             raise self._unsupported(self._order.unsupported, "the order")
         for edge in self._order.edges:
             self._check_edge(edge)
+        self._check_size()
         for node in self._order.nodes:
             self._check_node(node, status)
         for start, edge, end in zip(
@@ -63,6 +66,17 @@ class OrderCheck:
                 ErrorType.NOT_AVAILABLE,
                 "the robot is not in automatic mode",
                 "switch the robot to automatic control and task mode",
+            )
+
+    def _check_size(self) -> None:
+        trajectories = (edge.trajectory for edge in self._order.edges)
+        count = sum(len(each.points) for each in trajectories if each is not None)
+        if count > _MAX_CONTROL_POINTS:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the trajectories have {count} control points, more than {_MAX_CONTROL_POINTS}",
+                "send simpler trajectories, or fewer of them at a time",
+                parameter="trajectory",
             )
 
     def _check_edge(self, edge: Edge) -> None:

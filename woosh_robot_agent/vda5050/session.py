@@ -24,7 +24,7 @@ _LOG = logging.getLogger(__name__)
 _RETRY = 2.0
 """Pause between attempts to open the state file, in seconds."""
 _SAVE_WITHIN = 1.0
-"""Maximum delay before the states of instant actions are saved, in seconds."""
+"""Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -122,14 +122,14 @@ class Session:
     def save(self, record: Record) -> None:
         """Save the state that must survive a restart.
 
-        If the order has changed, it is on the disk on return.
+        What keeps something from being done twice is on the disk on return, the rest soon.
         """
         if not self.is_open:
             return
         self._record = record
-        if not self._store.has_order_of(record):
+        if not self._store.can_wait(record):
             self._save()
-        elif self._late is None:  # a flood of instant actions must not block the loop
+        elif self._late is None:  # each file takes milliseconds, in which nothing else happens
             self._late = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save)
 
     async def close(self, timeout: float) -> None:

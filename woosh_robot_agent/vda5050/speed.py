@@ -31,6 +31,7 @@ class SpeedLimiter:
         gate: sends the commands.
         requests: addresses the requests.
         max_speed: maximum speed of the robot, in m/s; higher limits have no effect.
+        on_limited: called when `is_limited` has changed, before the robot gets the limit.
         on_refused: called with the reason if the robot does not take a limit.
     """
 
@@ -40,11 +41,13 @@ class SpeedLimiter:
         gate: MotionGate,
         requests: RequestMaker,
         max_speed: float,
+        on_limited: Callable[[], None],
         on_refused: Callable[[str], None],
     ) -> None:
         self._gate = gate
         self._requests = requests
         self._max_speed = max_speed
+        self._on_limited = on_limited
         self._on_refused = on_refused
         self._limit: float | None = None
         """Limit of the leg; infinite without one, None while no leg is driven."""
@@ -56,6 +59,19 @@ class SpeedLimiter:
         self._tasks = BackgroundTasks("vda5050 speed limit")
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._connected)
+
+    @property
+    def is_limited(self) -> bool:
+        """True if the robot has a limit from here, or may have one."""
+        return self._sent != math.inf
+
+    def restore(self, is_limited: bool) -> None:
+        """Take what was remembered over a restart.
+
+        Args:
+            is_limited: the robot may have a limit.
+        """
+        self._sent = _UNKNOWN if is_limited else math.inf
 
     def limit(self, limit: float | None) -> None:
         """Set the speed limit.
@@ -88,7 +104,9 @@ class SpeedLimiter:
     def _send(self) -> None:
         if self._limit is None or not self._navigates or self._limit == self._sent:
             return
-        self._sent = self._limit
+        was_limited, self._sent = self.is_limited, self._limit
+        if self.is_limited != was_limited:
+            self._on_limited()
         self._tasks.start(self._request(self._task_id, self._limit))
 
     async def _request(self, task_id: int, limit: float) -> None:

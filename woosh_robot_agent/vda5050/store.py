@@ -37,6 +37,9 @@ class Record:
         task_id: id of the robot's task that drives the current leg; 0 without one.
         order: state of the order.
         instant_actions: states of the instant actions.
+        known_ids: ids of the last instant actions.
+        last_motion: id of the last instant action that moves something; empty without one.
+        speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
         format: version of the file format.
     """
@@ -46,6 +49,9 @@ class Record:
     task_id: int = 0
     order: Memory = field(default_factory=Memory)
     instant_actions: tuple[ActionState, ...] = ()
+    known_ids: tuple[str, ...] = ()
+    last_motion: str = ""
+    speed_is_limited: bool = False
     header_ids: Mapping[str, int] = field(default_factory=dict)
     format: int = _FORMAT
 
@@ -115,10 +121,27 @@ class Store:
             return self._record, self._put_aside(self._path, error)
         return self._record, None
 
-    def has_order_of(self, record: Record) -> bool:
-        """Return True if a record differs from the saved one only in its instant actions."""
-        saved = self._record
-        same = replace(record, instant_actions=saved.instant_actions, header_ids=saved.header_ids)
+    def can_wait(self, record: Record) -> bool:
+        """Return True if nothing is done twice without a record: the saved one is enough for now.
+
+        It is if they differ only in how far the order and the instant actions are.
+        """
+        saved, order = self._record, self._record.order
+        progress = replace(
+            record.order,
+            last_node=order.last_node,
+            nodes=order.nodes,
+            edges=order.edges,
+            on_edge=order.on_edge,
+            leg_length=order.leg_length,
+        )
+        same = replace(
+            record,
+            order=progress,
+            instant_actions=saved.instant_actions,
+            known_ids=saved.known_ids,
+            header_ids=saved.header_ids,
+        )
         return self.error is None and same == saved
 
     def save(self, record: Record) -> None:

@@ -34,7 +34,12 @@ from woosh_robot_agent.vda5050.model.errors import (
 )
 from woosh_robot_agent.vda5050.model.factsheet import Factsheet
 from woosh_robot_agent.vda5050.model.order import Action
-from woosh_robot_agent.vda5050.model.state import ActionStatus, OperatingMode, VehicleState
+from woosh_robot_agent.vda5050.model.state import (
+    ActionStatus,
+    OperatingMode,
+    Position,
+    VehicleState,
+)
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.orders.acceptance import Verdict
 from woosh_robot_agent.vda5050.orders.commands import (
@@ -82,10 +87,20 @@ class Vehicle:
         self._facts = RobotFacts(self._chassis, self._moved, self._robot_changed)
         self._machine = OrderMachine()
         self._driver = Driver(
-            self._chassis, self._gate, requests, self._drive_ended, self._robot_changed
+            self._chassis,
+            self._gate,
+            requests,
+            self._drive_ended,
+            self._drive_unsent,
+            self._robot_changed,
         )
         self._speed = SpeedLimiter(
-            self._chassis, self._gate, requests, config.limits.max_speed, self._speed_refused
+            self._chassis,
+            self._gate,
+            requests,
+            config.limits.max_speed,
+            self._remember,
+            self._speed_refused,
         )
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
@@ -103,6 +118,7 @@ class Vehicle:
             requests=requests,
             facts=self._facts,
             maps=self._maps,
+            marks=self._marks,
             pause=self._pause,
             conditions=self._waits,
             calls=self._calls,
@@ -115,9 +131,19 @@ class Vehicle:
         self._permission = DrivePermission(
             self._chassis, self._gate, self._facts, self._driver, self._robot_tasks, self._calls
         )
+        forgets = not config.version.keeps_instant_actions
         self._registry = Registry(context, config.version.number, further)
-        self._intake = Intake(config.version, self._registry, self._facts, self._marks, self._maps)
-        self._runner = ActionRunner(self._registry, self._pause, self._is_driving, self)
+        self._intake = Intake(
+            config.version,
+            self._registry,
+            self._facts,
+            self._marks,
+            self._maps,
+            lambda new_order: self._instant.ids_in_state(ended=not (new_order and forgets)),
+        )
+        self._runner = ActionRunner(
+            self._registry, self._pause, self._is_ready, self._is_driving, self
+        )
         self._instant = InstantActions(self._registry, self._runner, self)
         self._cancelled: asyncio.Future[None] | None = None
         """Done when the order has been cancelled; None without a cancelOrder."""
@@ -208,9 +234,16 @@ class Vehicle:
             self._intake.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
         self._is_restoring = True
+        self._speed.restore(record.speed_is_limited)
         self._machine.restore(record.order)
         self._pause.set(_PAUSE in record.order.holds)
-        self._instant.restore(record.instant_actions, again=CancelOrder.type.name)
+        for action_id in self._instant.restore(
+            record.instant_actions,
+            record.known_ids,
+            record.order.holds,
+            again=CancelOrder.type.name,
+        ):
+            self._machine.interrupt(action_id)
         if self._machine.driving:
             self._driver.restore(record.task_id, info)
         self._is_restoring = False
@@ -221,7 +254,7 @@ class Vehicle:
     def _remember(self) -> None:
         """Save the state that must survive a restart."""
         session = self._session
-        if session is not None:
+        if session is not None and not self._is_restoring:
             session.save(
                 Record(
                     robot_id=session.robot.robot_id,
@@ -229,6 +262,9 @@ class Vehicle:
                     task_id=self._driver.task_id,
                     order=self._machine.memory,
                     instant_actions=self._instant.states,
+                    known_ids=self._instant.known_ids,
+                    last_motion=self._instant.last_motion,
+                    speed_is_limited=self._speed.is_limited,
                 )
             )
 
@@ -292,7 +328,7 @@ class Vehicle:
         status = self._facts.status
         if status is not None and status.position is not None:
             before = self._machine.status
-            self._machine.moved(status.position)
+            self._follow(status.position)
             after = self._machine.status
             if (before.last_node_sequence_id, before.new_base_request) != (
                 after.last_node_sequence_id,
@@ -306,10 +342,15 @@ class Vehicle:
         self._waits.check()
         self._reports.moved()
 
+    def _follow(self, position: Position) -> None:
+        """Take a new position of the robot."""
+        is_acting = self._runner.busy or self._robot_tasks.task_id != 0
+        self._machine.moved(position, by_itself=is_acting)
+
     def _robot_changed(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
-            self._machine.moved(status.position)
+            self._follow(status.position)
         if status is not None and status.mode is not OperatingMode.AUTOMATIC:
             self._clear_order(status.mode)
         self._step()
@@ -322,6 +363,10 @@ class Vehicle:
     def _drive_ended(self, reason: str) -> None:
         self._machine.drive_ended(self._refused_speed or reason)
         self._refused_speed = ""
+        self._step()
+
+    def _drive_unsent(self) -> None:
+        self._machine.drive_unsent()
         self._step()
 
     # Execution
@@ -372,6 +417,9 @@ class Vehicle:
             return self._pause.in_effect
         return self._driver.paused and not self._machine.held
 
+    def order_has_action(self, action_id: str) -> bool:
+        return any(each.id == action_id for each in self._machine.status.actions)
+
     def hold(self, name: str) -> None:
         self._machine.hold(name)
         self._step()
@@ -403,8 +451,11 @@ class Vehicle:
         else:
             self.release(_PAUSE)
 
+    def _is_ready(self) -> bool:
+        return self._chassis.state is LinkState.READY
+
     def _is_driving(self) -> bool:
-        return self._machine.driving and not self._driver.paused
+        return self._machine.driving and not self._driver.stands
 
     async def cancel_order(self, order_id: str) -> None:
         if not self._machine.busy:

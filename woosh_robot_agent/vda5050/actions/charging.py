@@ -12,14 +12,12 @@ from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
-from woosh_robot_agent.vda5050.actions.performer import Context, PlainPerformer, Report
+from woosh_robot_agent.vda5050.actions.performer import REACH, Context, PlainPerformer, Report
 from woosh_robot_agent.vda5050.model.factsheet import STANDSTILL, ActionType, ParameterType, Scope
 from woosh_robot_agent.vda5050.model.order import Action
 
 _SCOPES = frozenset({Scope.INSTANT, Scope.NODE})
 _STATION = "stationName"
-_REACH = 3.0
-"""Maximum distance of a charger that is used without being named, in metres."""
 _TIMEOUT = 30.0
 """Maximum time until the robot reports that it does not charge any more, in seconds."""
 
@@ -35,7 +33,7 @@ class StartCharging(PlainPerformer):
             ParameterType(
                 _STATION,
                 "STRING",
-                f"number of the charger's mark; without it, the nearest one within {_REACH:g} m",
+                f"number of the charger's mark, within {REACH:g} m; without it, the nearest one",
                 True,
             ),
         ),
@@ -49,6 +47,7 @@ class StartCharging(PlainPerformer):
             return ""
         context.require_no_leg()
         mark = action.parameters.get(_STATION) or await self._nearest()
+        context.require_near(mark)
         request = ExecTask(type=task.kCharge, mark_no=mark)
         await context.tasks.perform(request, report, lambda: _is_charging(context))
         return ""
@@ -69,9 +68,9 @@ class StartCharging(PlainPerformer):
             if here is not None:
                 distance = math.hypot(pose.x - here.x, pose.y - here.y)
                 distances.append((distance, charger.identity.no))
-        if not distances or min(distances)[0] > _REACH:
+        if not distances or min(distances)[0] > REACH:
             raise ActionFailedError(
-                f"there is no charger within {_REACH:g} m: drive to one, or name one as {_STATION}"
+                f"there is no charger within {REACH:g} m: drive to one, or name one as {_STATION}"
             )
         return min(distances)[1]
 

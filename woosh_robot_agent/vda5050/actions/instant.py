@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.vda5050.actions.errors import Objection
 from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
@@ -18,8 +19,13 @@ from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 _MAX_STATES = 200
 """Maximum number of instant actions in the state. Beyond it, ended ones are forgotten, and new ones
 fail if none has ended."""
+_MAX_KNOWN = 500
+"""Number of the last instant actions that are not performed again."""
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
+
+_HOLD = "action "
+"""Begin of the names of what holds the vehicle."""
 
 
 class InstantActions:
@@ -32,6 +38,7 @@ class InstantActions:
 
     Attributes:
         errors: errors of actions that failed.
+        last_motion: id of the last instant action that moves something; empty without one.
     """
 
     def __init__(self, registry: Registry, runner: ActionRunner, vehicle: VehicleControls) -> None:
@@ -39,6 +46,9 @@ class InstantActions:
         self._runner = runner
         self._vehicle = vehicle
         self._states: dict[str, ActionState] = {}
+        self._known: RecentDict[str, None] = RecentDict(_MAX_KNOWN)
+        """Ids of the last instant actions."""
+        self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 
     @property
@@ -46,11 +56,28 @@ class InstantActions:
         """States of the instant actions since the last order."""
         return tuple(self._states.values())
 
+    @property
+    def known_ids(self) -> tuple[str, ...]:
+        """Ids of the last instant actions, which are not performed again."""
+        return tuple(self._known)
+
+    def ids_in_state(self, *, ended: bool) -> set[str]:
+        """Return the ids of the actions in the state.
+
+        Args:
+            ended: include those that have ended.
+        """
+        return {key for key, state in self._states.items() if ended or not state.status.ended}
+
     def receive(self, actions: Sequence[Action]) -> None:
         """Perform instant actions; those with a known id are ignored."""
         for action in actions:
-            if action.id in self._states:
+            if action.id in self._known or action.id in self._states:
                 continue
+            if self._vehicle.order_has_action(action.id):
+                self.failed(action, "an action of the order has this id", ErrorType.INSTANT_ACTION)
+                continue
+            self._known[action.id] = None
             self._states[action.id] = ActionState(
                 action.id,
                 action.type,
@@ -77,13 +104,26 @@ class InstantActions:
                 self._start(action, self._registry.get(action.type).type)
         self._forget_oldest()
 
-    def restore(self, states: Sequence[ActionState], *, again: str) -> None:
+    def restore(
+        self,
+        states: Sequence[ActionState],
+        known_ids: Sequence[str],
+        holds: Sequence[str],
+        *,
+        again: str,
+    ) -> list[str]:
         """Restore the states after a restart. Actions that ran have failed.
 
         Args:
-            states: the states.
+            states: the states, which may be a second old.
+            known_ids: ids of the last instant actions.
+            holds: names of the holds that kept the vehicle from driving.
             again: type of the actions that are performed again; they must be harmless.
+
+        Returns:
+            The ids of the actions that forbade driving; the robot may go on with them.
         """
+        self._known.update(dict.fromkeys(known_ids))
         for state in states:
             self._states[state.id] = state
             if state.status.ended:
@@ -93,6 +133,10 @@ class InstantActions:
                 self._runner.start(action, at_once=True)
             else:
                 self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
+        interrupted = [hold for hold in holds if hold.startswith(_HOLD)]
+        for hold in interrupted:
+            self._vehicle.release(hold)
+        return [hold.removeprefix(_HOLD) for hold in interrupted]
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
         """Take the new status of an action; return False if it is not an instant action."""
@@ -118,6 +162,8 @@ class InstantActions:
             # it controls the vehicle, so it waits for nothing, whatever its blockingType
             self._runner.start(action, at_once=True)
             return
+        if kind.pausable:
+            self.last_motion = action.id
         if action.blocking not in kind.blocking:
             action = replace(action, blocking=BlockingType.HARD)
         if action.blocking.stops:
@@ -133,4 +179,4 @@ class InstantActions:
 
 
 def _hold_of(action_id: str) -> str:
-    return f"action {action_id}"
+    return f"{_HOLD}{action_id}"

@@ -6,7 +6,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.actions.errors import Objection
-from woosh_robot_agent.vda5050.actions.performer import Context, Report
+from woosh_robot_agent.vda5050.actions.performer import REACH, Context, Report
 from woosh_robot_agent.vda5050.model.factsheet import (
     STANDSTILL,
     ActionType,
@@ -20,8 +20,8 @@ _PARAMETERS = (
     ParameterType(
         _STATION,
         "STRING",
-        "number of the mark at which the robot docks; without it, the lift moves where the robot "
-        "stands",
+        f"number of the mark at which the robot docks, at most {REACH:g} m away; without it, the "
+        "lift moves where the robot stands",
         True,
     ),
     ParameterType("stationType", "STRING", "accepted, but not used", True),
@@ -71,6 +71,7 @@ class _Carry:
         if _STATION not in action.parameters:
             return await context.calls.perform(LiftControl(execute_mode=self._lift), report)
         context.require_no_leg()
+        context.require_near(action.parameters[_STATION])
         request = ExecTask(
             type=task.kCarry, direction=self._direction, mark_no=action.parameters[_STATION]
         )

@@ -24,8 +24,11 @@ class StartPause(PlainPerformer):
         if not await self._context.conditions.wait(
             lambda: vehicle.paused or not pause.wanted, TIMEOUT
         ):
-            pause.set(False)
-            raise ActionFailedError(f"the robot did not pause within {TIMEOUT:g} s")
+            # the robot must not drive on because it was slow to obey, so the pause stays wanted
+            raise ActionFailedError(
+                f"the robot did not pause within {TIMEOUT:g} s; it is told again until it does, or "
+                "until a stopPause"
+            )
         if not pause.wanted:
             raise ActionFailedError("a stopPause arrived in the meantime")
         return ""

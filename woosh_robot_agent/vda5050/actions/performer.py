@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
@@ -22,7 +23,11 @@ from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.maps import MapLibrary
+from woosh_robot_agent.vda5050.robot.marks import RobotMarks
 
+REACH = 3.0
+"""Maximum distance of a mark at which an action docks, in metres; the master control has released
+no way to a farther one."""
 Report: TypeAlias = Callable[[ActionStatus], None]
 """Function that reports the status of an action while it is performed."""
 
@@ -37,6 +42,9 @@ class VehicleControls(Protocol):
     @property
     def paused(self) -> bool:
         """True while the vehicle is paused."""
+
+    def order_has_action(self, action_id: str) -> bool:
+        """Return True if an action of the order has this id."""
 
     def hold(self, name: str) -> None:
         """Stop the vehicle until the `release` of the same name."""
@@ -80,6 +88,7 @@ class Context:
         requests: addresses the requests.
         facts: what the robot reports.
         maps: maps on the robot.
+        marks: marks of the robot's scene.
         pause: the pause of the vehicle.
         conditions: waits for conditions of the vehicle.
         calls: executes the robot's own actions.
@@ -92,6 +101,7 @@ class Context:
     requests: RequestMaker
     facts: RobotFacts
     maps: MapLibrary
+    marks: RobotMarks
     pause: Pause
     conditions: Conditions
     calls: RobotCalls
@@ -109,6 +119,23 @@ class Context:
         if not answer.ok:
             raise ActionFailedError(f"the robot refused {full_name(message)}: {answer.msg}")
         return answer
+
+    def require_near(self, mark: str) -> None:
+        """Check that the robot stands at a mark, or so near that it only has to dock.
+
+        Raises:
+            ActionFailedError: it does not, or the map has no such mark.
+        """
+        status = self.facts.status
+        here = status.position if status is not None else None
+        place = self.marks.find(mark, here.map_id) if here is not None else None
+        if here is None or place is None:
+            raise ActionFailedError(f"the robot knows no mark {mark} on its map")
+        distance = math.hypot(place.x - here.x, place.y - here.y)
+        if distance > REACH:
+            raise ActionFailedError(
+                f"mark {mark} is {distance:.1f} m away, more than {REACH:g} m: drive to it first"
+            )
 
     def require_no_leg(self) -> None:
         """Check that the robot does not drive along an order.

@@ -39,7 +39,14 @@ class RobotTasks:
         conditions: Conditions,
     ) -> None:
         self._conditions = conditions
-        self._driver = Driver(chassis, gate, requests, self._ended, self._changed)
+        self._driver = Driver(
+            chassis,
+            gate,
+            requests,
+            self._ended,
+            lambda: self._ended("there is no link to the robot"),
+            self._changed,
+        )
         self._end: asyncio.Future[str] | None = None
         """Done when the task has ended, with the reason why it failed; None without a task."""
         self._report: Callable[[ActionStatus], None] = lambda status: None
@@ -109,4 +116,4 @@ class RobotTasks:
             self._driver.resume()
 
     def _is_paused(self) -> bool:
-        return self._end is None or self._driver.paused
+        return self._end is None or self._driver.stands

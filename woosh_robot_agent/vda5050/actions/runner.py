@@ -40,15 +40,22 @@ class ActionRunner:
     Args:
         registry: the actions of the vehicle.
         pause: the pause of the vehicle, in which no action starts that moves something.
+        is_ready: returns True while there is a link to the robot.
         is_driving: returns True while the vehicle drives along the order.
         watcher: receives the progress of the actions.
     """
 
     def __init__(
-        self, registry: Registry, pause: Pause, is_driving: Callable[[], bool], watcher: Watcher
+        self,
+        registry: Registry,
+        pause: Pause,
+        is_ready: Callable[[], bool],
+        is_driving: Callable[[], bool],
+        watcher: Watcher,
     ) -> None:
         self._registry = registry
         self._pause = pause
+        self._is_ready = is_ready
         self._is_driving = is_driving
         self._watcher = watcher
         self._waiting: list[Action] = []
@@ -57,6 +64,11 @@ class ActionRunner:
         """Actions that run and for which others may have to wait, by id."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._closing = False
+
+    @property
+    def busy(self) -> bool:
+        """True while an action runs for which others may have to wait."""
+        return bool(self._active)
 
     def start(self, action: Action, *, at_once: bool = False) -> None:
         """Start an action as soon as its blocking type permits.
@@ -75,7 +87,7 @@ class ActionRunner:
 
     def poll(self) -> None:
         """Start the actions that may start now."""
-        if self._closing:
+        if self._closing or not self._is_ready():
             return
         waiting = self._waiting
         if self._pause.wanted:

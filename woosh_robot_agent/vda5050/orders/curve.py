@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from itertools import pairwise
 
@@ -11,6 +12,10 @@ _SPACING = 0.25
 """Usual distance between two points along a curve, in metres."""
 _MAX_POINTS = 100
 """Approximate maximum number of points along a curve; on a longer one they are farther apart."""
+_MAX_DEGREE = 5
+"""Maximum degree of a curve; the points of higher ones take too long to compute."""
+_MAX_CONTROL_POINTS = 500
+"""Maximum number of control points of a curve."""
 _SAMPLES = 8
 """Number of points in each span of the knots by which the length of the curve is estimated."""
 
@@ -26,6 +31,10 @@ def curve_defect(trajectory: Trajectory) -> str:
         return "a number is not finite"
     if degree != int(degree) or degree < 1:
         return f"its degree is not a positive integer: {degree}"
+    if degree > _MAX_DEGREE:
+        return f"its degree is above {_MAX_DEGREE}: {degree:g}"
+    if len(points) > _MAX_CONTROL_POINTS:
+        return f"it has more than {_MAX_CONTROL_POINTS} control points: {len(points)}"
     if len(points) <= degree:
         return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
     if len(knots) != len(points) + degree + 1:
@@ -42,7 +51,8 @@ def curve_defect(trajectory: Trajectory) -> str:
     return ""
 
 
-def curve_points(trajectory: Trajectory) -> list[Point]:
+@functools.lru_cache(maxsize=256)
+def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
     """Return points along a trajectory without a defect, its start and end included."""
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [
@@ -55,7 +65,7 @@ def curve_points(trajectory: Trajectory) -> list[Point]:
         # a straight line needs only its end
         count = 1 if degree == 1 else max(degree, math.ceil(length / spacing))
         points += _points_of_span(trajectory, span, count)[1:]
-    return points
+    return tuple(points)
 
 
 def _length(points: list[Point]) -> float:

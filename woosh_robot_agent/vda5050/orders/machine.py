@@ -28,6 +28,7 @@ from woosh_robot_agent.vda5050.orders.commands import (
     PauseDrive,
     ResumeDrive,
 )
+from woosh_robot_agent.vda5050.orders.curve import curve_points
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
 from woosh_robot_agent.vda5050.orders.memory import Memory
 from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
@@ -35,6 +36,8 @@ from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
 from woosh_robot_agent.vda5050.orders.structure import check_action_ids
 
 _RESTARTED = "the connector was restarted while the action ran"
+_MAX_APPROACH = 0.5
+"""Maximum distance of the begin of a trajectory at which the vehicle drives to it, in metres."""
 _SAME_PLACE = 0.01
 """Distance of two nodes that are at the same place, in metres."""
 
@@ -73,9 +76,11 @@ class OrderMachine:
         """True if the order was cancelled."""
         self._holds: set[str] = set()
         """Names of the holds that keep the vehicle from driving."""
-        self._is_held = False
-        """True if the drive was paused because of `_holds`."""
+        self._is_held: bool | None = False
+        """True if the drive was paused because of `held`; None if that is unknown."""
         self._position: Position | None = None
+        self._stand: Position | None = None
+        """Where the vehicle was moved last by itself; None if unknown."""
         self._doubts_place = False
         """True if the vehicle may have been moved away from the last node."""
         self._driven: float | None = 0.0
@@ -85,8 +90,9 @@ class OrderMachine:
 
     @property
     def held(self) -> bool:
-        """True while a hold keeps the vehicle from driving."""
-        return bool(self._holds)
+        """True while a hold keeps the vehicle from driving, or the order was interrupted."""
+        interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
+        return bool(self._holds) or interrupted
 
     @property
     def busy(self) -> bool:
@@ -202,9 +208,19 @@ class OrderMachine:
         self._last_node = Node(node_id, number) if node_id else None
         self._driven = 0.0
 
-    def moved(self, position: Position) -> None:
-        """Take a new position, and find the nodes of the leg that the vehicle has passed."""
+    def moved(self, position: Position, *, by_itself: bool = False) -> None:
+        """Take a new position, and find the nodes of the leg that the vehicle has passed.
+
+        Args:
+            position: the position.
+            by_itself: neither people nor other programs have moved the vehicle.
+        """
         before, self._position = self._position, position
+        is_on_other_map = before is None or before.map_id != position.map_id
+        if by_itself or is_on_other_map or self._leg is not None or self._actions.are_running:
+            self._stand = position
+        elif position != before:
+            self._doubts_place = True
         if before is not None and before.map_id == position.map_id and self._driven is not None:
             self._driven += math.hypot(position.x - before.x, position.y - before.y)
         leg = self._leg
@@ -241,6 +257,11 @@ class OrderMachine:
             self._reach()
             if self._last_node is not leg.goal:
                 self._enter_edge()
+
+    def drive_unsent(self) -> None:
+        """The command to drive was not sent: command it again when the vehicle may drive."""
+        self._leg = None
+        self._doubts_place = True
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action that was started by a `Perform` command."""
@@ -281,7 +302,7 @@ class OrderMachine:
         elif self._is_in_place(may_drive=may_drive):
             self._start_actions()
             self._hold_drive()
-            if may_drive and not self._holds:
+            if may_drive and not self.held:
                 while self._start_drive():
                     self._start_actions()
         commands, self._commands = self._commands, []
@@ -329,19 +350,22 @@ class OrderMachine:
             self._leg = Leg(memory.edges[:length], memory.nodes[:length])
         self._cancelled = memory.cancelled
         self._holds = set(memory.holds)
-        self._is_held = self.held
         self.error = memory.error
+        self._is_held = None if self.held else False
         self._driven = None
         self._doubts_place = True
         for action in self._actions.interrupt(_RESTARTED):
-            if stops((action,)) and self.error is None:
-                self.error = self._stuck(
-                    ErrorType.INTERRUPTED,
-                    f"{_RESTARTED}: {action.type}",
-                    Reference("actionId", action.id),
-                )
+            if stops((action,)):
+                self.interrupt(action.id)
         if memory.canceling:
             self.cancel()
+
+    def interrupt(self, action_id: str) -> None:
+        """Let the order not go on after a restart: an action may run that forbids driving."""
+        if self.busy and self.error is None:
+            self.error = self._stuck(
+                ErrorType.INTERRUPTED, _RESTARTED, Reference("actionId", action_id)
+            )
 
     # Steps
 
@@ -354,7 +378,7 @@ class OrderMachine:
         if last is not None and last.position is not None:
             if self._position is None or not may_drive:
                 return False
-            if not self._stands_on(last) and self.error is None:
+            if not (self._stands_on(last) or self._is_where_it_stood()) and self.error is None:
                 self.error = self._stuck(
                     ErrorType.INTERRUPTED,
                     f"the robot was moved away from node {last.id}",
@@ -377,6 +401,13 @@ class OrderMachine:
         if node.position is None or self._position is None:
             return False
         return is_reached(node.position, None, self._position, self._tolerance)
+
+    def _is_where_it_stood(self) -> bool:
+        """Return True if the vehicle is where it has brought itself."""
+        here, stand = self._position, self._stand
+        if here is None or stand is None or here.map_id != stand.map_id:
+            return False
+        return math.hypot(here.x - stand.x, here.y - stand.y) <= self._tolerance.xy
 
     def _stands_still_on(self, node: Node) -> bool:
         """Return True if a node is at the place of the last one, and the vehicle stands there."""
@@ -446,10 +477,26 @@ class OrderMachine:
         if self._stands_still_on(leg.nodes[0]):
             self._reach()
             return True
+        if (distance := self._distance_to_way(leg)) > _MAX_APPROACH:
+            self.error = self._stuck(
+                ErrorType.DRIVING,
+                f"the trajectory of edge {leg.edges[0].id} begins {distance:.1f} m away",
+                Reference("nodeId", leg.nodes[0].id),
+                Reference("edgeId", leg.edges[0].id),
+            )
+            return False
         self._leg = leg
         self._is_held = False
         self._commands.append(Drive(leg))
         return False
+
+    def _distance_to_way(self, leg: Leg) -> float:
+        """Return the distance to the trajectory with which a leg begins, in metres; 0 without."""
+        trajectory, here = leg.edges[0].trajectory, self._position
+        if trajectory is None or here is None:
+            return 0.0
+        x, y = curve_points(trajectory)[0]
+        return math.hypot(x - here.x, y - here.y)
 
     def _is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node."""

@@ -67,6 +67,18 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
             seen.add(action.id)
 
 
+def check_instant_ids(order: Order, taken: Collection[str]) -> None:
+    """Check that no action of an order has the id of an instant action.
+
+    Raises:
+        RejectedError: one has.
+    """
+    parts: tuple[Node | Edge, ...] = (*order.nodes, *order.edges)
+    for action in (each for part in parts for each in part.actions):
+        if action.id in taken:
+            raise _malformed(order, "an instant action has this id", actionId=action.id)
+
+
 def _malformed(order: Order, reason: str, **references: object) -> RejectedError:
     return rejection(
         ErrorType.VALIDATION, order, reason, "correct the order and send it again", **references
