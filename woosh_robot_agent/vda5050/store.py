@@ -122,9 +122,10 @@ class Store:
         return self._record, None
 
     def can_wait(self, record: Record) -> bool:
-        """Return True if nothing is done twice without a record: the saved one is enough for now.
+        """Return True if a record may be saved later, because without it nothing is done twice.
 
-        It is if they differ only in how far the order and the instant actions are.
+        It may if it differs from the saved one only in the progress of the order and of the instant
+        actions.
         """
         saved, order = self._record, self._record.order
         progress = replace(
