@@ -63,6 +63,7 @@ class Version21:
     }
     received: ClassVar[frozenset[Topic]] = frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS})
     keeps_instant_actions: ClassVar[bool] = False
+    clears_lost_orders: ClassVar[bool] = False
 
     # From the master control
 

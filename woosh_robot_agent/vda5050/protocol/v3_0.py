@@ -116,6 +116,7 @@ class Version30:
         {Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}
     )
     keeps_instant_actions: ClassVar[bool] = True
+    clears_lost_orders: ClassVar[bool] = True
 
     # From the fleet control
 
