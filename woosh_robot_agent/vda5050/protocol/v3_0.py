@@ -19,6 +19,7 @@ from woosh_robot_agent.vda5050.model.factsheet import (
     Kinematics,
     OptionalParameter,
 )
+from woosh_robot_agent.vda5050.model.limits import MAX_MESSAGE_SIZE, MAX_TEXT
 from woosh_robot_agent.vda5050.model.order import (
     Action,
     Edge,
@@ -199,8 +200,11 @@ class Version30:
                 "length": factsheet.length,
             },
             "protocolLimits": {
-                "maximumStringLengths": {},
-                "maximumArrayLengths": {},
+                "maximumStringLengths": {
+                    "maximumMessageLength": MAX_MESSAGE_SIZE,
+                    "maximumIdLength": MAX_TEXT,
+                },
+                "maximumArrayLengths": dict(parts.ARRAY_LIMITS),
                 "timing": {
                     "minimumOrderInterval": 0.0,
                     "minimumStateInterval": factsheet.min_state_interval,
