@@ -443,3 +443,18 @@ def test_the_schemas_are_those_of_the_topics() -> None:
     folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/protocol/schemas/3.0.0"
     assert {path.stem for path in folder.iterdir()} == names
     assert PUBLISHED[Topic.CONNECTION] == (1, True)
+
+
+@aio
+async def test_an_order_is_cleared_when_the_robot_loses_its_position(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with _master(broker) as master, vehicle(version=V3):
+        await master.online()
+        nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
+        master.order(nodes, _edges(nodes))
+        await master.wait_state(lambda state: state["nodeStates"])
+        chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
+        state = await master.wait_state(lambda state: not state["nodeStates"])
+        assert state["orderId"] == "order"
+        assert {"INTERRUPTED_ERROR", "LOCALIZATION_ERROR"} <= set(error_types(state))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.driving import Driver
@@ -12,6 +13,25 @@ from woosh_robot_agent.vda5050.model.state import OperatingMode
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.protocol.header import timestamp
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+
+_OTHER_MOTION = (
+    "something else drives the robot",
+    "wait for its end, or cancel the order",
+)
+"""Text about a motion that is not of the vehicle, and what to do."""
+_OTHER_TASKS: dict[int | None, tuple[str, str]] = {
+    task.kCharge: (
+        "the robot executes a charging task that this vehicle has not started",
+        "end it with stopCharging, or wait for its end; switch off automatic charging at the robot "
+        "if the master control sends it to chargers",
+    ),
+    task.kParking: (
+        "the robot executes a parking task that this vehicle has not started",
+        "wait for its end; switch off automatic parking at the robot if the master "
+        "control parks it",
+    ),
+}
+"""The same for some types of tasks."""
 
 
 class DrivePermission:
@@ -75,13 +95,8 @@ class DrivePermission:
                 )
             )
         if machine.busy and self.is_driven_otherwise(machine):
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_BUSY,
-                    "the order waits, because something else drives the robot",
-                    "wait for its end, or cancel the order",
-                )
-            )
+            cause, hint = self._other_motion()
+            errors.append(warning(ErrorType.ROBOT_BUSY, f"the order waits, because {cause}", hint))
         elif machine.busy and self._goes_on_charging(machine):
             errors.append(
                 warning(
@@ -91,6 +106,12 @@ class DrivePermission:
                 )
             )
         return errors
+
+    def _other_motion(self) -> tuple[str, str]:
+        """Return what drives the robot besides this vehicle, and what to do about it."""
+        info = self._facts.info
+        kind = info.task_proc.type if info is not None and self._driver.other_task else None
+        return _OTHER_TASKS.get(kind, _OTHER_MOTION)
 
     def _goes_on_charging(self, machine: OrderMachine) -> bool:
         """Return True if the task of an action continues after the action has ended."""

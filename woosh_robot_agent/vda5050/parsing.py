@@ -11,22 +11,21 @@ from woosh_robot_agent.vda5050.model.errors import (
     VehicleError,
     warning,
 )
+from woosh_robot_agent.vda5050.model.limits import (
+    MAX_INSTANT_ACTIONS,
+    MAX_MESSAGE_SIZE,
+    MAX_TEXT,
+)
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
 from woosh_robot_agent.vda5050.protocol.validation import defect
 
-_MAX_SIZE = 2 * 2**20
-"""Maximum length of a message, in bytes."""
 _MAX_DEPTH = 50
 """Maximum depth of nested lists and objects in a message."""
-_MAX_TEXT = 10_000
-"""Maximum length of a text in a message, in characters."""
 _MAX_NUMBER = 2.0**53
 """Maximum of the absolute value of a number in a message."""
-_MAX_INSTANT_ACTIONS = 100
-"""Maximum number of actions in a message with instant actions."""
 _MAX_REASON = 500
 """Maximum length of the description of an error, in characters."""
 _MAX_REFERENCE = 200
@@ -50,8 +49,8 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     """
     topic = Topic.INSTANT_ACTIONS
     message = _parse(payload, version, identity, topic)
-    if (count := len(message["actions"])) > _MAX_INSTANT_ACTIONS:
-        raise _rejected(topic, message, f"has {count} actions, more than {_MAX_INSTANT_ACTIONS}")
+    if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
+        raise _rejected(topic, message, f"has {count} actions, more than {MAX_INSTANT_ACTIONS}")
     return version.instant_actions(message)
 
 
@@ -78,8 +77,8 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     """
     message: Any = None
     try:
-        if len(payload) > _MAX_SIZE:
-            raise ValueError(f"it has {len(payload)} bytes, more than {_MAX_SIZE}")
+        if len(payload) > MAX_MESSAGE_SIZE:
+            raise ValueError(f"it has {len(payload)} bytes, more than {MAX_MESSAGE_SIZE}")
         message = json.loads(payload)
         _check_limits(message)
     except (ValueError, RecursionError) as error:
@@ -114,8 +113,8 @@ def _check_limits(message: Any) -> None:
         for value in level:
             if isinstance(value, str):
                 value.encode()  # raises for lone surrogates, which JSON can hold
-                if len(value) > _MAX_TEXT:
-                    raise ValueError(f"a text has {len(value)} characters, more than {_MAX_TEXT}")
+                if len(value) > MAX_TEXT:
+                    raise ValueError(f"a text has {len(value)} characters, more than {MAX_TEXT}")
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
                 raise ValueError(f"a number is not between -{_MAX_NUMBER:g} and {_MAX_NUMBER:g}")
             if isinstance(value, dict):

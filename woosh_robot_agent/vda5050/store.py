@@ -110,7 +110,8 @@ class Store:
         except BlockingIOError:
             lock.close()
             raise StoreInUseError(
-                f"another connector uses {self._path}; end it: a robot has one connector"
+                f"another connector uses {self._path}, or another robot has this serial number; "
+                "each robot needs one connector and a serial number of its own"
             ) from None
         self._lock = lock
         try:

@@ -37,6 +37,7 @@ from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import (
     ActionStatus,
     OperatingMode,
+    OrderStatus,
     Position,
     VehicleState,
 )
@@ -286,16 +287,14 @@ class Vehicle:
             self._cancelled = None
         self._runner.end_all()
 
-    def _clear_order(self, mode: OperatingMode) -> None:
+    def _clear_order(self, cause: str, hint: str) -> None:
         """Clear the order, as the standard demands in modes other than AUTOMATIC."""
         if not self._machine.busy or self._machine.canceling:
             return
         order = self._machine.status.order_id
-        reason = f"order {order} was cleared, because the operating mode is {mode.value}"
+        reason = f"order {order} was cleared, because {cause}"
         _LOG.warning("%s", reason)
-        self._intake.order_error = warning(
-            ErrorType.INTERRUPTED, reason, "send a new order in mode AUTOMATIC", orderId=order
-        )
+        self._intake.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order)
         self._machine.cancel(reason)
 
     # From the master control
@@ -330,10 +329,7 @@ class Vehicle:
             before = self._machine.status
             self._follow(status.position)
             after = self._machine.status
-            if (before.last_node_sequence_id, before.new_base_request) != (
-                after.last_node_sequence_id,
-                after.new_base_request,
-            ):
+            if _progress(before) != _progress(after):
                 self._step()
             self._speed.limit(self._machine.speed_limit)
         if status is not None and status.driving != self._was_driving:
@@ -346,14 +342,34 @@ class Vehicle:
         """Take a new position of the robot."""
         is_acting = self._runner.busy or self._robot_tasks.task_id != 0
         self._machine.moved(position, by_itself=is_acting)
+        status = self._facts.status
+        if status is not None and status.mode is OperatingMode.MANUAL:
+            self._machine.forget_left_node()
 
     def _robot_changed(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
             self._follow(status.position)
         if status is not None and status.mode is not OperatingMode.AUTOMATIC:
-            self._clear_order(status.mode)
+            self._clear_order(
+                f"the operating mode is {status.mode.value}", "send a new order in mode AUTOMATIC"
+            )
+            if status.mode is not OperatingMode.MANUAL and not self._machine.busy:
+                self._machine.placed("")
+        elif self._has_lost_position():
+            self._clear_order(
+                "the robot does not know its position any more",
+                "initialise it, and send a new order",
+            )
         self._step()
+
+    def _has_lost_position(self) -> bool:
+        """Return True if an order must be cleared, because the position is unknown."""
+        status = self._facts.status
+        if status is None or status.position is None or status.position.initialised:
+            return False
+        is_told = self._machine.acting or self._runner.busy  # an action may set the position
+        return self._config.version.clears_lost_orders and not is_told
 
     def _speed_refused(self, reason: str) -> None:
         _LOG.error("the drive is cancelled: %s", reason)
@@ -507,3 +523,8 @@ class Vehicle:
             *robot.errors,
         )
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))
+
+
+def _progress(order: OrderStatus) -> tuple[object, ...]:
+    """Return what is published at once when the robot has moved."""
+    return order.last_node_id, order.last_node_sequence_id, order.new_base_request

@@ -6,16 +6,13 @@ import functools
 import math
 from itertools import pairwise
 
+from woosh_robot_agent.vda5050.model.limits import MAX_CONTROL_POINTS, MAX_DEGREE
 from woosh_robot_agent.vda5050.model.order import Trajectory
 
 _SPACING = 0.25
 """Usual distance between two points along a curve, in metres."""
 _MAX_POINTS = 100
 """Approximate maximum number of points along a curve; on a longer one they are farther apart."""
-_MAX_DEGREE = 5
-"""Maximum degree of a curve; the points of higher ones take too long to compute."""
-_MAX_CONTROL_POINTS = 500
-"""Maximum number of control points of a curve."""
 _SAMPLES = 8
 """Number of points in each span of the knots by which the length of the curve is estimated."""
 
@@ -31,10 +28,10 @@ def curve_defect(trajectory: Trajectory) -> str:
         return "a number is not finite"
     if degree != int(degree) or degree < 1:
         return f"its degree is not a positive integer: {degree}"
-    if degree > _MAX_DEGREE:
-        return f"its degree is above {_MAX_DEGREE}: {degree:g}"
-    if len(points) > _MAX_CONTROL_POINTS:
-        return f"it has more than {_MAX_CONTROL_POINTS} control points: {len(points)}"
+    if degree > MAX_DEGREE:
+        return f"its degree is above {MAX_DEGREE}: {degree:g}"
+    if len(points) > MAX_CONTROL_POINTS:
+        return f"it has more than {MAX_CONTROL_POINTS} control points: {len(points)}"
     if len(points) <= degree:
         return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
     if len(knots) != len(points) + degree + 1:

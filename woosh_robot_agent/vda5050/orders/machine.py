@@ -208,6 +208,12 @@ class OrderMachine:
         self._last_node = Node(node_id, number) if node_id else None
         self._driven = 0.0
 
+    def forget_left_node(self) -> None:
+        """Forget the last node, unless the vehicle stands on it; not during an order."""
+        last = self._last_node
+        if last is not None and not self.busy and not self._stands_on(last):
+            self.placed("")
+
     def moved(self, position: Position, *, by_itself: bool = False) -> None:
         """Take a new position, and find the nodes of the leg that the vehicle has passed.
 
@@ -216,7 +222,7 @@ class OrderMachine:
             by_itself: neither people nor other programs have moved the vehicle.
         """
         before, self._position = self._position, position
-        is_on_other_map = before is None or before.map_id != position.map_id
+        is_on_other_map = before is not None and before.map_id != position.map_id
         if by_itself or is_on_other_map or self._leg is not None or self._actions.are_running:
             self._stand = position
         elif position != before:

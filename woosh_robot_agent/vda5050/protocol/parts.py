@@ -7,6 +7,11 @@ from typing import Any
 
 from woosh_robot_agent.vda5050.model.errors import VehicleError
 from woosh_robot_agent.vda5050.model.factsheet import ParameterType, Scope
+from woosh_robot_agent.vda5050.model.limits import (
+    MAX_CONTROL_POINTS,
+    MAX_INSTANT_ACTIONS,
+    MAX_KNOTS,
+)
 from woosh_robot_agent.vda5050.model.order import (
     Action,
     BlockingType,
@@ -20,6 +25,13 @@ from woosh_robot_agent.vda5050.model.state import ActionState, OrderStatus, Robo
 
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
+
+ARRAY_LIMITS: Mapping[str, int] = {
+    "instantActions": MAX_INSTANT_ACTIONS,
+    "trajectory.controlPoints": MAX_CONTROL_POINTS,
+    "trajectory.knotVector": MAX_KNOTS,
+}
+"""Maximum lengths of arrays, for the factsheet."""
 
 
 def without_empty(message: dict[str, Any]) -> dict[str, Any]:
