@@ -9,9 +9,10 @@ from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive, set_speed
 from tests.vda5050.test_faults_restart import idle, other_client, task_to
 from tests.vda5050.test_first_order import START
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @aio
@@ -128,3 +129,36 @@ async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(
         master.order([first, second], update=1)
         await master.wait_state(lambda state: "interruptedError" in error_types(state))
     assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
+        await master.online()
+        set_speed(chassis, 0.1)
+        charge = ExecTask(task_id=77, type=task_pb2.kCharge, mark_no="C1")
+        assert (await gate.request(charge)).ok
+        await master.wait_state(lambda state: state["driving"])
+        master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
+        state = await master.wait_state(lambda state: "robotBusyError" in error_types(state))
+        assert "charging task" in state["errors"][0]["errorDescription"]
+        master.instant(action("stopCharging", "stop"))
+        set_speed(chassis, 20.0)
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+
+
+@aio
+async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START)])
+        await master.wait_state(lambda state: state["lastNodeId"] == "a")
+        chassis.set_key_switch(True)
+        state = await master.wait_state(lambda state: state["operatingMode"] == "MANUAL")
+        assert state["lastNodeId"] == "a"
+        chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        await master.wait_state(lambda state: state["lastNodeId"] == "")

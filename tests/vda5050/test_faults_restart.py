@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import random
 import shutil
@@ -275,7 +274,12 @@ async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
                     master.order(nodes())
                     await master.wait_state(lambda state: state["orderId"] == "order")
                 assert master.state["errors"] == []
-                await asyncio.sleep(chance.uniform(0.0, 0.5))
+                further = chassis.state.odometer + chance.uniform(0.0, 0.3)
+                await eventually(
+                    lambda goal=further: (
+                        chassis.state.odometer >= goal or master.state["lastNodeId"] == "c"
+                    )
+                )
                 folder, kills = left_by_a_kill(folder), kills + 1
     assert kills > 2
     assert chassis.counts[EXEC] == 2

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -75,17 +75,18 @@ async def test_a_file_lists_the_robots_of_the_program(
 ) -> None:
     file = robots_file(tmp_path / "robots.yaml", robots)
     arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
-    with running(*arguments, log=tmp_path / "log") as program:
-        for serial in SERIALS:
-            async with Master(broker.port, serial) as master:
+    async with AsyncExitStack() as stack:  # before the program: the first state is not retained
+        masters = [
+            await stack.enter_async_context(Master(broker.port, serial)) for serial in SERIALS
+        ]
+        with running(*arguments, log=tmp_path / "log") as program:
+            for master in masters:
                 await master.online()
-        async with Master(broker.port, SERIALS[1]) as master:
-            await master.online()
-            master.order([])
-            await master.wait_state(lambda state: state["errors"])
-        program.send_signal(signal.SIGINT)
-        assert await eventually(lambda: program.poll() is not None)
-        assert program.returncode == 0
+            masters[1].order([])
+            await masters[1].wait_state(lambda state: state["errors"])
+            program.send_signal(signal.SIGINT)
+            assert await eventually(lambda: program.poll() is not None)
+            assert program.returncode == 0
     states = [
         (each["serialNumber"], each["connectionState"]) for each in recorder.sent("connection")
     ]

@@ -58,6 +58,8 @@ def test_a_very_long_curve_has_few_points() -> None:
         (curve(1, [0, 0, 1], (0, 0), (1, 0)), "4 knots: 3"),
         (curve(3, [0, 0, 1, 1, 1], (0, 0), (1, 0)), "at least 4 control points: 2"),
         (curve(0, [0, 1], (0, 0)), "positive integer: 0"),
+        (curve(300, [0.0] * 12_301, *[(0, 0)] * 12_000), "its degree is above 5: 300"),
+        (curve(1, [0.0] * 602, *[(0, 0)] * 600), "more than 500 control points: 600"),
         (curve(1.5, [0, 0, 1, 1], (0, 0), (1, 0)), "positive integer: 1.5"),
         (curve(1, [0, 1, 0.5, 1], (0, 0), (1, 0)), "knots decrease"),
         (curve(1, [0, 0, 0, 0], (0, 0), (1, 0)), "all equal"),

@@ -458,3 +458,18 @@ def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> No
     numbers = [order.update_id, order.edges[0].trajectory.degree]
     numbers += [each.sequence_id for each in (*order.nodes, *order.edges)]
     assert [type(each) for each in numbers] == [int] * 5
+
+
+@aio
+async def test_an_order_is_cleared_when_the_robot_loses_its_position(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with _master(broker) as master, vehicle(version=V3):
+        await master.online()
+        nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
+        master.order(nodes, _edges(nodes))
+        await master.wait_state(lambda state: state["nodeStates"])
+        chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
+        state = await master.wait_state(lambda state: not state["nodeStates"])
+        assert state["orderId"] == "order"
+        assert {"INTERRUPTED_ERROR", "LOCALIZATION_ERROR"} <= set(error_types(state))

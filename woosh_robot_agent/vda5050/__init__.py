@@ -8,8 +8,9 @@ the bottom up:
 - `protocol/`: the messages of each version of the standard as JSON, and their validation.
 - `robot/`: what the robot reports, as values of the model.
 - `actions/`: the actions that the robot can perform.
-- `driving`, `leg_task`, `speed`: driving along the edges of an order by tasks of the robot, and
-  their speed limits. `background`: asyncio tasks of these parts.
+- `driving`, `leg_task`, `task_orders`, `speed`: driving along the edges of an order by tasks of the
+  robot, their pause and cancellation, and their speed limits. `background`: asyncio tasks of these
+  parts.
 - `mqtt`: the connection to the broker. `other_connector`: detection of a second connector.
 - `store`: the state file, which keeps the order and the header ids over a restart.
 - `publisher`, `reports`, `schedule`: what is published, and when.

@@ -13,7 +13,7 @@ from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 _LOG = logging.getLogger(__name__)
 _VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")
-"""Name of the vehicle that the current work is for; tasks and callbacks inherit it."""
+"""Name of the vehicle that the current code runs for; tasks and callbacks inherit it."""
 
 
 class Connector:
@@ -50,9 +50,9 @@ class Connector:
 
 
 class VehicleNameFilter(logging.Filter):
-    """Sets the attribute `vehicle` of log records, for the format: the name and a colon, or empty.
+    """Sets the attribute `vehicle` of log records to the name and a colon, or to an empty string.
 
-    Add it to a handler.
+    Add it to a handler, and use `%(vehicle)s` in its format.
     """
 
     def filter(self, record: logging.LogRecord) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.driving import Driver
@@ -13,13 +14,32 @@ from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.protocol.header import timestamp
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 
+_OTHER_MOTION = (
+    "something else drives the robot",
+    "wait for its end, or cancel the order",
+)
+"""Text about a motion that is not of the vehicle, and what to do."""
+_OTHER_TASKS: dict[int | None, tuple[str, str]] = {
+    task.kCharge: (
+        "the robot executes a charging task that this vehicle has not started",
+        "end it with stopCharging, or wait for its end; switch off automatic charging at the robot "
+        "if the master control sends it to chargers",
+    ),
+    task.kParking: (
+        "the robot executes a parking task that this vehicle has not started",
+        "wait for its end; switch off automatic parking at the robot if the master "
+        "control parks it",
+    ),
+}
+"""The same for some types of tasks."""
+
 
 class DrivePermission:
-    """Tells from the state of the robot if the order may start a drive, and if not, why.
+    """Decides from the state of the robot whether the order may start a drive.
 
     Args:
         chassis: the link.
-        gate: knows what drives the robot.
+        gate: tells what drives the robot.
         facts: what the robot reports.
         driver: drives the legs of the order.
         tasks: executes tasks of actions.
@@ -54,7 +74,7 @@ class DrivePermission:
         )
 
     def is_driven_otherwise(self, machine: OrderMachine) -> bool:
-        """Return True if neither the order nor an action drives the robot, but something else."""
+        """Return True if something other than the order and its actions drives the robot."""
         if machine.driving or machine.acting:
             return False
         own = self._tasks.task_id
@@ -63,25 +83,20 @@ class DrivePermission:
         return bool(self._gate.reported_owner) and not own and not self._calls.busy
 
     def errors(self, machine: OrderMachine) -> list[VehicleError]:
-        """Return why the order does not go on, and that the state is old without a link."""
+        """Return the reasons why the order waits, and the error of a lost link."""
         errors = []
         if self._chassis.state is not LinkState.READY:
             since = timestamp(self._chassis.since)
             errors.append(
                 warning(
                     ErrorType.ROBOT_CONNECTION,
-                    f"there is no link to the robot since {since}; its state is from then",
+                    f"the link to the robot is lost; its last state is from {since}",
                     "check that the robot is on, and that the network reaches it",
                 )
             )
         if machine.busy and self.is_driven_otherwise(machine):
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_BUSY,
-                    "the order waits, because something else drives the robot",
-                    "wait for its end, or cancel the order",
-                )
-            )
+            cause, hint = self._other_motion()
+            errors.append(warning(ErrorType.ROBOT_BUSY, f"the order waits, because {cause}", hint))
         elif machine.busy and self._goes_on_charging(machine):
             errors.append(
                 warning(
@@ -92,6 +107,12 @@ class DrivePermission:
             )
         return errors
 
+    def _other_motion(self) -> tuple[str, str]:
+        """Return what drives the robot besides this vehicle, and what to do about it."""
+        info = self._facts.info
+        kind = info.task_proc.type if info is not None and self._driver.other_task else None
+        return _OTHER_TASKS.get(kind, _OTHER_MOTION)
+
     def _goes_on_charging(self, machine: OrderMachine) -> bool:
-        """Return True if the task of an action goes on after the action has ended."""
+        """Return True if the task of an action continues after the action has ended."""
         return bool(self._tasks.task_id) and not machine.driving and not machine.acting

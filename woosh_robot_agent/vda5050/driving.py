@@ -32,7 +32,7 @@ _LOG = logging.getLogger(__name__)
 _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0
-"""Pause between two questions about a task, in seconds."""
+"""Pause between two queries about a task, in seconds."""
 _ENDED = {
     task.kCompleted: "",
     task.kCanceled: "the task was cancelled at the robot",
@@ -44,21 +44,20 @@ _ENDED = {
 class Driver:
     """Drives one leg at a time by a task of the robot. Used in the event loop of the link.
 
-    No start is repeated. While it is in doubt what became of a task, the robot is asked.
+    A start is never repeated. If the outcome of a task is unknown, the robot is asked.
 
     Args:
         chassis: the link.
         gate: sends the commands.
         requests: addresses the requests.
-        on_end: called when the robot does not drive the leg any more, with the reason why it did
-            not reach the goal; empty if it did.
+        on_end: called when the task has ended, with the reason why it failed; empty if it did not.
         on_unsent: called when a start was not sent, because there is no link.
-        on_changed: called when the robot pauses or resumes the task, or when a task of somebody
-            else begins or ends.
+        on_changed: called when the robot pauses or resumes the task, or when a task of another
+            client begins or ends.
 
     Attributes:
         task_id: id of the current task; 0 without one.
-        other_task: id of the task of somebody else that the robot executes; 0 without one.
+        other_task: id of the task of another client that the robot executes; 0 without one.
     """
 
     def __init__(
@@ -182,7 +181,7 @@ class Driver:
             self._inquire()
 
     def _note_other(self, report: TaskProc) -> None:
-        """Remember if the robot executes a task of somebody else."""
+        """Take note of a task of another client."""
         is_running = report.robot_task_id and report.state not in _ENDED
         other = report.robot_task_id if is_running else 0
         if other == self.task_id:
@@ -203,7 +202,7 @@ class Driver:
             self._on_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out what became of the task while there was no link."""
+        """Find out the state of the task after a reconnect."""
         self._note_other(info.task_proc)
         if not self.task_id:
             return
@@ -213,7 +212,7 @@ class Driver:
             self._inquire()
 
     def _inquire(self) -> None:
-        """Ask the robot what became of the current task, until that is known."""
+        """Ask the robot about the current task until its state is known."""
         if self.task_id and (self._inquiry is None or self._inquiry.done()):
             self._inquiry = self._tasks.start(self._ask(self.task_id))
 
@@ -248,7 +247,7 @@ class Driver:
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
-        """Return True if the robot remembers the end of the task."""
+        """Return True if the history of the robot has the end of the task."""
 
         def end_of(answer: Answer) -> TaskProc | None:
             reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()

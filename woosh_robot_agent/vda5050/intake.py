@@ -1,4 +1,4 @@
-"""Messages of the master control as they arrive: they are read, checked, and taken or rejected."""
+"""Acceptance of messages of the master control."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Intake:
-    """Takes the messages of the master control, and remembers why the last ones were rejected.
+    """Accepts or rejects the messages of the master control, and keeps the reasons of rejections.
 
     Args:
         version: version of the standard.
@@ -64,7 +64,7 @@ class Intake:
         self.message_error: VehicleError | None = None
 
     def order(self, payload: bytes, identity: Identity, machine: OrderMachine) -> Verdict | None:
-        """Take an order, unless it must be rejected.
+        """Accept or reject an order.
 
         Args:
             payload: the message.
@@ -72,7 +72,7 @@ class Intake:
             machine: gets the order.
 
         Returns:
-            What became of the order; None if it was rejected.
+            The verdict; None if the order was rejected.
         """
         try:
             order = self._with_marks(read_order(payload, self._version, identity))
@@ -109,7 +109,7 @@ class Intake:
         self.message_error = error
 
     def _with_marks(self, order: Order) -> Order:
-        """Return an order with the marks to which the robot drives."""
+        """Return an order with the marks by which the robot drives to its nodes."""
         status = self._facts.status
         place = status.position if status is not None else None
         return with_marks(order, "" if place is None else place.map_id, self._marks.find)

@@ -28,23 +28,23 @@ def leg_task(leg: Leg, position: Position | None) -> ExecTask:
     elif leg.edges[0].trajectory is not None:
         for edge, node in zip(leg.edges, leg.nodes, strict=True):
             if edge.trajectory is not None:
-                _add_stretch(request, _along(edge.trajectory, node), PlanPath.kStrict)
+                _add_segment(request, _along(edge.trajectory, node), PlanPath.kStrict)
     else:
         poses = _through(leg.nodes, position)
         if len(poses) == 1:
             request.pose.CopyFrom(poses[0])
         else:
-            _add_stretch(request, poses, PlanPath.kOptimal)
+            _add_segment(request, poses, PlanPath.kOptimal)
     return request
 
 
-def _add_stretch(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optimal) -> None:
-    stretch = request.plan_path.plan_path.add(target=poses[-1], optimal=optimal)
-    stretch.path.poses.extend(poses)
+def _add_segment(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optimal) -> None:
+    segment = request.plan_path.plan_path.add(target=poses[-1], optimal=optimal)
+    segment.path.poses.extend(poses)
 
 
 def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
-    """Return the poses at nodes; without a heading of its own, a node is passed straight on."""
+    """Return a pose for each node. Without `theta`, its heading is that of the way to the node."""
     poses: list[Pose2D] = []
     here = None if position is None else (position.x, position.y)
     heading = 0.0 if position is None else position.theta
@@ -61,7 +61,7 @@ def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]
 
 
 def _along(trajectory: Trajectory, end: Node) -> list[Pose2D]:
-    """Return the poses along a trajectory, its start left out: the robot is there."""
+    """Return the poses along a trajectory, without its start, where the robot stands."""
     points = curve_points(trajectory)
     poses = [
         Pose2D(x=there[0], y=there[1], theta=math.atan2(there[1] - here[1], there[0] - here[0]))

@@ -27,11 +27,11 @@ _STABLE_AFTER = 5.0
 """Duration after which a connection counts as stable, in seconds."""
 _MAX_OUTBOX = 1000
 """Maximum number of messages that wait to be sent; the oldest ones are dropped."""
-_MAX_INBOX = 200
+_MAX_RECEIVED = 200
 """Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
-_MAX_INBOX_SIZE = 16 * 2**20
-"""Maximum length of all messages of one topic that wait to be handled, in bytes; a single one may
-be longer."""
+_MAX_RECEIVED_SIZE = 16 * 2**20
+"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single one may be
+larger."""
 _REFUSED = 0x80
 """Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
@@ -42,7 +42,9 @@ _HINTS = (
     (ssl.SSLError, "check that the broker speaks TLS on this port"),
     (ConnectionRefusedError, "check that the broker runs, and listens on this port"),
 )
-"""What to do about an error, by its type; the first one that fits counts."""
+"""Hints for errors, by type; the first match is used."""
+_LOGIN_REFUSED = frozenset({4, 5, 134, 135})
+"""Reason codes of MQTT 3.1.1 and 5 for a wrong user name or password, or a missing right."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +108,14 @@ class Publication(NamedTuple):
 class MqttConnection:
     """A connection to a broker that reconnects by itself. Used in one asyncio event loop.
 
-    Nothing is kept while the broker is lost: what is published then is dropped.
+    Messages that are published without a connection are dropped, not queued.
 
     Args:
         broker: address of the broker.
         client_id: id of the client; unique at the broker.
         last_will: returns the message that the broker publishes when the connection breaks.
-        handlers: called with the payload of each message, and with True if the broker had kept it
-            and published it again, by topic.
-        on_connected: called after each connection, when messages can be published.
+        handlers: functions by topic, called with the payload of each message and its retain flag.
+        on_connected: called after each connection, once messages can be published.
     """
 
     def __init__(
@@ -141,7 +142,7 @@ class MqttConnection:
         """Loop time at which the connection began; infinite without one."""
 
     def publish(self, publication: Publication) -> None:
-        """Publish a message, after those before it; drop it if there is no connection."""
+        """Queue a message for publication; drop it if there is no connection."""
         if self.connected:
             self._outbox.append(publication)
             self._idle.clear()
@@ -152,7 +153,7 @@ class MqttConnection:
         try:
             await asyncio.wait_for(self._idle.wait(), timeout)
         except asyncio.TimeoutError:
-            _LOG.warning("the broker did not take the last messages in time")
+            _LOG.warning("the broker did not take the last messages within %g s", timeout)
 
     async def run(self) -> None:
         """Stay connected until cancelled."""
@@ -197,7 +198,7 @@ class MqttConnection:
             clean_session=True,
             keepalive=broker.keepalive,
             tls_context=broker.tls,
-            queue_type=_Inbox,
+            queue_type=_ReceiveQueue,
         ) as client:
             granted = await client.subscribe([(topic, 0) for topic in self._handlers])
             if refused := refused_topics(self._handlers, granted):
@@ -237,10 +238,12 @@ class MqttConnection:
         try:
             handler(bytes(message.payload), message.retain)
         except Exception:  # a message must not end the connection
-            _LOG.exception("a message on %s failed by an error of the program", topic)
+            _LOG.exception(
+                "an error of the program prevented the handling of a message on %s", topic
+            )
 
     async def _send(self, client: aiomqtt.Client) -> None:
-        """Publish what is in the outbox."""
+        """Publish the messages in the outbox."""
         while True:
             while self._outbox:
                 publication = self._outbox.popleft()
@@ -250,8 +253,8 @@ class MqttConnection:
             await self._wake.wait()
 
 
-class _Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Received messages that wait to be handled. If a topic has too many, new ones are dropped.
+class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
+    """Received messages that wait to be handled; drops new ones of a topic that has too many.
 
     Each topic has its own limit, so that a flood of orders does not take the place of a pause.
     """
@@ -267,7 +270,7 @@ class _Inbox(asyncio.Queue[aiomqtt.Message]):
     def put_nowait(self, item: aiomqtt.Message) -> None:
         topic, length = item.topic.value, _length(item)
         size = self._sizes[topic]
-        if self._counts[topic] >= _MAX_INBOX or (size and size + length > _MAX_INBOX_SIZE):
+        if self._counts[topic] >= _MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
             self._log.warn(
                 topic,
                 f"messages on {topic} come faster than they can be handled, and some were dropped",
@@ -303,7 +306,7 @@ def _length(message: aiomqtt.Message) -> int:
 
 
 def _explained(error: Exception) -> str:
-    """Return why there is no connection, and what to do."""
+    """Return the reason of a failed connection, and what to do."""
     cause = error.__context__ if isinstance(error, aiomqtt.MqttError) else error
     hint = next((hint for kind, hint in _HINTS if isinstance(cause, kind)), "")
     if isinstance(error, aiomqtt.MqttCodeError) and _rejects_login(error):
@@ -312,5 +315,4 @@ def _explained(error: Exception) -> str:
 
 
 def _rejects_login(error: aiomqtt.MqttCodeError) -> bool:
-    code = getattr(error.rc, "value", error.rc)
-    return code in (4, 5, 134, 135)
+    return getattr(error.rc, "value", error.rc) in _LOGIN_REFUSED

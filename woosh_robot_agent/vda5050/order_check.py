@@ -17,11 +17,11 @@ MIN_SPEED = 0.05
 _MAX_CONTROL_POINTS = 2000
 """Maximum number of control points of all trajectories of an order."""
 _TOLERANCE = 0.25
-"""Distance of a trajectory's ends from their nodes that counts as none, in metres."""
+"""Maximum distance of the ends of a trajectory from their nodes, in metres."""
 
 
 class OrderCheck:
-    """Finds the reason why a vehicle cannot perform an order.
+    """Check of an order against what a vehicle can do.
 
     Args:
         order: the order.

@@ -16,23 +16,23 @@ from woosh_robot_agent.vda5050.model.state import ConnectionState
 
 _LOG = logging.getLogger(__name__)
 _QUIET = 40.0
-"""Time without a sign of another connector after which there is none any more, in seconds; longer
-than the pauses between its attempts to connect."""
+"""Time without a sign of the other connector after which it counts as gone, in seconds; longer than
+the pauses between its attempts to connect."""
 _REASON = "another connector publishes as this vehicle, or connects with the same client id"
 
 
 class OtherConnector:
-    """Finds messages about the vehicle's connection that the vehicle did not send itself.
+    """Detects messages on the topic `connection` that this connector did not send.
 
-    Two connectors of a vehicle have the same client id, so that the broker disconnects one when the
-    other connects. Then each finds what the other one has left at the broker.
+    Two connectors of a vehicle have the same client id, so the broker disconnects one when the
+    other connects. When it connects again, it receives the retained message of the other one.
 
     Args:
         is_own: returns True for the messages that this connector has sent.
-        on_changed: called when another connector is found, or gone.
+        on_changed: called when another connector appears or disappears.
 
     Attributes:
-        error: what is wrong; None if there is no other connector.
+        error: error to report; None if there is no other connector.
     """
 
     def __init__(self, is_own: Callable[[bytes], bool], on_changed: Callable[[], None]) -> None:
@@ -44,18 +44,18 @@ class OtherConnector:
         self.error: VehicleError | None = None
 
     def connected(self) -> None:
-        """A connection to the broker has begun."""
+        """Take note of a new connection to the broker."""
         self._connections += 1
         if self.error is not None:  # its end may have been published meanwhile
             self._restart_timer()
 
     def received(self, payload: bytes, retained: bool) -> None:
-        """Take a message about the connection of the vehicle."""
+        """Take a message on the topic `connection`."""
         state = _connection_state(payload)
         if state is None or self._is_own(payload):
             return
         if retained:
-            if self._connections > 1:  # the first one may be left from an earlier run
+            if self._connections > 1:  # the first one may be of an earlier run
                 self._restart_timer()
                 self._found()
         elif state == ConnectionState.ONLINE.value:
@@ -95,7 +95,7 @@ class OtherConnector:
 
 
 def _connection_state(payload: bytes) -> str | None:
-    """Return the state in a message about a connection; None if it is no such message."""
+    """Return the connectionState of a message; None if it has none."""
     try:
         message = json.loads(payload)
     except (ValueError, RecursionError):

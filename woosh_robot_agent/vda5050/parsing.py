@@ -1,4 +1,4 @@
-"""Messages of the master control: from bytes to values of the model."""
+"""Parsing and validation of the messages of the master control."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from woosh_robot_agent.vda5050.model.errors import (
     VehicleError,
     warning,
 )
+from woosh_robot_agent.vda5050.model.limits import (
+    MAX_INSTANT_ACTIONS,
+    MAX_MESSAGE_SIZE,
+    MAX_TEXT,
+)
 from woosh_robot_agent.vda5050.model.order import Action, Order
 from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.header import Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
 from woosh_robot_agent.vda5050.protocol.validation import defect
 
-_MAX_SIZE = 2 * 2**20
-"""Maximum length of a message, in bytes."""
 _MAX_DEPTH = 50
 """Maximum depth of nested lists and objects in a message."""
-_MAX_TEXT = 10_000
-"""Maximum length of a text in a message, in characters."""
 _MAX_NUMBER = 2.0**53
 """Maximum of the absolute value of a number in a message."""
-_MAX_INSTANT_ACTIONS = 100
-"""Maximum number of actions in a message with instant actions."""
 _MAX_REASON = 500
 """Maximum length of the description of an error, in characters."""
 _MAX_REFERENCE = 200
@@ -50,8 +49,8 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     """
     topic = Topic.INSTANT_ACTIONS
     message = _parse(payload, version, identity, topic)
-    if (count := len(message["actions"])) > _MAX_INSTANT_ACTIONS:
-        raise _rejected(topic, message, f"has {count} actions, more than {_MAX_INSTANT_ACTIONS}")
+    if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
+        raise _rejected(topic, message, f"has {count} actions, more than {MAX_INSTANT_ACTIONS}")
     return version.instant_actions(message)
 
 
@@ -78,42 +77,44 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     """
     message: Any = None
     try:
-        if len(payload) > _MAX_SIZE:
-            raise ValueError(f"it has {len(payload)} bytes, more than {_MAX_SIZE}")
+        if len(payload) > MAX_MESSAGE_SIZE:
+            raise ValueError(f"it has {len(payload)} bytes, more than {MAX_MESSAGE_SIZE}")
         message = json.loads(payload)
         _check_limits(message)
     except (ValueError, RecursionError) as error:
         raise _rejected(topic, None, f"cannot be read: {error}") from None
     if found := defect(version.number, topic.value, message):
         field_path, reason = found
-        raise _rejected(topic, message, f"is malformed at {field_path or 'its top'}: {reason}")
+        raise _rejected(
+            topic, message, f"is malformed at {field_path or 'its top level'}: {reason}"
+        )
     if message["version"].split(".")[0] != version.number.split(".")[0]:
-        reason = f"has version {message['version']}, and the vehicle {version.number}"
+        reason = f"has version {message['version']}; the vehicle speaks {version.number}"
         raise _rejected(topic, message, reason)
     for key, own in (
         ("manufacturer", identity.manufacturer),
         ("serialNumber", identity.serial_number),
     ):
         if message[key] != own:
-            reason = f"is for {key} {message[key]}, and this vehicle has {own}"
+            reason = f"is for {key} {message[key]}; this vehicle has {own}"
             raise _rejected(topic, message, reason)
     return message  # type: ignore[no-any-return]
 
 
 def _check_limits(message: Any) -> None:
-    """Check that a message has no value that is impossible, or too large to be handled.
+    """Check that no text, number or nesting of a message exceeds the limits.
 
     Raises:
-        ValueError: it has one.
+        ValueError: one does.
     """
     level = [message]
     for _ in range(_MAX_DEPTH):
         following: list[Any] = []
         for value in level:
             if isinstance(value, str):
-                value.encode()  # JSON can hold texts that are not Unicode
-                if len(value) > _MAX_TEXT:
-                    raise ValueError(f"a text has {len(value)} characters, more than {_MAX_TEXT}")
+                value.encode()  # raises for lone surrogates, which JSON can hold
+                if len(value) > MAX_TEXT:
+                    raise ValueError(f"a text has {len(value)} characters, more than {MAX_TEXT}")
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
                 raise ValueError(f"a number is not between -{_MAX_NUMBER:g} and {_MAX_NUMBER:g}")
             if isinstance(value, dict):

@@ -48,14 +48,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="vda5050", description="Make robots VDA 5050 vehicles at an MQTT broker."
+        prog="vda5050", description="Connect robots to a VDA 5050 master control over MQTT."
     )
     add_link_options(parser, ip_required=False)
     parser.add_argument(
         "--robots",
         type=Path,
         metavar="FILE",
-        help="several robots, instead of --ip: a parameter file of the agent that lists them",
+        help="parameter file of the agent that lists several robots; replaces --ip",
     )
     add_broker_options(parser)
     parser.add_argument(
@@ -82,22 +82,22 @@ def _make_parser() -> argparse.ArgumentParser:
         type=Path,
         default=state_folder(),
         metavar="FOLDER",
-        help="folder for what survives a restart, such as the order, and for the reports of the "
-        "action logReport (default: %(default)s)",
+        help="folder of the state files, which keep orders over a restart, and of the reports of "
+        "the action logReport (default: %(default)s)",
     )
     parser.add_argument(
         "--driving-state-interval",
         type=float,
         default=Limits.driving_state_interval,
         metavar="SECONDS",
-        help="while a robot moves, publish its state at least so often, in seconds; for a master "
-        "control that does not read visualization (default: %(default)g, on events only)",
+        help="maximum time between two states while a robot moves, in seconds, for a master "
+        "control that does not read visualization; 0 publishes on events (default: %(default)g)",
     )
     parser.add_argument(
         "--no-maps-in-state",
         action="store_true",
-        help="leave the field maps out of the state, for a master control of version 2.0, such as "
-        "openTCS, which would refuse the message",
+        help="omit the field maps from the state, which a master control of version 2.0, such as "
+        "openTCS, would refuse",
     )
     return parser
 

@@ -1,4 +1,4 @@
-"""Publishing the messages of a vehicle: headers, topics, QoS."""
+"""Publication of the messages of a vehicle: headers, topics, QoS."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity, heade
 from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic
 
 _OWN_CONNECTIONS = 64
-"""Number of own messages about the connection that are remembered."""
+"""Number of own `connection` messages that are remembered."""
 
 
 class Publisher:
-    """Makes the messages of a vehicle, and publishes them.
+    """Adds headers to the messages of a vehicle, and publishes them on their topics.
 
     Args:
         version: version of the standard.
         identity: manufacturer and serial number of the vehicle.
         interface: first level of the topics.
-        header_ids: number of the last message of each topic.
+        header_ids: header ids of the messages.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Publisher:
         self._will = b""
         """The last will of the last attempt to connect."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
-        """The last messages about the connection, with the last wills of the connections."""
+        """The last `connection` messages, with the last wills of the connections."""
         self.state_id: int | None = None
         """Header id of the last state; None if there was none."""
 
@@ -52,7 +52,7 @@ class Publisher:
     def last_will(self) -> Publication:
         """Return the message that the broker publishes when the connection breaks.
 
-        Its header id follows that of the message with which the connection begins.
+        Its header id follows that of the first message of the connection, ONLINE.
         """
         topic = Topic.CONNECTION
         ids = self._header_ids
@@ -66,11 +66,11 @@ class Publisher:
         return will
 
     def is_own_connection(self, payload: bytes) -> bool:
-        """Return True for a message about the connection that was made here."""
+        """Return True if this publisher has made a `connection` message."""
         return payload == self._will or payload in self._connections
 
     def publish(self, mqtt: MqttConnection, topic: Topic, content: Mapping[str, Any]) -> None:
-        """Publish a message with this content."""
+        """Publish a message; drop it if there is no connection."""
         if not mqtt.connected:
             return
         publication = self._message(topic, content)

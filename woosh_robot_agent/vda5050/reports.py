@@ -1,4 +1,4 @@
-"""The messages of a vehicle to the master control, and when they are published."""
+"""Messages of a vehicle to the master control, and the times of their publication."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from woosh_robot_agent.vda5050.schedule import Schedule
 
 
 class Reports:
-    """Publishes the messages of a vehicle. What changes while the broker is lost is not queued.
+    """Publishes the messages of a vehicle. Without a connection, none is queued.
 
     Args:
         limits: intervals of the messages.
         state: returns the state of the vehicle; None while it is unknown.
-        position: returns the state of the robot; None while it is unknown.
+        robot: returns the state of the robot; None while it is unknown.
         factsheet: returns the factsheet; None while it is unknown.
     """
 
@@ -29,23 +29,25 @@ class Reports:
         self,
         limits: Limits,
         state: Callable[[], VehicleState | None],
-        position: Callable[[], RobotStatus | None],
+        robot: Callable[[], RobotStatus | None],
         factsheet: Callable[[], Factsheet | None],
     ) -> None:
         self._state = state
-        self._position = position
+        self._robot = robot
         self._factsheet = factsheet
         self._publisher: Publisher | None = None
         self._mqtt: MqttConnection | None = None
         self._state_schedule = Schedule(
             self._publish_state, limits.min_state_interval, limits.state_interval
         )
-        self._position_schedule = Schedule(self._publish_position, limits.visualization_interval)
+        self._visualization_schedule = Schedule(
+            self._publish_visualization, limits.visualization_interval
+        )
         self._driving_state_interval = limits.driving_state_interval
         self._maps_in_state = limits.maps_in_state
 
     def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
-        """Publish with these from now on."""
+        """Publish over this connection from now on."""
         self._publisher = publisher
         self._mqtt = mqtt
 
@@ -54,13 +56,13 @@ class Reports:
         self._state_schedule.changed()
 
     def moved(self) -> None:
-        """Publish the position soon, and the state if the last one is too old."""
-        self._position_schedule.changed()
+        """Publish visualization soon, and the state if the last one is too old."""
+        self._visualization_schedule.changed()
         if self._driving_state_interval:
             self._state_schedule.call_within(self._driving_state_interval)
 
     def connected(self) -> None:
-        """Publish everything that a master control must know after a connection."""
+        """Publish the connection, the factsheet and the state after a connection to the broker."""
         self._publish_connection(ConnectionState.ONLINE)
         self.publish_factsheet()
         self._state_schedule.changed()
@@ -72,13 +74,13 @@ class Reports:
             self._publish(Topic.FACTSHEET, self._publisher.version.factsheet(factsheet))
 
     async def close(self, timeout: float) -> None:
-        """Publish that the vehicle goes offline, and nothing more.
+        """Publish OFFLINE, and nothing afterwards.
 
         Args:
             timeout: maximum wait for the broker, in seconds.
         """
         self._state_schedule.stop()
-        self._position_schedule.stop()
+        self._visualization_schedule.stop()
         if self._mqtt is not None and self._mqtt.connected:
             self._publish_connection(ConnectionState.OFFLINE)
             mqtt, self._mqtt = self._mqtt, None
@@ -91,8 +93,8 @@ class Reports:
         if self._publisher is not None and state is not None:
             self._publish(Topic.STATE, self._publisher.version.state(state))
 
-    def _publish_position(self) -> None:
-        robot = self._position()
+    def _publish_visualization(self) -> None:
+        robot = self._robot()
         publisher = self._publisher
         if publisher is not None and publisher.state_id is not None and robot is not None:
             message = publisher.version.visualization(robot, publisher.state_id)

@@ -80,7 +80,7 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
 
 
 def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield the names of the nodes and their parameters; the names may be nested or contain /."""
+    """Yield the name and the parameters of each node; names may be nested or contain slashes."""
     if not isinstance(content, dict):
         raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
     for key, value in content.items():
@@ -91,7 +91,7 @@ def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]
 
 
 def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dict[str, Any]:
-    """Return the parameters of a node: those of all sections for it; later ones override."""
+    """Return the parameters of a node from all sections that match it; later ones override."""
     found: dict[str, Any] = {}
     for pattern, parameters in sections:
         if re.fullmatch(_regex(pattern), node):

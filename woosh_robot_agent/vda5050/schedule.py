@@ -1,4 +1,4 @@
-"""When to publish a message that must be sent on changes, but neither too often nor too rarely."""
+"""Schedule of a message that is published on changes, with minimum and maximum intervals."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Schedule:
         self.call_within(self._shortest)
 
     def call_within(self, interval: float) -> None:
-        """Call the function as soon as a time since the last call is over, in seconds."""
+        """Call the function as soon as `interval` seconds since the last call are over."""
         loop = asyncio.get_running_loop()
         due = max(loop.time(), self._last + interval)
         if self._timer is None or self._timer.when() > due:

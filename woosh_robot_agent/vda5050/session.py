@@ -1,4 +1,4 @@
-"""One identity of the vehicle: its connection to the broker, and what it remembers."""
+"""A vehicle under one identity: its connection to the broker, and its state file."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
 _RETRY = 2.0
-"""Pause between attempts to open the file of the vehicle, in seconds."""
+"""Pause between attempts to open the state file, in seconds."""
 _SAVE_WITHIN = 1.0
-"""Time within which the progress of the order and of instant actions is saved, in seconds."""
+"""Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 
 
 @dataclass(frozen=True)
 class SessionConfig:
-    """What identifies a vehicle at the broker, and where its state is kept.
+    """Identity of a vehicle at the broker, and folder of its state file.
 
     Attributes:
         broker: address of the broker.
         version: version of the standard.
         identity: manufacturer and serial number.
         interface: first level of the topics.
-        state_folder: folder of the file that survives a restart; None to remember nothing.
+        state_folder: folder of the state file; None for no state file.
     """
 
     broker: BrokerConfig
@@ -47,7 +47,7 @@ class SessionConfig:
 
 
 class Session:
-    """A vehicle at the broker, from the first report of its robot to its end.
+    """A vehicle at the broker, from the first report of its robot until another robot answers.
 
     Args:
         config: configuration.
@@ -55,8 +55,8 @@ class Session:
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are left out.
-        on_opened: called before the connection to the broker with what the vehicle remembers, and
-            with an error if that is damaged.
+        on_opened: called with the content of the state file before connecting to the broker, and
+            with an error if the file was damaged.
         on_changed: called when an error begins or ends.
 
     Attributes:
@@ -85,12 +85,12 @@ class Session:
         )
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
-        """None until the file has been read."""
+        """None until the state file has been read."""
         self._other: OtherConnector | None = None
         self._late: asyncio.TimerHandle | None = None
         """Saves `_record` later; None if it has been saved."""
         self._record = Record()
-        """What is to be saved."""
+        """Record to save."""
         self._log = LogOnce(_LOG)
         self._task: asyncio.Task[None] | None = None
 
@@ -107,20 +107,20 @@ class Session:
 
     @property
     def is_open(self) -> bool:
-        """True once what the vehicle remembers has been read."""
+        """True once the state file has been read."""
         return self._header_ids is not None
 
     def start(self, former: asyncio.Task[None] | None = None) -> None:
-        """Open the file, and connect to the broker.
+        """Open the state file, and connect to the broker.
 
         Args:
-            former: end of the former session, which is waited for.
+            former: task that closes the former session; it is awaited first.
         """
         self._task = asyncio.get_running_loop().create_task(self._run(former), name="vda5050")
         self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
-        """Save what a restart must not lose.
+        """Save the state that must survive a restart.
 
         What keeps something from being done twice is on the disk on return, the rest soon.
         """
@@ -133,7 +133,7 @@ class Session:
             self._late = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save)
 
     async def close(self, timeout: float) -> None:
-        """Say that the vehicle goes offline, and disconnect from the broker.
+        """Publish that the vehicle is offline, and disconnect from the broker.
 
         Args:
             timeout: maximum wait for the last messages, in seconds.
@@ -182,7 +182,10 @@ class Session:
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled() and (error := task.exception()) is not None:
-            _LOG.error("the vehicle is offline by an error of the program", exc_info=error)
+            _LOG.error(
+                "an error of the program has taken the vehicle offline; restart the connector",
+                exc_info=error,
+            )
 
     async def _open(self) -> tuple[Record, VehicleError | None]:
         while True:
@@ -193,15 +196,15 @@ class Session:
             except OSError as error:
                 self._log.warn(
                     str(error),
-                    f"the vehicle stays offline, because the file with its state cannot be used; "
-                    f"correct that, or give another folder: {error}",
+                    f"the vehicle stays offline, because its state file cannot be used; correct "
+                    f"that, or choose another --state-folder: {error}",
                 )
             await asyncio.sleep(_RETRY)
 
     def _ignoring_retained(
         self, topic: Topic, handler: Callable[[bytes], None]
     ) -> Callable[[bytes, bool], None]:
-        """Return a handler that ignores retained messages, because they may be of any age."""
+        """Return a handler that ignores retained messages, which may be of any age."""
 
         def handle(payload: bytes, retained: bool) -> None:
             if retained:
@@ -221,5 +224,5 @@ class Session:
         self._reports.connected()
 
     def _other_changed(self) -> None:
-        self._reports.connected()  # the other connector may have said something else
+        self._reports.connected()  # the other connector may have published another state
         self._on_changed()

@@ -18,19 +18,19 @@ from woosh_robot_agent.vda5050.background import BackgroundTasks
 
 _LOG = logging.getLogger(__name__)
 _UNKNOWN = math.nan
-"""Limit that is equal to no other."""
+"""Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
 
 
 class SpeedLimiter:
-    """Keeps the speed limit of the robot's navigation. Used in the event loop of the link.
+    """Limits the speed of the robot's navigation. Used in the event loop of the link.
 
-    The robot takes a limit only while it navigates, so it is sent once the robot reports that.
+    The robot takes a limit only while it navigates, so a limit is sent once it reports that.
 
     Args:
         chassis: the link.
-        gate: the motion gate.
+        gate: sends the commands.
         requests: addresses the requests.
-        max_speed: speed that the robot never exceeds, in m/s; higher limits are none.
+        max_speed: maximum speed of the robot, in m/s; higher limits have no effect.
         on_limited: called when `is_limited` has changed, before the robot gets the limit.
         on_refused: called with the reason if the robot does not take a limit.
     """
@@ -52,7 +52,7 @@ class SpeedLimiter:
         self._limit: float | None = None
         """Limit of the leg; infinite without one, None while no leg is driven."""
         self._sent = math.inf
-        """Limit that the robot has."""
+        """Limit that was sent last."""
         self._task_id = 0
         """Id of the task that the robot executes."""
         self._navigates = False
@@ -74,7 +74,7 @@ class SpeedLimiter:
         self._sent = _UNKNOWN if is_limited else math.inf
 
     def limit(self, limit: float | None) -> None:
-        """Limit the speed.
+        """Set the speed limit.
 
         Args:
             limit: maximum speed, in m/s; infinite without a limit, None while no leg is driven.
@@ -93,7 +93,7 @@ class SpeedLimiter:
         if report.robot_task_id != self._task_id:
             self._task_id = report.robot_task_id
             if self._sent != math.inf:
-                self._sent = _UNKNOWN  # the robot may keep the limit of the last task, or not
+                self._sent = _UNKNOWN  # it is unknown whether the robot keeps a limit
         self._navigates = (
             report.state == task.kExecuting
             and report.action.type == action.kNav

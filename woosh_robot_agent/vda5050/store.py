@@ -1,4 +1,4 @@
-"""The file in which a vehicle remembers its order and its header ids over a restart."""
+"""The state file, which keeps the order and the header ids of a vehicle over a restart."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from woosh_robot_agent.vda5050.orders.memory import Memory
 
 _LOG = logging.getLogger(__name__)
 _FORMAT = 1
-"""Number of the format of the file."""
+"""Version of the file format."""
 _MAX_SIZE = 16 * 2**20
 """Maximum size of a file that is read, in bytes."""
 _MAX_NAME = 200
@@ -29,19 +29,19 @@ _MAX_NAME = 200
 
 @dataclass(frozen=True)
 class Record:
-    """What a vehicle remembers.
+    """Content of the state file.
 
     Attributes:
         robot_id: number of the robot.
         serial_number: serial number that the robot reports.
         task_id: id of the robot's task that drives the current leg; 0 without one.
-        order: what is left of the order.
+        order: state of the order.
         instant_actions: states of the instant actions.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty without one.
-        speed_is_limited: the robot may have a speed limit from the vehicle.
-        header_ids: numbers from which the headers of each topic go on.
-        format: number of the format.
+        speed_is_limited: True if the robot may have a speed limit of the connector.
+        header_ids: next header id of each topic.
+        format: version of the file format.
     """
 
     robot_id: int = 0
@@ -57,23 +57,23 @@ class Record:
 
 
 class StoreInUseError(Exception):
-    """Another program uses the file."""
+    """Another process uses the state file."""
 
 
 def state_folder() -> Path:
-    """Return the folder for the state of programs of this user, as XDG defines it."""
+    """Return the default folder of state files, in the XDG state folder of the user."""
     base = os.environ.get("XDG_STATE_HOME", "")
     folder = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state"
     return folder / "woosh_robot_agent" / "vda5050"
 
 
 class Store:
-    """Keeps the record of one vehicle in a file, which is replaced as a whole.
+    """State file of one vehicle, which is replaced as a whole.
 
-    What was saved last survives the end of the program at any moment, and a loss of power.
+    The last saved record survives a crash at any moment, and a loss of power.
 
     Args:
-        folder: folder of the file, which is created; None to remember nothing.
+        folder: folder of the file, which is created; None for no file.
         name: name of the vehicle, unique in the folder.
 
     Attributes:
@@ -89,15 +89,16 @@ class Store:
         self.error: VehicleError | None = None
 
     def open(self) -> tuple[Record, VehicleError | None]:
-        """Take the file for this program alone, and read it.
+        """Lock the file for this process, and read it.
 
-        A damaged file is put aside.
+        A damaged file is renamed.
 
         Returns:
-            The record, an empty one if there is none, and an error if the file is damaged.
+            The record, and an error if the file was damaged. Without a usable file, the record is
+            empty.
 
         Raises:
-            StoreInUseError: another program uses the file.
+            StoreInUseError: another process uses the file.
             OSError: the folder or the file cannot be used.
         """
         if self._path is None:
@@ -109,7 +110,8 @@ class Store:
         except BlockingIOError:
             lock.close()
             raise StoreInUseError(
-                f"another connector uses {self._path}; end it: a robot has one connector"
+                f"another connector uses {self._path}, or another robot has this serial number; "
+                "each robot needs one connector and a serial number of its own"
             ) from None
         self._lock = lock
         try:
@@ -119,9 +121,10 @@ class Store:
             raise
 
     def can_wait(self, record: Record) -> bool:
-        """Return True if nothing is done twice without a record: the saved one is enough for now.
+        """Return True if a record may be saved later, because without it nothing is done twice.
 
-        It is if they differ only in how far the order and the instant actions are.
+        It may if it differs from the saved one only in the progress of the order and of the instant
+        actions.
         """
         saved, order = self._record, self._record.order
         progress = replace(
@@ -142,18 +145,19 @@ class Store:
         return self.error is None and same == saved
 
     def save(self, record: Record) -> None:
-        """Save a record with the header ids of the last one, if anything else has changed.
+        """Save a record, but keep the saved header ids.
 
-        If that fails, the file is removed, because an old record could repeat what was done.
+        If that fails, the file is removed, because an old record could make the vehicle repeat what
+        it has done.
         """
         self._save(replace(record, header_ids=self._record.header_ids))
 
     def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
-        """Save the numbers from which the headers of each topic go on after a restart."""
+        """Save the header id of each topic with which to continue after a restart."""
         self._save(replace(self._record, header_ids=dict(header_ids)))
 
     def close(self) -> None:
-        """Let other programs use the file."""
+        """Unlock the file for other processes."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
@@ -214,7 +218,7 @@ class Store:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Write a file so that at any moment it has either its old or its new content."""
+    """Write a file atomically: at any moment it has either its old or its new content."""
     new = path.with_suffix(".new")
     with new.open("wb") as file:
         file.write(content)

@@ -6,8 +6,7 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Callable, Coroutine
-from typing import Any
+from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
 from woosh_robot_agent.link.errors import NotConnectedError, TooManyRequestsError
@@ -16,30 +15,32 @@ from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.background import BackgroundTasks
 
 _LOG = logging.getLogger(__name__)
 _REPEAT_AFTER = 3.0
-"""Time after which an order that stops the robot is repeated if it had no effect, in seconds."""
+"""Time after which a command that stops the robot is repeated if it had no effect, in seconds."""
 _EFFECT_WITHIN = 1.5
-"""Maximum time from an order to the report of its effect, in seconds."""
+"""Maximum time from a command to the report of its effect, in seconds."""
 
 
 class TaskOrders:
     """Pauses, resumes and cancels one task at a time. Used in the event loop of the link.
 
-    A pause and a cancel are sent until the robot reports that it has obeyed, and a pause again if
-    the robot drives on: they only stop it. A resumption is sent once, when there is a link.
+    A pause or a cancellation is repeated until the robot reports its effect, because it only stops
+    the robot. A pause is sent again if the robot drives on. A resumption is sent once, when there
+    is a link.
 
     Args:
         chassis: the link.
-        gate: sends the orders.
+        gate: sends the commands.
         requests: addresses the requests.
-        is_current: returns True if the robot executes no other task, which would get the order.
+        is_current: returns True unless the robot executes another task, which would get commands.
         inquire: asks the robot about the task.
 
     Attributes:
         paused: True if the robot has reported that the task is paused.
-        stands: True if it has reported so, and was not told to go on since.
+        stands: True if it is paused and was not resumed since.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class TaskOrders:
         self.stands = False
         self._task_id = 0
         self._wanted: action.Order | None = None
-        """Order that the robot must obey; None without one."""
+        """Command that the robot must obey; None without one."""
         self._sent_at = dict.fromkeys((action.kPause, action.kContinue), -math.inf)
         """Loop times of a pause and a resumption whose effects were not reported yet; else minus
         infinity."""
@@ -67,11 +68,11 @@ class TaskOrders:
         self._log = LogOnce(_LOG)
         self._insisting: asyncio.Task[None] | None = None
         """Sends `_wanted` until the robot has obeyed."""
-        self._running: set[asyncio.Task[None]] = set()
+        self._tasks = BackgroundTasks("vda5050 task orders")
         chassis.on_state(lambda state: self._wake.set())
 
     def begin(self, task_id: int) -> None:
-        """Take another task, which runs; 0 for none."""
+        """Control another task, which runs; 0 for none."""
         self._task_id = task_id
         self._wanted = None
         self.paused = self.stands = False
@@ -112,9 +113,7 @@ class TaskOrders:
 
     async def close(self) -> None:
         """Send nothing more."""
-        for each in self._running:
-            each.cancel()
-        await asyncio.gather(*self._running, return_exceptions=True)
+        await self._tasks.close()
 
     def _want(self, order: action.Order) -> None:
         if self._task_id and self._wanted != action.kCancel:
@@ -123,24 +122,24 @@ class TaskOrders:
             self._control()
 
     def _control(self) -> None:
-        """Begin to send what is wanted, if the robot has not obeyed."""
+        """Start to send the wanted command, unless the robot has obeyed it."""
         if self._due() is not None and (self._insisting is None or self._insisting.done()):
-            self._insisting = self._spawn(self._insist())
+            self._insisting = self._tasks.start(self._insist())
 
     async def _insist(self) -> None:
-        """Send what is wanted until the robot has obeyed."""
+        """Send the wanted command until the robot has obeyed it."""
         while (order := self._due()) is not None:
             self._wake.clear()
             if self._chassis.state is LinkState.READY and self._is_current():
                 self._sent_at[order] = asyncio.get_running_loop().time()
                 if order == action.kContinue:
                     self._wanted, self.stands = None, False
-                self._spawn(self._send(order, self._task_id))
+                self._tasks.start(self._send(order, self._task_id))
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), _REPEAT_AFTER)
 
     def _due(self) -> action.Order | None:
-        """Return the order that the robot has not obeyed; None without one."""
+        """Return the command that the robot has not obeyed; None without one."""
         if self._wanted == action.kPause and self.stands:
             return None
         runs = not self.paused and not self._may_take_effect(action.kPause)
@@ -149,7 +148,7 @@ class TaskOrders:
         return self._wanted
 
     def _may_take_effect(self, order: action.Order) -> bool:
-        """Return True if an order was sent whose effect may come yet."""
+        """Return True if a command was sent that may still take effect."""
         return asyncio.get_running_loop().time() < self._sent_at[order] + _EFFECT_WITHIN
 
     async def _send(self, order: action.Order, task_id: int) -> None:
@@ -168,9 +167,3 @@ class TaskOrders:
                 )
         if task_id == self._task_id:
             self._inquire()
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        running = asyncio.get_running_loop().create_task(work, name="vda5050 task orders")
-        self._running.add(running)
-        running.add_done_callback(self._running.discard)
-        return running

@@ -37,6 +37,7 @@ from woosh_robot_agent.vda5050.model.order import Action
 from woosh_robot_agent.vda5050.model.state import (
     ActionStatus,
     OperatingMode,
+    OrderStatus,
     Position,
     VehicleState,
 )
@@ -65,7 +66,7 @@ from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = "pause"
-"""Name of the hold of the pause."""
+"""Name of the hold by which a pause stops the drive."""
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
 
@@ -103,7 +104,7 @@ class Vehicle:
             self._speed_refused,
         )
         self._refused_speed = ""
-        """Why the drive is being cancelled: the robot does not take a speed limit; else empty."""
+        """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
         self._marks = RobotMarks(self._chassis, self._robot_changed)
         self._maps = MapLibrary(self._chassis, self._robot_changed)
         self._waits = Conditions()
@@ -146,16 +147,16 @@ class Vehicle:
         )
         self._instant = InstantActions(self._registry, self._runner, self)
         self._cancelled: asyncio.Future[None] | None = None
-        """Done when the order has been cancelled; None if it is not being cancelled."""
+        """Done when the order has been cancelled; None without a cancelOrder."""
         self._was_driving = False
-        """The robot drove at its last report of a pose."""
+        """True if the robot drove at its last report of a pose."""
         self._session: Session | None = None
         """None until the robot has told who it is."""
         self._former: asyncio.Task[None] | None = None
-        """End of the last session, of another robot; None without one."""
+        """Task that closes the session of the former robot; None without one."""
         self._is_closing = False
         self._is_restoring = False
-        """True while only a part is restored; that must be neither executed nor saved."""
+        """True while the state is restored only in part: it must be neither executed nor saved."""
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
@@ -172,7 +173,7 @@ class Vehicle:
     async def close(self) -> None:
         """Close both connections. The robot goes on with the task that it executes."""
         self._remember()
-        self._is_closing = True  # what ends from now on is no event of the order
+        self._is_closing = True  # tasks that end from now on must not change the order
         try:
             await self._gate.close(_CLOSE_TIMEOUT)
         except LinkError as error:
@@ -222,7 +223,7 @@ class Vehicle:
         self._session.start(self._former)
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
-        """Go on with the order from before a restart, and ask the robot what became of its task."""
+        """Restore the order after a restart, and ask the robot for the state of its task."""
         info, session = self._facts.info, self._session
         if info is None or session is None:
             return
@@ -252,7 +253,7 @@ class Vehicle:
         self._robot_changed()
 
     def _remember(self) -> None:
-        """Save what a restart must not lose."""
+        """Save the state that must survive a restart."""
         session = self._session
         if session is not None and not self._is_restoring:
             session.save(
@@ -269,7 +270,7 @@ class Vehicle:
             )
 
     def _robot_replaced(self) -> None:
-        """Another robot answers: it is another vehicle, and does not take over the order."""
+        """Close the session: another robot is another vehicle, and does not take over the order."""
         session, self._session = self._session, None
         if session is None or self._is_closing:
             return
@@ -286,16 +287,14 @@ class Vehicle:
             self._cancelled = None
         self._runner.end_all()
 
-    def _clear_order(self, mode: OperatingMode) -> None:
-        """Clear the order, as the standard demands in modes that are not automatic."""
+    def _clear_order(self, cause: str, hint: str) -> None:
+        """Clear the order, as the standard demands in modes other than AUTOMATIC."""
         if not self._machine.busy or self._machine.canceling:
             return
         order = self._machine.status.order_id
-        reason = f"order {order} was cleared, because the operating mode is {mode.value}"
+        reason = f"order {order} was cleared, because {cause}"
         _LOG.warning("%s", reason)
-        self._intake.order_error = warning(
-            ErrorType.INTERRUPTED, reason, "send a new order in mode AUTOMATIC", orderId=order
-        )
+        self._intake.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order)
         self._machine.cancel(reason)
 
     # From the master control
@@ -330,10 +329,7 @@ class Vehicle:
             before = self._machine.status
             self._follow(status.position)
             after = self._machine.status
-            if (before.last_node_sequence_id, before.new_base_request) != (
-                after.last_node_sequence_id,
-                after.new_base_request,
-            ):
+            if _progress(before) != _progress(after):
                 self._step()
             self._speed.limit(self._machine.speed_limit)
         if status is not None and status.driving != self._was_driving:
@@ -346,14 +342,34 @@ class Vehicle:
         """Take a new position of the robot."""
         is_acting = self._runner.busy or self._robot_tasks.task_id != 0
         self._machine.moved(position, by_itself=is_acting)
+        status = self._facts.status
+        if status is not None and status.mode is OperatingMode.MANUAL:
+            self._machine.forget_left_node()
 
     def _robot_changed(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
             self._follow(status.position)
         if status is not None and status.mode is not OperatingMode.AUTOMATIC:
-            self._clear_order(status.mode)
+            self._clear_order(
+                f"the operating mode is {status.mode.value}", "send a new order in mode AUTOMATIC"
+            )
+            if status.mode is not OperatingMode.MANUAL and not self._machine.busy:
+                self._machine.placed("")
+        elif self._has_lost_position():
+            self._clear_order(
+                "the robot does not know its position any more",
+                "initialise it, and send a new order",
+            )
         self._step()
+
+    def _has_lost_position(self) -> bool:
+        """Return True if an order must be cleared, because the position is unknown."""
+        status = self._facts.status
+        if status is None or status.position is None or status.position.initialised:
+            return False
+        is_told = self._machine.acting or self._runner.busy  # an action may set the position
+        return self._config.version.clears_lost_orders and not is_told
 
     def _speed_refused(self, reason: str) -> None:
         _LOG.error("the drive is cancelled: %s", reason)
@@ -507,3 +523,8 @@ class Vehicle:
             *robot.errors,
         )
         return VehicleState(order, robot, tuple(error for error in errors if error is not None))
+
+
+def _progress(order: OrderStatus) -> tuple[object, ...]:
+    """Return what is published at once when the robot has moved."""
+    return order.last_node_id, order.last_node_sequence_id, order.new_base_request

@@ -21,10 +21,9 @@ class VehicleConfig:
         serial_number: serial number in the topics; empty for that of the robot.
         interface: first level of the topics.
         version: version of the standard.
-        limits: what the robot does not report about itself.
+        limits: limits of the robot that it does not report, and options of the state.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
-        state_folder: folder of the file that keeps the order and the header ids over a restart;
-            None to forget them.
+        state_folder: folder of the state file; None to keep nothing over a restart.
     """
 
     link: LinkConfig

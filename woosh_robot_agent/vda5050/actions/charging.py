@@ -12,7 +12,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
-from woosh_robot_agent.vda5050.actions.performer import REACH, PlainPerformer, Report
+from woosh_robot_agent.vda5050.actions.performer import REACH, Context, PlainPerformer, Report
 from woosh_robot_agent.vda5050.model.factsheet import STANDSTILL, ActionType, ParameterType, Scope
 from woosh_robot_agent.vda5050.model.order import Action
 
@@ -43,18 +43,14 @@ class StartCharging(PlainPerformer):
 
     async def perform(self, action: Action, report: Report) -> str:
         context = self._context
-        if self._is_charging():
+        if _is_charging(context):
             return ""
         context.require_no_leg()
         mark = action.parameters.get(_STATION) or await self._nearest()
         context.require_near(mark)
         request = ExecTask(type=task.kCharge, mark_no=mark)
-        await context.tasks.perform(request, report, self._is_charging)
+        await context.tasks.perform(request, report, lambda: _is_charging(context))
         return ""
-
-    def _is_charging(self) -> bool:
-        status = self._context.facts.status
-        return status is not None and status.battery.charging
 
     async def _nearest(self) -> str:
         """Return the number of the nearest charger.
@@ -80,7 +76,7 @@ class StartCharging(PlainPerformer):
 
 
 class StopCharging(PlainPerformer):
-    """Ends charging: cancels the charging task, or backs out of the charger after its end."""
+    """Ends charging: cancels the charging task, or backs out of the charger if it has ended."""
 
     type = ActionType(
         "stopCharging",
@@ -100,12 +96,13 @@ class StopCharging(PlainPerformer):
             answer = await context.gate.request(request)
             if not answer.ok:
                 raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
-        elif self._is_charging():
+        elif _is_charging(context):
             await context.calls.perform(ChargeControl(execute_mode=ChargeControl.kExit), report)
-        if not await context.conditions.wait(lambda: not self._is_charging(), _TIMEOUT):
+        if not await context.conditions.wait(lambda: not _is_charging(context), _TIMEOUT):
             raise ActionFailedError(f"the robot still charges after {_TIMEOUT:g} s")
         return ""
 
-    def _is_charging(self) -> bool:
-        status = self._context.facts.status
-        return status is not None and status.battery.charging
+
+def _is_charging(context: Context) -> bool:
+    status = context.facts.status
+    return status is not None and status.battery.charging

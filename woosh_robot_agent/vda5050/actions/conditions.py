@@ -1,4 +1,4 @@
-"""Waiting until the vehicle is in a certain condition."""
+"""Waiting for conditions of the vehicle."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Conditions:
         return True
 
     def check(self) -> None:
-        """Wake those whose condition holds now."""
+        """Wake the waiting callers whose condition holds now."""
         for holds, condition in self._waiting.items():
             if not holds.done() and condition():
                 holds.set_result(None)

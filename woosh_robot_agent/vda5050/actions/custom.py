@@ -1,4 +1,4 @@
-"""Actions of the robot that the standard does not define."""
+"""Actions of the robot that the standard does not predefine."""
 
 from __future__ import annotations
 

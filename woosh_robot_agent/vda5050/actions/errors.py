@@ -1,4 +1,4 @@
-"""Reasons why an action is impossible, or failed."""
+"""Reasons of rejected and failed actions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        reason: the reason, as a text.
+        reason: the reason.
         parameter: key of the wrong or missing parameter; empty if it is not about a parameter.
     """
 

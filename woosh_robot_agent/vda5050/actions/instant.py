@@ -17,7 +17,8 @@ from woosh_robot_agent.vda5050.model.order import Action, BlockingType
 from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 
 _MAX_STATES = 200
-"""Number of instant actions above which those that have ended are forgotten."""
+"""Maximum number of instant actions in the state. Beyond it, ended ones are forgotten, and new ones
+fail if none has ended."""
 _MAX_KNOWN = 500
 """Number of the last instant actions that are not performed again."""
 _MAX_ERRORS = 20
@@ -69,7 +70,7 @@ class InstantActions:
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
     def receive(self, actions: Sequence[Action]) -> None:
-        """Perform instant actions; those that were received before are ignored."""
+        """Perform instant actions; those with a known id are ignored."""
         for action in actions:
             if action.id in self._known or action.id in self._states:
                 continue
@@ -111,13 +112,13 @@ class InstantActions:
         *,
         again: str,
     ) -> list[str]:
-        """Take the states from before a restart. Actions that ran have failed.
+        """Restore the states after a restart. Actions that ran have failed.
 
         Args:
             states: the states, which may be a second old.
             known_ids: ids of the last instant actions.
-            holds: names of what held the vehicle.
-            again: type of the actions that are performed again, because they do no harm.
+            holds: names of the holds that kept the vehicle from driving.
+            again: type of the actions that are performed again; they must be harmless.
 
         Returns:
             The ids of the actions that forbade driving; the robot may go on with them.

@@ -1,4 +1,4 @@
-"""The action that stores a report for the search for faults."""
+"""The action that stores a report for troubleshooting."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class LogReport(PlainPerformer):
 
     Args:
         context: objects that all actions share.
-        folder: folder of the reports, which has a folder for each robot.
+        folder: folder of the reports, with a subfolder for each robot.
     """
 
     type = ActionType(

@@ -87,8 +87,8 @@ class DeleteMap(PlainPerformer):
         if _is_current(context, found):
             raise ActionFailedError(f"the robot uses the map {found.name}: enable another one")
         is_last = len(context.maps.of_scene(found.scene)) == 1
-        area = "" if is_last else found.name  # a scene has at least one map
-        await context.request(Delete(scene_name=found.scene, map_name=area))
+        name = "" if is_last else found.name  # no scene is empty: delete it with its last map
+        await context.request(Delete(scene_name=found.scene, map_name=name))
         await context.maps.read()
         return ""
 
@@ -174,9 +174,9 @@ def _single(context: Context, name: str, version: str | None) -> StoredMap:
     raise ActionFailedError(f"several scenes of the robot have {what}: {scenes}; rename one")
 
 
-def _is_current(context: Context, area: StoredMap) -> bool:
+def _is_current(context: Context, stored: StoredMap) -> bool:
     info = context.facts.info
     return info is not None and (info.scene.scene_name, info.scene.map_name) == (
-        area.scene,
-        area.name,
+        stored.scene,
+        stored.name,
     )

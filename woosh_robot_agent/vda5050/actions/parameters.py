@@ -1,4 +1,4 @@
-"""Check of the parameters of actions by their types."""
+"""Check of the parameters of actions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "STRING": (lambda value: isinstance(value, str) and bool(value), "a text that is not empty"),
     "BOOL": (lambda value: isinstance(value, bool), "true or false"),
 }
-"""Functions that return True for a value of a data type, and descriptions of these values."""
+"""Functions that return True for a valid value, and descriptions of valid values, by data type."""
 
 
 def parameter_objection(kind: ActionType, given: Mapping[str, Any]) -> Objection | None:

@@ -30,7 +30,7 @@ class StartPause(PlainPerformer):
                 "until a stopPause"
             )
         if not pause.wanted:
-            raise ActionFailedError("a stopPause came meanwhile")
+            raise ActionFailedError("a stopPause arrived in the meantime")
         return ""
 
 
@@ -50,5 +50,5 @@ class StopPause(PlainPerformer):
         ):
             raise ActionFailedError(f"the robot did not resume within {TIMEOUT:g} s")
         if pause.wanted:
-            raise ActionFailedError("a startPause came meanwhile")
+            raise ActionFailedError("a startPause arrived in the meantime")
         return ""

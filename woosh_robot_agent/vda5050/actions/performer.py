@@ -1,4 +1,4 @@
-"""What all actions have in common."""
+"""The interface of actions, and the objects that they share."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Report: TypeAlias = Callable[[ActionStatus], None]
 
 
 class VehicleControls(Protocol):
-    """What an action can do with the vehicle itself."""
+    """Controls of the vehicle for actions."""
 
     @property
     def has_leg(self) -> bool:
@@ -138,10 +138,10 @@ class Context:
             )
 
     def require_no_leg(self) -> None:
-        """Check that the robot has no task of an order, which another task would end.
+        """Check that the robot does not drive along an order.
 
         Raises:
-            ActionFailedError: it has one.
+            ActionFailedError: it does.
         """
         if self.vehicle.has_leg:
             raise ActionFailedError(
@@ -181,11 +181,11 @@ class Performer(Protocol):
 
 
 class PlainPerformer:
-    """Base of actions of which the types of the parameters are all there is to check."""
+    """Base of actions whose parameters need no check beyond their types."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
 
     def check(self, action: Action) -> Objection | None:
-        """Object to nothing."""
+        """Return None: the types of the parameters have been checked."""
         return None

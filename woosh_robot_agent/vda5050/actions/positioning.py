@@ -32,7 +32,7 @@ def _type(name: str) -> ActionType:
 
 
 class InitPosition(PlainPerformer):
-    """Initialises the robot at a pose, on another map if need be."""
+    """Initialises the robot at a pose; changes the map first if necessary."""
 
     type = _type("initPosition")
 
@@ -55,6 +55,6 @@ class InitPosition(PlainPerformer):
 
 
 class InitializePosition(InitPosition):
-    """The same under its name in version 3 of the standard."""
+    """Initialises the robot, under the name of version 3 of the standard."""
 
     type = _type("initializePosition")

@@ -1,4 +1,4 @@
-"""Execution of the robot's own actions: steps, lifts and the like."""
+"""Execution of the robot's own actions, such as steps and movements of the lift."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ class _Run:
 
     Attributes:
         accepted: the robot has accepted the start.
-        heard: the robot has reported that it executes the action.
+        heard: the robot has reported that it executes, or has paused, the action.
         paused: the robot has reported that the action is paused.
         cannot_pause: the robot could not pause it.
-        ended: the reason of the failure, or an empty text.
+        ended: future of the reason of the failure; empty after a success.
         result: text of the last report.
     """
 
@@ -76,7 +76,7 @@ class _Run:
 
     @property
     def name(self) -> str:
-        """Name of the command, for texts."""
+        """Name of the command, for log and error texts."""
         return self.command.DESCRIPTOR.name
 
     def call(self, action: action_pb2.ControlAction) -> CallAction:
@@ -96,7 +96,7 @@ class _Run:
 class RobotCalls:
     """Executes the robot's own actions, one of each kind at a time.
 
-    No start is repeated. If its answer is lost, the reports of the robot decide.
+    A start is never repeated. If its answer is lost, the reports of the robot decide.
 
     Args:
         chassis: the link; used in its event loop only.
@@ -186,18 +186,19 @@ class RobotCalls:
                 raise ActionFailedError(f"the robot refused {run.name}: {answer.msg}")
 
     async def _cancel(self, run: _Run) -> None:
-        if await self._order(run, action_pb2.kCancel):
+        if await self._control(run, action_pb2.kCancel):
             await asyncio.wait({run.ended}, timeout=_CANCEL_TIMEOUT)
 
-    async def _order(self, run: _Run, action: action_pb2.ControlAction) -> bool:
-        """Send an order to an action; return True if the robot has accepted it."""
+    async def _control(self, run: _Run, action: action_pb2.ControlAction) -> bool:
+        """Pause, resume or cancel an action; return True if the robot has accepted it."""
+        command = action_pb2.ControlAction.Name(action)
         try:
             answer = await self._gate.request(run.call(action))
         except LinkError as error:
-            _LOG.warning("an order to %s was not sent or not answered: %s", run.name, error)
+            _LOG.warning("%s of %s was not sent or not answered: %s", command, run.name, error)
             return False
         if not answer.ok:
-            _LOG.info("the robot refused an order to %s: %s", run.name, answer.msg)
+            _LOG.info("the robot refused %s of %s: %s", command, run.name, answer.msg)
         return answer.ok
 
     def _reported(self, reports: Feedbacks) -> None:
@@ -242,17 +243,17 @@ class RobotCalls:
             self._tasks.start(self._pause_run(run) if pause else self._resume_run(run))
 
     async def _pause_run(self, run: _Run) -> None:
-        if not await self._order(run, action_pb2.kPause):
+        if not await self._control(run, action_pb2.kPause):
             self._show_unpausable(run)
 
     async def _resume_run(self, run: _Run) -> None:
-        await self._order(run, action_pb2.kResume)
+        await self._control(run, action_pb2.kResume)
 
     def _is_paused(self) -> bool:
         return all(run.paused or run.cannot_pause for run in self._runs.values())
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out what became of the actions while there was no link."""
+        """Find out the states of the actions after a reconnect."""
         for run in self._runs.values():
             self._tasks.start(self._poll(run))
 
@@ -264,10 +265,10 @@ class RobotCalls:
                 self._judge(run, mine[-1])
             is_known = run.accepted or run.heard
             if not mine or not is_known:
-                run.end("the link was lost meanwhile, and the robot does not tell how it ended")
+                run.end("the link was lost, and the robot does not tell how it ended")
 
         try:
-            await self._chassis.wait_ready(_READY_TIMEOUT)  # a snapshot comes shortly before
+            await self._chassis.wait_ready(_READY_TIMEOUT)  # the snapshot comes shortly before
             await self._chassis.request(self._requests.empty(Feedbacks), tap=found)
         except LinkError as error:
             _LOG.debug("reports on %s: %s", run.name, error)  # asked again after a reconnect

@@ -1,4 +1,4 @@
-"""Execution of tasks of the robot that are no legs of an order, such as charging."""
+"""Execution of tasks of the robot for actions, such as charging."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class RobotTasks:
         Args:
             request: the task; it gets a new id.
             report: called when the task begins, and when the robot pauses or resumes it.
-            is_done: returns True if the rest of the task need not be awaited.
+            is_done: returns True if the action is finished before the end of the task.
 
         Raises:
             ActionFailedError: the task failed.

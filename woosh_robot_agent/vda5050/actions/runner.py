@@ -22,27 +22,27 @@ _ENDED = "the action was ended"
 
 
 class Watcher(Protocol):
-    """Gets to know what becomes of the actions."""
+    """Receives the progress of actions."""
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
         """Take the new status of an action, and its result."""
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Take the reason why an action failed by itself, before its new status."""
+        """Take the reason why an action failed by itself; called before its new status."""
 
 
 class ActionRunner:
     """Performs actions as far as their blocking types permit.
 
-    The actions of an order come when the order permits them. They wait for blocking instant
-    actions, and these for them.
+    An action of an order is started here once the order permits it. Actions of the order and
+    instant actions wait for each other if their blocking types demand it.
 
     Args:
         registry: the actions of the vehicle.
         pause: the pause of the vehicle, in which no action starts that moves something.
         is_ready: returns True while there is a link to the robot.
         is_driving: returns True while the vehicle drives along the order.
-        watcher: gets to know what becomes of the actions.
+        watcher: receives the progress of the actions.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class ActionRunner:
         self._is_driving = is_driving
         self._watcher = watcher
         self._waiting: list[Action] = []
-        """Actions that have not started, in the sequence in which they must start."""
+        """Actions that have not started, in the order in which they must start."""
         self._active: dict[str, Action] = {}
         """Actions that run and for which others may have to wait, by id."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
@@ -141,7 +141,7 @@ class ActionRunner:
             self._watcher.action_changed(action.id, status, "")
 
         performer = self._registry.get(action.type)
-        # what moves the robot runs once the robot has accepted it
+        # an action that moves something is RUNNING once the robot has accepted it
         report(ActionStatus.INITIALIZING if performer.type.pausable else ActionStatus.RUNNING)
         try:
             result = await performer.perform(action, report)
@@ -153,7 +153,7 @@ class ActionRunner:
         except LinkError as error:
             self._failed(action, str(error), ErrorType.ACTION)
         except Exception:
-            _LOG.exception("%s failed by an error of the program", action.type)
+            _LOG.exception("%s failed because of an error of the program", action.type)
             self._failed(action, "an error of the program; see its log", ErrorType.ACTION)
         else:
             self._ended(action, ActionStatus.FINISHED, result)

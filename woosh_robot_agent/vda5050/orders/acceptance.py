@@ -1,4 +1,4 @@
-"""Acceptance of an order: is it a new one, an update, or none that the vehicle can take?"""
+"""Acceptance of an order, as a new one or as an update."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from woosh_robot_agent.vda5050.orders.structure import check_structure
 
 
 class Verdict(Enum):
-    """What to do with an order that is not rejected."""
+    """Treatment of an order that is not rejected."""
 
     NEW = "new"
     """Replace the current order by it."""
@@ -30,13 +30,13 @@ def judge(
     decision_point: Node | None,
     in_reach: Callable[[Node], bool],
 ) -> Verdict:
-    """Judge an order by the current one.
+    """Decide what to do with an order.
 
     Args:
         order: the order that arrived.
         current: the last order or update that the vehicle took; None if there was none.
-        busy: the vehicle executes the current order, or waits for an update of it.
-        cancelled: the current order was cancelled.
+        busy: True if the vehicle executes the current order, or waits for an update of it.
+        cancelled: True if the current order was cancelled.
         decision_point: last node of the current base, or the last one that was reached if there is
             no base left.
         in_reach: returns True if the vehicle stands on a node or within its permitted deviation.

@@ -1,4 +1,4 @@
-"""The actions of the current order: which wait, which run, and what became of them."""
+"""The actions of the current order, and their states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class OrderActions:
         self._states: dict[str, ActionState] = {}
         """States of all actions, by id."""
         self._triggered: list[Action] = []
-        """Triggered actions that have not started, in the sequence in which they must start."""
+        """Triggered actions that have not started, in the order in which they must start."""
         self._running: dict[str, Action] = {}
         """Actions that have started and not ended, by id."""
         self._of_edge: tuple[Action, ...] = ()
@@ -56,7 +56,7 @@ class OrderActions:
 
     @property
     def memory(self) -> ActionMemory:
-        """What a restart of the program must not lose."""
+        """State that must survive a restart of the program."""
         return ActionMemory(
             states=self.states,
             triggered=tuple(self._triggered),
@@ -65,14 +65,14 @@ class OrderActions:
         )
 
     def restore(self, memory: ActionMemory) -> None:
-        """Take what was remembered over a restart; what ran before runs still."""
+        """Restore the actions after a restart; those that ran count as running."""
         self._states = {state.id: state for state in memory.states}
         self._triggered = list(memory.triggered)
         self._running = {action.id: action for action in memory.running}
         self._of_edge = memory.of_edge
 
     def ids_without(self, parts: Iterable[Node | Edge]) -> set[str]:
-        """Return the ids of all actions that are not on some nodes and edges."""
+        """Return the ids of all actions except those of some nodes and edges."""
         return self._states.keys() - {action.id for part in parts for action in part.actions}
 
     def clear(self) -> None:
@@ -119,7 +119,7 @@ class OrderActions:
         """Return the commands that start the actions that may start now.
 
         Args:
-            driving: the vehicle drives.
+            driving: True if the vehicle drives.
         """
         count = startable(self._triggered, self._running.values(), driving=driving)
         started, self._triggered = self._triggered[:count], self._triggered[count:]
@@ -138,14 +138,14 @@ class OrderActions:
             self._running.pop(action_id, None)
 
     def interrupt(self, reason: str) -> Sequence[Action]:
-        """Let all actions that run fail, and return them."""
+        """Let running actions fail, and return them."""
         interrupted = tuple(self._running.values())
         for action in interrupted:
             self.changed(action.id, ActionStatus.FAILED, reason)
         return interrupted
 
     def cancel(self, reason: str) -> list[EndAction]:
-        """Let all actions fail that do not run, and return the commands that end the others."""
+        """Let waiting actions fail, and return the commands that end running ones."""
         for action_id, state in self._states.items():
             if action_id not in self._running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)

@@ -1,4 +1,4 @@
-"""Which actions may start, by their blocking types."""
+"""Start of actions by their blocking types."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from woosh_robot_agent.vda5050.model.order import Action
 
 
 def startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: bool) -> int:
-    """Return how many of the waiting actions may start now, in their sequence.
+    """Return the number of waiting actions that may start now; they start in their order.
 
     Args:
-        waiting: triggered actions, in the sequence in which they must start.
+        waiting: triggered actions, in the order in which they must start.
         running: actions that run.
-        driving: the vehicle drives.
+        driving: True if the vehicle drives.
     """
     active = list(running)
     count = 0

@@ -1,4 +1,4 @@
-"""Commands that the state machine of the order gives."""
+"""Commands of the state machine of the order."""
 
 from __future__ import annotations
 
@@ -46,4 +46,4 @@ class EndAction:
 
 
 Command: TypeAlias = Drive | CancelDrive | PauseDrive | ResumeDrive | Perform | EndAction
-"""A command to whoever executes the order."""
+"""Any command of the state machine."""

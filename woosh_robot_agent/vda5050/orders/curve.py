@@ -6,35 +6,32 @@ import functools
 import math
 from itertools import pairwise
 
+from woosh_robot_agent.vda5050.model.limits import MAX_CONTROL_POINTS, MAX_DEGREE
 from woosh_robot_agent.vda5050.model.order import Trajectory
 
 _SPACING = 0.25
 """Usual distance between two points along a curve, in metres."""
 _MAX_POINTS = 100
-"""Number of points along a curve above which they are farther apart."""
-_MAX_DEGREE = 5
-"""Maximum degree of a curve; the points of higher ones take too long to compute."""
-_MAX_CONTROL_POINTS = 500
-"""Maximum number of control points of a curve."""
-_ROUGH = 8
-"""Number of points in each span of the knots from which the length of the curve is estimated."""
+"""Approximate maximum number of points along a curve; on a longer one they are farther apart."""
+_SAMPLES = 8
+"""Number of points in each span of the knots by which the length of the curve is estimated."""
 
 Point = tuple[float, float]
 """Position in the map frame, in metres."""
 
 
 def curve_defect(trajectory: Trajectory) -> str:
-    """Return what is wrong with a trajectory; empty if it is a curve."""
+    """Return the defect of a trajectory; empty if it has none."""
     degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
     numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
     if not all(map(math.isfinite, (degree, *numbers))):
         return "a number is not finite"
     if degree != int(degree) or degree < 1:
         return f"its degree is not a positive integer: {degree}"
-    if degree > _MAX_DEGREE:
-        return f"its degree is above {_MAX_DEGREE}: {degree:g}"
-    if len(points) > _MAX_CONTROL_POINTS:
-        return f"it has more than {_MAX_CONTROL_POINTS} control points: {len(points)}"
+    if degree > MAX_DEGREE:
+        return f"its degree is above {MAX_DEGREE}: {degree:g}"
+    if len(points) > MAX_CONTROL_POINTS:
+        return f"it has more than {MAX_CONTROL_POINTS} control points: {len(points)}"
     if len(points) <= degree:
         return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
     if len(knots) != len(points) + degree + 1:
@@ -58,7 +55,7 @@ def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
     ]
-    lengths = [_length(_points_of_span(trajectory, span, _ROUGH)) for span in spans]
+    lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
     spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
     points = [_point(trajectory, spans[0], knots[spans[0]])]
     for span, length in zip(spans, lengths, strict=True):

@@ -10,13 +10,16 @@ from itertools import pairwise
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
 from woosh_robot_agent.vda5050.orders.curve import curve_points
 
+_MAX_POSES = 150
+"""Maximum number of poses in a task of the robot; a chassis may refuse longer paths."""
+
 
 @dataclass(frozen=True)
 class Leg:
     """A part of an order that the robot drives without a stop.
 
     Attributes:
-        edges: edges in the sequence of traversal.
+        edges: edges in the order of traversal.
         nodes: the node at the end of each edge.
     """
 
@@ -27,10 +30,6 @@ class Leg:
     def goal(self) -> Node:
         """The last node."""
         return self.nodes[-1]
-
-
-_MAX_POSES = 150
-"""Maximum number of poses that one task of the robot gets; a chassis may refuse longer paths."""
 
 
 def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
@@ -57,12 +56,12 @@ def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
 
 
 def _poses(edge: Edge) -> int:
-    """Return the number of poses with which an edge is driven."""
+    """Return the number of poses in the task for an edge."""
     return 1 if edge.trajectory is None else len(curve_points(edge.trajectory))
 
 
 def stops_at(node: Node) -> bool:
-    """Return True if the vehicle must stop on a node, for an action or to turn to a heading."""
+    """Return True if the vehicle must stop on a node: for an action, a heading or a mark."""
     place = node.position
     turns = place is not None and place.theta is not None and abs(place.deviation_theta) < math.pi
     return turns or bool(node.mark) or stops(node.actions)
@@ -74,7 +73,7 @@ def stops(actions: Sequence[Action]) -> bool:
 
 
 def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
-    """Return True if the way after a node needs a drive of its own.
+    """Return True if the edge after a node needs a task of its own.
 
     Args:
         before: the edge to the node.

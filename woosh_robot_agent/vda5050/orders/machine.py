@@ -43,15 +43,15 @@ _SAME_PLACE = 0.01
 
 
 class OrderMachine:
-    """The current order: what is left of it, and what to do next.
+    """The current order: its state, and what to do next.
 
     Call a method for each event, and then `poll` for the commands.
 
     Args:
-        tolerance: deviation from a node that counts as none.
+        tolerance: minimum tolerance at nodes.
 
     Attributes:
-        error: why the order does not go on until it is cancelled; None while it does.
+        error: why the order cannot go on until it is cancelled; None if it can.
     """
 
     def __init__(self, tolerance: Tolerance | None = None) -> None:
@@ -75,7 +75,7 @@ class OrderMachine:
         self._cancelled = False
         """True if the order was cancelled."""
         self._holds: set[str] = set()
-        """Names of what holds the vehicle."""
+        """Names of the holds that keep the vehicle from driving."""
         self._is_held: bool | None = False
         """True if the drive was paused because of `held`; None if that is unknown."""
         self._position: Position | None = None
@@ -90,7 +90,7 @@ class OrderMachine:
 
     @property
     def held(self) -> bool:
-        """True while something holds the vehicle, or the order was interrupted."""
+        """True while a hold keeps the vehicle from driving, or the order was interrupted."""
         interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
         return bool(self._holds) or interrupted
 
@@ -137,7 +137,7 @@ class OrderMachine:
 
     @property
     def status(self) -> OrderStatus:
-        """How far the order is."""
+        """Progress of the order."""
         order, last = self._order, self._last_node
         return OrderStatus(
             order_id=order.id if order else "",
@@ -208,6 +208,12 @@ class OrderMachine:
         self._last_node = Node(node_id, number) if node_id else None
         self._driven = 0.0
 
+    def forget_left_node(self) -> None:
+        """Forget the last node, unless the vehicle stands on it; not during an order."""
+        last = self._last_node
+        if last is not None and not self.busy and not self._stands_on(last):
+            self.placed("")
+
     def moved(self, position: Position, *, by_itself: bool = False) -> None:
         """Take a new position, and find the nodes of the leg that the vehicle has passed.
 
@@ -216,7 +222,7 @@ class OrderMachine:
             by_itself: neither people nor other programs have moved the vehicle.
         """
         before, self._position = self._position, position
-        is_on_other_map = before is None or before.map_id != position.map_id
+        is_on_other_map = before is not None and before.map_id != position.map_id
         if by_itself or is_on_other_map or self._leg is not None or self._actions.are_running:
             self._stand = position
         elif position != before:
@@ -236,7 +242,7 @@ class OrderMachine:
             self._enter_edge()
 
     def drive_ended(self, reason: str = "") -> None:
-        """The vehicle does not drive any more.
+        """Take the end of the drive.
 
         Args:
             reason: why it did not reach the goal of the leg; empty if it did.
@@ -271,7 +277,7 @@ class OrderMachine:
         """Pause the drive, and start none, until each `hold` has its `release`.
 
         Args:
-            name: name of what holds the vehicle.
+            name: name of the hold.
         """
         self._holds.add(name)
 
@@ -309,14 +315,14 @@ class OrderMachine:
         return commands
 
     def doubt_place(self) -> None:
-        """Check that the vehicle stands on the last node before the order goes on."""
+        """Check the position of the vehicle before the order goes on: it may have been moved."""
         self._doubts_place = True
 
     # Memory
 
     @property
     def memory(self) -> Memory:
-        """What a restart of the program must not lose."""
+        """State that must survive a restart of the program."""
         order, leg = self._order, self._leg
         ends = (leg is not None and node is leg.goal for node in self._nodes)
         return Memory(
@@ -370,7 +376,7 @@ class OrderMachine:
     # Steps
 
     def _is_in_place(self, *, may_drive: bool) -> bool:
-        """Return True if the vehicle stands where the order goes on, or is on its way."""
+        """Return True unless the order must wait until the position is known and was checked."""
         last = self._last_node
         goes_on = self._actions.are_triggered or (self._edges and self._edges[0].released)
         if not self._doubts_place or self._leg is not None or not goes_on:
@@ -388,7 +394,7 @@ class OrderMachine:
         return True
 
     def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
-        """Return an error after which the order does not go on."""
+        """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
             ErrorLevel.FATAL,
@@ -410,7 +416,7 @@ class OrderMachine:
         return math.hypot(here.x - stand.x, here.y - stand.y) <= self._tolerance.xy
 
     def _stands_still_on(self, node: Node) -> bool:
-        """Return True if a node is where the last one is, and the vehicle stands there."""
+        """Return True if a node is at the place of the last one, and the vehicle stands there."""
         last = self._last_node
         if last is None or last.position is None or node.position is None or node.mark:
             return False
@@ -513,6 +519,6 @@ class OrderMachine:
 
 
 def _parts_of(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:
-    """Return nodes and edges in the sequence of traversal."""
+    """Return nodes and edges in the order of traversal."""
     parts: list[Node | Edge] = [*nodes, *edges]
     return sorted(parts, key=lambda part: part.sequence_id)

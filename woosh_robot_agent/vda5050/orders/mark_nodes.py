@@ -11,14 +11,15 @@ from woosh_robot_agent.vda5050.orders.legs import stops
 from woosh_robot_agent.vda5050.orders.reach import Tolerance
 
 FindMark = Callable[[str, str], NodePosition | None]
-"""Returns the place of a mark by its number and the id of a map; None if there is none."""
+"""Returns the position of a mark by its number and the id of a map; None if there is none."""
 
 
 def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
-    """Return an order in which each node that is driven to by a mark has its number and place.
+    """Return an order in which each node to drive to by a mark has the number of the mark.
 
-    This is a node without a position whose id is the number of a mark, and a node at the place of
-    the mark of its name on which the vehicle works. Other nodes are driven to by their position.
+    This applies to a node whose id is the number of a mark if the node has no position, or if it is
+    at the position of the mark and has an action that forbids driving. A node without a position
+    gets that of the mark.
 
     Args:
         order: the order.
@@ -34,7 +35,7 @@ def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
     if mark is None:
         return node
     if place is None:
-        # the heading at the mark is that of the robot's own drive to it
+        # the robot itself chooses the heading at a mark
         return replace(node, mark=node.id, position=replace(mark, theta=None))
     if stops(node.actions) and _is_at(place, mark):
         return replace(node, mark=node.id)
@@ -42,7 +43,7 @@ def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
 
 
 def _is_at(place: NodePosition, mark: NodePosition) -> bool:
-    """Return True if a robot at a mark stands on a node."""
+    """Return True if a robot at a mark is within the permitted deviation from a node."""
     tolerance = Tolerance()
     distance = math.hypot(place.x - mark.x, place.y - mark.y)
     if distance > max(place.deviation_xy, tolerance.xy):

@@ -1,4 +1,4 @@
-"""What the state machine of the order must remember over a restart of the program."""
+"""State of the order that must survive a restart of the program."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from woosh_robot_agent.vda5050.model.state import ActionState
 
 @dataclass(frozen=True)
 class ActionMemory:
-    """The actions of an order.
+    """State of the actions of an order.
 
     Attributes:
         states: states of all actions.
@@ -28,7 +28,7 @@ class ActionMemory:
 
 @dataclass(frozen=True)
 class Memory:
-    """What is left of an order.
+    """State of an order.
 
     Attributes:
         order_id: id of the order; empty without any.
@@ -39,9 +39,9 @@ class Memory:
         on_edge: the vehicle is on the first of the edges.
         leg_length: number of nodes of the current leg that are still to be reached; 0 without one.
         actions: the actions.
-        canceling: the order is being cancelled.
-        cancelled: the order was cancelled.
-        holds: names of what holds the vehicle.
+        canceling: True while the order is being cancelled.
+        cancelled: True if the order was cancelled.
+        holds: names of the holds that keep the vehicle from driving.
         error: why the order does not go on; None while it does.
     """
 

@@ -1,4 +1,4 @@
-"""What lies ahead of the vehicle: the end of the base, and speed limits."""
+"""The order ahead of the vehicle: the end of the base, and speed limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a position lies within the permitted deviation from a node."""
+"""Traversal of nodes, by the permitted deviation from them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from woosh_robot_agent.vda5050.model.state import Position
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Deviation from a node that counts as none.
+    """Minimum tolerance at a node; a smaller permitted deviation is raised to it.
 
     Attributes:
         xy: distance, in metres.
@@ -31,7 +31,7 @@ def is_reached(
         node: position of the node.
         before: last position of the vehicle; None if there was none.
         now: position of the vehicle.
-        tolerance: deviation that counts as none.
+        tolerance: minimum tolerance.
     """
     if node.map_id != now.map_id:
         return False

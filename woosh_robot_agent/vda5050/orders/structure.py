@@ -33,7 +33,7 @@ def check_structure(order: Order) -> None:
                 order, "the edge does not connect the nodes before and after it", edgeId=edge.id
             )
         if edge.released and not node.released:
-            raise _malformed(order, "the edge is released, its end node is not", edgeId=edge.id)
+            raise _malformed(order, "the edge is released, but its end node is not", edgeId=edge.id)
     for before, after in pairwise(path):
         key = "nodeId" if isinstance(after, Node) else "edgeId"
         if after.sequence_id != before.sequence_id + 1:
@@ -43,9 +43,7 @@ def check_structure(order: Order) -> None:
                 **{key: after.id},
             )
         if after.released and not before.released:
-            raise _malformed(
-                order, "it is released, though what precedes it is not", **{key: after.id}
-            )
+            raise _malformed(order, "it is released, but its predecessor is not", **{key: after.id})
     check_action_ids(order, ())
 
 
@@ -53,8 +51,8 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
     """Check that each action of an order has an id of its own.
 
     Args:
-        order: the order; in an update, the first node is known already.
-        used: ids of the actions that the vehicle has.
+        order: the order; in an update, the actions of the first node are known already.
+        used: ids of the actions of the current order; empty for a new order.
 
     Raises:
         RejectedError: two actions have the same id.

@@ -23,11 +23,13 @@ class Version(Protocol):
         received: topics that the vehicle subscribes to.
         keeps_instant_actions: the states of instant actions stay in the state after a new order,
             until `clearInstantActions`.
+        clears_lost_orders: an order is cleared when the robot does not know its position any more.
     """
 
     number: ClassVar[str]
     received: ClassVar[frozenset[Topic]]
     keeps_instant_actions: ClassVar[bool]
+    clears_lost_orders: ClassVar[bool]
 
     def order(self, message: Mapping[str, Any]) -> Order:
         """Return the order in a message that fits the schema."""

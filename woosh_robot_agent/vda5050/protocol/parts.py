@@ -7,6 +7,11 @@ from typing import Any
 
 from woosh_robot_agent.vda5050.model.errors import VehicleError
 from woosh_robot_agent.vda5050.model.factsheet import ParameterType, Scope
+from woosh_robot_agent.vda5050.model.limits import (
+    MAX_CONTROL_POINTS,
+    MAX_INSTANT_ACTIONS,
+    MAX_KNOTS,
+)
 from woosh_robot_agent.vda5050.model.order import (
     Action,
     BlockingType,
@@ -21,9 +26,16 @@ from woosh_robot_agent.vda5050.model.state import ActionState, OrderStatus, Robo
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
 
+ARRAY_LIMITS: Mapping[str, int] = {
+    "instantActions": MAX_INSTANT_ACTIONS,
+    "trajectory.controlPoints": MAX_CONTROL_POINTS,
+    "trajectory.knotVector": MAX_KNOTS,
+}
+"""Maximum lengths of arrays, for the factsheet."""
+
 
 def without_empty(message: dict[str, Any]) -> dict[str, Any]:
-    """Return a message without its empty texts and lists."""
+    """Return a message without its empty strings and lists."""
     return {key: value for key, value in message.items() if value not in ("", [])}
 
 
@@ -100,7 +112,7 @@ def is_tangential(edge: Mapping[str, Any]) -> bool:
 
 
 def node_state(node: Node, description: str) -> dict[str, Any]:
-    """Return the state of a node.
+    """Return an item of nodeStates.
 
     Args:
         node: the node.
@@ -126,7 +138,7 @@ def _node_position(place: NodePosition) -> dict[str, Any]:
 
 
 def edge_state(edge: Edge, description: str) -> dict[str, Any]:
-    """Return the state of an edge.
+    """Return an item of edgeStates.
 
     Args:
         edge: the edge.
@@ -145,7 +157,7 @@ def edge_state(edge: Edge, description: str) -> dict[str, Any]:
 
 
 def trajectory(curve: Trajectory) -> dict[str, Any]:
-    """Return the message of a trajectory."""
+    """Return the field `trajectory`."""
     return {
         "degree": curve.degree,
         "knotVector": list(curve.knots),
@@ -158,7 +170,7 @@ def trajectory(curve: Trajectory) -> dict[str, Any]:
 def action_state(
     action: ActionState, status: str, *, description: str, result: str
 ) -> dict[str, Any]:
-    """Return the state of an action.
+    """Return an item of actionStates.
 
     Args:
         action: the action.
@@ -171,7 +183,7 @@ def action_state(
 
 
 def error(value: VehicleError, kind: str, level: str) -> dict[str, Any]:
-    """Return the message of an error.
+    """Return an item of `errors`.
 
     Args:
         value: the error.
@@ -193,7 +205,7 @@ def error(value: VehicleError, kind: str, level: str) -> dict[str, Any]:
 
 
 def velocity(value: Velocity) -> dict[str, Any]:
-    """Return the message of a velocity."""
+    """Return the field `velocity`."""
     return {"vx": value.vx, "vy": 0.0, "omega": value.omega}
 
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError
 from woosh_robot_agent.vda5050.model.factsheet import ActionType, Factsheet
+from woosh_robot_agent.vda5050.model.limits import MAX_MESSAGE_SIZE, MAX_TEXT
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, NodePosition, Order
 from woosh_robot_agent.vda5050.model.state import (
     ActionState,
@@ -56,6 +57,7 @@ class Version21:
     number: ClassVar[str] = "2.1.0"
     received: ClassVar[frozenset[Topic]] = frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS})
     keeps_instant_actions: ClassVar[bool] = False
+    clears_lost_orders: ClassVar[bool] = False
 
     # From the master control
 
@@ -161,8 +163,8 @@ class Version21:
                 "length": factsheet.length,
             },
             "protocolLimits": {
-                "maxStringLens": {},
-                "maxArrayLens": {},
+                "maxStringLens": {"msgLen": MAX_MESSAGE_SIZE, "idLen": MAX_TEXT},
+                "maxArrayLens": dict(parts.ARRAY_LIMITS),
                 "timing": {
                     "minOrderInterval": 0.0,
                     "minStateInterval": factsheet.min_state_interval,

@@ -19,6 +19,7 @@ from woosh_robot_agent.vda5050.model.factsheet import (
     Kinematics,
     OptionalParameter,
 )
+from woosh_robot_agent.vda5050.model.limits import MAX_MESSAGE_SIZE, MAX_TEXT
 from woosh_robot_agent.vda5050.model.order import (
     Action,
     Edge,
@@ -109,6 +110,7 @@ class Version30:
         {Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}
     )
     keeps_instant_actions: ClassVar[bool] = True
+    clears_lost_orders: ClassVar[bool] = True
 
     # From the fleet control
 
@@ -185,8 +187,11 @@ class Version30:
                 "length": factsheet.length,
             },
             "protocolLimits": {
-                "maximumStringLengths": {},
-                "maximumArrayLengths": {},
+                "maximumStringLengths": {
+                    "maximumMessageLength": MAX_MESSAGE_SIZE,
+                    "maximumIdLength": MAX_TEXT,
+                },
+                "maximumArrayLengths": dict(parts.ARRAY_LIMITS),
                 "timing": {
                     "minimumOrderInterval": 0.0,
                     "minimumStateInterval": factsheet.min_state_interval,

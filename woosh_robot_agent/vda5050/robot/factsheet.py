@@ -48,7 +48,7 @@ class Limits:
         visualization_interval: time between two visualizations while it moves, in seconds.
         driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
             `state_interval`.
-        maps_in_state: the state lists the maps on the robot, if it tells them.
+        maps_in_state: True if the state lists the maps on the robot.
     """
 
     max_speed: float = 1.0
