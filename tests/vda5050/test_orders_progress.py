@@ -425,3 +425,12 @@ def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
     robot.machine.drive_unsent()
     assert robot.machine.poll(may_drive=False) == []
     assert [type(each) for each in robot.machine.poll()] == [Drive]
+
+
+def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"a": [action("step")]}))
+    robot.machine.doubt_place()  # the link was lost and is back
+    robot.move(0.5)
+    robot.finish("step")
+    assert robot.legs == ["b"]
