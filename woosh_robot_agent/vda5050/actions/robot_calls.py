@@ -15,6 +15,7 @@ from woosh_robot_agent.link import (
     ConnectionLostError,
     LinkError,
     LinkState,
+    NotConnectedError,
     RequestTimeoutError,
 )
 from woosh_robot_agent.motion import MotionGate
@@ -29,8 +30,8 @@ from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
 _LOG = logging.getLogger(__name__)
-_CANCEL_TIMEOUT = 10.0
-"""Maximum wait for the end of an action after its cancellation, in seconds."""
+_REPEAT_AFTER = 3.0
+"""Time after which a pause or a cancel is repeated if it had no effect, in seconds."""
 _READY_TIMEOUT = 5.0
 """Maximum time from a snapshot until the link is ready, in seconds."""
 _FAILURES = {
@@ -59,6 +60,7 @@ class _Run:
         heard: the robot has reported that it executes the action.
         paused: the robot has reported that the action is paused.
         cannot_pause: the robot could not pause it.
+        wanted: what the robot must do with it; None for nothing.
         ended: the reason of the failure, or an empty text.
         result: text of the last report.
     """
@@ -70,8 +72,15 @@ class _Run:
         self.heard = False
         self.paused = False
         self.cannot_pause = False
+        self.wanted: action_pb2.ControlAction | None = None
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
+
+    @property
+    def obeys(self) -> bool:
+        """True if the robot has done what is wanted."""
+        is_paused = self.paused or self.cannot_pause
+        return self.ended.done() or (self.wanted == action_pb2.kPause and is_paused)
 
     @property
     def name(self) -> str:
@@ -152,7 +161,7 @@ class RobotCalls:
             reason = await asyncio.shield(run.ended)
         except asyncio.CancelledError:
             if not self._closing:
-                await self._cancel(run)
+                await self._insist(run, action_pb2.kCancel)
             raise
         finally:
             del self._runs[name]
@@ -186,20 +195,30 @@ class RobotCalls:
             if not answer.ok:
                 raise ActionFailedError(f"the robot refused {run.name}: {answer.msg}")
 
-    async def _cancel(self, run: _Run) -> None:
-        if await self._order(run, action_pb2.kCancel):
-            await asyncio.wait({run.ended}, timeout=_CANCEL_TIMEOUT)
-
-    async def _order(self, run: _Run, action: action_pb2.ControlAction) -> bool:
-        """Send an order to an action; return True if the robot has accepted it."""
-        try:
-            answer = await self._gate.request(run.call(action))
-        except LinkError as error:
-            _LOG.warning("an order to %s was not sent or not answered: %s", run.name, error)
-            return False
-        if not answer.ok:
-            _LOG.info("the robot refused an order to %s: %s", run.name, answer.msg)
-        return answer.ok
+    async def _insist(self, run: _Run, action: action_pb2.ControlAction) -> None:
+        """Send an order to an action until it has obeyed, or another order is wanted."""
+        run.wanted = action
+        while run.wanted == action and not run.obeys:
+            try:
+                await self._chassis.wait_ready(_REPEAT_AFTER)
+            except LinkError:
+                continue
+            try:
+                answer = await self._gate.request(run.call(action))
+            except NotConnectedError:
+                continue
+            except LinkError as error:
+                _LOG.warning("an order to %s was not answered: %s", run.name, error)
+            else:
+                if not answer.ok:
+                    _LOG.info("the robot refused an order to %s: %s", run.name, answer.msg)
+                    if action == action_pb2.kPause:
+                        self._show_unpausable(run)
+            if action == action_pb2.kResume:
+                return  # it moves the robot, so it is sent once
+            await asyncio.wait({run.ended}, timeout=_REPEAT_AFTER)
+            if action == action_pb2.kCancel and not run.ended.done():
+                await self._poll(run)
 
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
@@ -239,15 +258,12 @@ class RobotCalls:
 
     def _pause(self, pause: bool) -> None:
         for run in self._runs.values():
+            if run.wanted == action_pb2.kCancel:
+                continue
             run.cannot_pause = False
-            self._spawn(self._pause_run(run) if pause else self._resume_run(run))
-
-    async def _pause_run(self, run: _Run) -> None:
-        if not await self._order(run, action_pb2.kPause):
-            self._show_unpausable(run)
-
-    async def _resume_run(self, run: _Run) -> None:
-        await self._order(run, action_pb2.kResume)
+            if not pause:
+                self._show_paused(run, False)  # so that a pause right after it is sent
+            self._spawn(self._insist(run, action_pb2.kPause if pause else action_pb2.kResume))
 
     def _is_paused(self) -> bool:
         return all(run.paused or run.cannot_pause for run in self._runs.values())

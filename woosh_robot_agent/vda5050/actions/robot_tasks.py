@@ -15,9 +15,6 @@ from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.driving import Driver
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
-_CANCEL_TIMEOUT = 10.0
-"""Maximum wait for the end of a task after its cancellation, in seconds."""
-
 
 class RobotTasks:
     """Executes one task at a time.
@@ -85,7 +82,7 @@ class RobotTasks:
         except asyncio.CancelledError:
             if not self._closing:
                 self._driver.cancel()
-                await asyncio.wait({end}, timeout=_CANCEL_TIMEOUT)
+                await asyncio.wait({end})
             raise
         finally:
             self._end = None
