@@ -30,7 +30,7 @@ def checkout(folder: Path) -> Path:
         "agent": "agent",
         "simulator": "simulator.__main__",
         "dashboard": "tools.dashboard",
-        "vda5050": "vda5050.program",
+        "vda5050": "vda5050.__main__",
     }
     for name, module in modules.items():
         (programs / name).write_text(
