@@ -223,7 +223,7 @@ setup(
             "record = woosh_robot_agent.tools.record:main",
             "replay = woosh_robot_agent.tools.replay:main",
             "maps = woosh_robot_agent.tools.maps:main",
-            "vda5050 = woosh_robot_agent.vda5050.program:main",
+            "vda5050 = woosh_robot_agent.vda5050.__main__:main",
         ],
     },
 )

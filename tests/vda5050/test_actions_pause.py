@@ -16,10 +16,12 @@ from tests.vda5050.test_faults_chassis import ORDER, drive, set_speed
 from tests.vda5050.test_faults_restart import left_by_a_kill, other_client
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.vda5050 import task_orders
-from woosh_robot_agent.vda5050.actions import pausing
+from woosh_robot_agent.vda5050.actions import pausing, robot_calls
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
@@ -300,3 +302,47 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
             assert (ended["nodeStates"], ended["lastNodeId"]) == ([], "a")
     sent = commands(chassis)
     assert sent == ["drive", "pause", "lift_control3 execute", "cancel"]
+
+
+@aio
+async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        set_speed(chassis, 1.0)
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        master.instant(action("startPause", "p"))
+        state = await master.wait_state(lambda state: status_of(state, "p") == "RUNNING")
+        assert not state["paused"]
+        off.clear()
+        await master.wait_state(lambda state: state["paused"])
+    assert commands(chassis) == ["step_control execute", "step_control pause"]
+
+
+@aio
+async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(robot_calls, "_REPEAT_AFTER", 0.5)
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        set_speed(chassis, 1.0)
+        step = action("step", "step", distance=1.0, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step])])
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        chassis.refuse(full_name(CallAction), "not now")
+        master.instant(action("cancelOrder", "c"))
+        await eventually(lambda: commands(chassis).count("step_control cancel") >= 2)
+        assert status_of(master.state, "c") == "RUNNING"
+        chassis.clear_faults()
+        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        assert status_of(ended, "step") == "FAILED"
+        assert chassis.state.velocity.speed == 0.0
+    assert chassis.state.pose.x < START[0] + 0.5

@@ -14,7 +14,7 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import Master, error_types, node
+from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
@@ -198,7 +198,10 @@ def test_two_connectors_of_a_robot_are_detected(
                 await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
                 master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
                 await master.wait_state(lambda state: state["orderId"] == "order")
+                master.instant(action("speak", "words", text="alone"))
+                await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
                 assert chassis.counts[EXEC] == 0
+                assert chassis.state.spoken == ()
             await master.wait_state(
                 lambda state: "secondConnectorError" not in error_types(state),
                 "the other connector to be gone",

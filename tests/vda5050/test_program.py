@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.vda5050.program import main
+from woosh_robot_agent.vda5050 import __main__ as program
+from woosh_robot_agent.vda5050.__main__ import main
 from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,6 +96,10 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         (["--broker", "mqtt://host"], "either --ip or --robots"),
         (["--broker", "mqtt://host", "--ip", "a", "--robots", "f"], "either --ip or --robots"),
         (["--broker", "host", "--ip", "a"], "begins with mqtt"),
+        (
+            ["--broker", "mqtt://host", "--ip", "a", "--serial-number", "a/b"],
+            "the serial number is a part of the topics and cannot have /: 'a/b'",
+        ),
         (["--broker", "mqtt://host", "--robots", "/none/f"], "/none/f: No such file"),
         (
             ["--broker", "mqtt://host", "--robots", "f", "--serial-number", "1"],
@@ -108,3 +114,13 @@ def test_a_wrong_option_ends_the_program_with_its_reason(
         main(arguments)
     assert ended.value.code == 2
     assert reason in capsys.readouterr().err
+
+
+def test_without_its_libraries_the_program_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "woosh_robot_agent.vda5050.program", raising=False)
+    monkeypatch.setitem(sys.modules, "woosh_robot_agent.vda5050.broker_options", None)
+    monkeypatch.setattr(program, "_LIBRARIES", ("woosh_robot_agent.vda5050.broker_options",))
+    assert main(["--help"]) == 1
+    assert "pip install 'woosh_robot_agent[vda5050]'" in capsys.readouterr().err

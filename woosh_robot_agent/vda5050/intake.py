@@ -60,6 +60,8 @@ class Intake:
         self._maps = maps
         self._taken_ids = taken_ids
         self._log = LogOnce(_LOG)
+        self._accepted: tuple[bytes, OrderMachine] | None = None
+        """The last message that was accepted, and what got it."""
         self.order_error: VehicleError | None = None
         self.message_error: VehicleError | None = None
 
@@ -74,6 +76,8 @@ class Intake:
         Returns:
             The verdict; None if the order was rejected.
         """
+        if (payload, machine) == self._accepted:
+            return Verdict.KNOWN  # at no cost: a master control may repeat a large order often
         try:
             order = self._with_marks(read_order(payload, self._version, identity))
             is_new = order.id != machine.status.order_id
@@ -86,6 +90,7 @@ class Intake:
             _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
             self._log.clear()
             self.order_error = None
+            self._accepted = (payload, machine)
         if verdict is Verdict.NEW:
             self.message_error = None
         return verdict

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, rejection
 from woosh_robot_agent.vda5050.model.factsheet import Scope
+from woosh_robot_agent.vda5050.model.limits import MAX_NODES
 from woosh_robot_agent.vda5050.model.order import Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.model.state import OperatingMode, RobotStatus
 from woosh_robot_agent.vda5050.orders.curve import curve_defect, curve_points
@@ -50,9 +51,9 @@ class OrderCheck:
             )
         if self._order.unsupported:
             raise self._unsupported(self._order.unsupported, "the order")
+        self._check_size()
         for edge in self._order.edges:
             self._check_edge(edge)
-        self._check_size()
         for node in self._order.nodes:
             self._check_node(node, status)
         for start, edge, end in zip(
@@ -69,6 +70,13 @@ class OrderCheck:
             )
 
     def _check_size(self) -> None:
+        if (number := len(self._order.nodes)) > MAX_NODES:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the order has {number} nodes, more than {MAX_NODES}",
+                "send a shorter order, and extend it by updates",
+                parameter="nodes",
+            )
         trajectories = (edge.trajectory for edge in self._order.edges)
         count = sum(len(each.points) for each in trajectories if each is not None)
         if count > _MAX_CONTROL_POINTS:

@@ -143,7 +143,7 @@ class Vehicle:
             lambda new_order: self._instant.ids_in_state(ended=not (new_order and forgets)),
         )
         self._runner = ActionRunner(
-            self._registry, self._pause, self._is_ready, self._is_driving, self
+            self._registry, self._pause, self._may_act, self._is_driving, self
         )
         self._instant = InstantActions(self._registry, self._runner, self)
         self._cancelled: asyncio.Future[None] | None = None
@@ -467,8 +467,11 @@ class Vehicle:
         else:
             self.release(_PAUSE)
 
-    def _is_ready(self) -> bool:
-        return self._chassis.state is LinkState.READY
+    def _may_act(self) -> bool:
+        """Return True if actions of the robot may begin."""
+        session = self._session
+        is_alone = session is not None and not session.has_other_connector
+        return is_alone and self._chassis.state is LinkState.READY
 
     def _is_driving(self) -> bool:
         return self._machine.driving and not self._driver.stands

@@ -10,6 +10,9 @@ from woosh_robot_agent.vda5050.protocol.base import Version
 from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
 from woosh_robot_agent.vda5050.robot.factsheet import Limits
 
+_FORBIDDEN = frozenset("+#/\0")
+"""Characters that a level of a topic cannot have."""
+
 
 @dataclass(frozen=True)
 class VehicleConfig:
@@ -34,3 +37,17 @@ class VehicleConfig:
     limits: Limits = field(default_factory=Limits)
     log_folder: Path | None = None
     state_folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Check the levels of the topics.
+
+        Raises:
+            ValueError: one has a character that MQTT does not permit there.
+        """
+        levels = {"manufacturer": self.manufacturer, "serial number": self.serial_number}
+        for name, value in {**levels, "interface": self.interface.replace("/", "")}.items():
+            if bad := set(value) & _FORBIDDEN:
+                characters = " ".join(sorted(bad))
+                raise ValueError(
+                    f"the {name} is a part of the topics and cannot have {characters}: {value!r}"
+                )

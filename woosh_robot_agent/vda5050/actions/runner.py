@@ -40,7 +40,7 @@ class ActionRunner:
     Args:
         registry: the actions of the vehicle.
         pause: the pause of the vehicle, in which no action starts that moves something.
-        is_ready: returns True while there is a link to the robot.
+        may_act: returns True while actions may begin that do not ignore the blocking types.
         is_driving: returns True while the vehicle drives along the order.
         watcher: receives the progress of the actions.
     """
@@ -49,13 +49,13 @@ class ActionRunner:
         self,
         registry: Registry,
         pause: Pause,
-        is_ready: Callable[[], bool],
+        may_act: Callable[[], bool],
         is_driving: Callable[[], bool],
         watcher: Watcher,
     ) -> None:
         self._registry = registry
         self._pause = pause
-        self._is_ready = is_ready
+        self._may_act = may_act
         self._is_driving = is_driving
         self._watcher = watcher
         self._waiting: list[Action] = []
@@ -87,7 +87,7 @@ class ActionRunner:
 
     def poll(self) -> None:
         """Start the actions that may start now."""
-        if self._closing or not self._is_ready():
+        if self._closing or not self._may_act():
             return
         waiting = self._waiting
         if self._pause.wanted:

@@ -6,6 +6,8 @@ MAX_TEXT = 10_000
 """Maximum length of a text in a message, in characters."""
 MAX_INSTANT_ACTIONS = 100
 """Maximum number of actions in a message with instant actions."""
+MAX_NODES = 1000
+"""Maximum number of nodes of an order."""
 MAX_DEGREE = 5
 """Maximum degree of a trajectory."""
 MAX_CONTROL_POINTS = 500

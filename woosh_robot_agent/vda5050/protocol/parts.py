@@ -11,6 +11,7 @@ from woosh_robot_agent.vda5050.model.limits import (
     MAX_CONTROL_POINTS,
     MAX_INSTANT_ACTIONS,
     MAX_KNOTS,
+    MAX_NODES,
 )
 from woosh_robot_agent.vda5050.model.order import (
     Action,
@@ -27,6 +28,7 @@ _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
 
 ARRAY_LIMITS: Mapping[str, int] = {
+    "order.nodes": MAX_NODES,
     "instantActions": MAX_INSTANT_ACTIONS,
     "trajectory.controlPoints": MAX_CONTROL_POINTS,
     "trajectory.knotVector": MAX_KNOTS,
