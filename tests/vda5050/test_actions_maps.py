@@ -20,6 +20,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.actions import map_files
 from woosh_robot_agent.vda5050.actions.map_files import MapFileError, fetch, unpack
 from woosh_robot_agent.vda5050.robot.factsheet import Limits
 
@@ -198,11 +199,13 @@ async def test_a_map_is_downloaded(
         state = await master.wait_state(lambda state: status_of(state, "lost") == "FAILED")
         assert "404" in result_of(state, "lost")
 
-        master.instant(action("downloadMap", "good", **shed, mapHash=digest))
+        master.instant(
+            action("downloadMap", "good", **shed, mapHash=digest),
+            action("downloadMap", "twice", **shed),  # waits for the end of the other
+        )
         state = await master.wait_state(lambda state: status_of(state, "good") == "FINISHED")
         assert maps(state)["shed"] == ("4", "DISABLED")
         assert maps(state)["wooshmap"] == ("147", "ENABLED")
-        master.instant(action("downloadMap", "twice", **shed))
         state = await master.wait_state(lambda state: status_of(state, "twice") == "FAILED")
         assert error_types(state)[-1] == "duplicateMap"
     assert statuses(recorder, "good")[-3:] == ["INITIALIZING", "RUNNING", "FINISHED"]
@@ -213,6 +216,12 @@ def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
     with pytest.raises(MapFileError, match="cannot be fetched"):
         fetch(f"{server}/away")
     assert fetch(f"{server}/shed.zip", hashlib.md5(SHED).hexdigest().upper()) == SHED
+
+
+def test_a_download_does_not_take_for_ever(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(map_files, "_MAX_DURATION", 0.0)
+    with pytest.raises(MapFileError, match="takes too long"):
+        fetch(f"{server}/shed.zip")
 
 
 def test_only_usable_zip_files_are_unpacked() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -15,9 +17,12 @@ from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050 import vehicle as vehicles
+from woosh_robot_agent.vda5050.robot import marks
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
+SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
 """Id, and serial number, of the robot that replaces the other one."""
 
@@ -192,15 +197,18 @@ async def test_another_robot_at_the_address_is_another_vehicle(
     broker: Mosquitto,
     chassis: SimulatorThread,
     swap: Callable[[], SimulatorThread],
+    tmp_path: Path,
 ) -> None:
     async with (
         Master(broker.port) as master,
         Master(broker.port, serial=str(NEW)) as new_master,
-        vehicle(),
+        vehicle(state_folder=tmp_path),
     ):
         await drive(master, chassis)
         replacement = swap()
         await new_master.online()
+        left = json.loads((tmp_path / "uagv-Woosh-30001.json").read_bytes())
+        assert (left["robot_id"], left["order"]["order_id"]) == (30001, "")
         assert master.last("connection")["connectionState"] == "OFFLINE"
         assert new_master.state["orderId"] == ""
         assert new_master.state["nodeStates"] == []
@@ -254,3 +262,29 @@ async def test_an_action_is_paused_and_cancelled_when_the_link_is_back(
         state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
         assert status_of(state, "step") == "FAILED"
     assert commands(chassis)[2:] == ["step_control cancel"]
+
+
+@aio
+async def test_marks_that_the_robot_did_not_send_are_requested_again(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    short_timeouts: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(vehicles, "minimum_timeouts", dict)
+    monkeypatch.setattr(marks, "_RETRY", 0.1)
+    chassis.mute(SCENE_DATA)
+    async with Master(broker.port) as master, vehicle() as started:
+        await master.online()
+        await eventually(lambda: chassis.counts[SCENE_DATA] >= 2)
+        chassis.accept(SCENE_DATA)
+        await eventually(lambda: started._marks.find("K10", "wooshmap"))
+        mark = {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []}
+        master.order([node("a", 0, *START), mark])
+        await master.wait_state(lambda state: state["orderId"] == "order")
+        started._marks._forget()  # as with a new scene
+        master.order([node("a", 0, *START), mark])
+        master.instant(action("stateRequest", "last"))
+        state = await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
+        assert state["errors"] == []

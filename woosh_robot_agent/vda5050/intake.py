@@ -60,8 +60,8 @@ class Intake:
         self._maps = maps
         self._taken_ids = taken_ids
         self._log = LogOnce(_LOG)
-        self._accepted: tuple[bytes, OrderMachine] | None = None
-        """The last message that was accepted, and what got it."""
+        self._accepted: tuple[bytes, Order, OrderMachine] | None = None
+        """The last message that was accepted, its order without marks, and what got it."""
         self.order_error: VehicleError | None = None
         self.message_error: VehicleError | None = None
 
@@ -76,10 +76,13 @@ class Intake:
         Returns:
             The verdict; None if the order was rejected.
         """
-        if (payload, machine) == self._accepted:
+        if self._accepted is not None and (payload, machine) == self._accepted[::2]:
             return Verdict.KNOWN  # at no cost: a master control may repeat a large order often
         try:
-            order = self._with_marks(read_order(payload, self._version, identity))
+            received = read_order(payload, self._version, identity)
+            if self._accepted is not None and (received, machine) == self._accepted[1:]:
+                return Verdict.KNOWN
+            order = self._with_marks(received)
             is_new = order.id != machine.status.order_id
             verdict = machine.receive(order, partial(self._check, is_new=is_new))
         except RejectedError as rejected:
@@ -90,7 +93,7 @@ class Intake:
             _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
             self._log.clear()
             self.order_error = None
-            self._accepted = (payload, machine)
+            self._accepted = (payload, received, machine)
         if verdict is Verdict.NEW:
             self.message_error = None
         return verdict

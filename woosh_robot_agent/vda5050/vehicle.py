@@ -276,6 +276,13 @@ class Vehicle:
             return
         order = self._machine.status.order_id if self._machine.busy else ""
         _LOG.error("another robot answers now%s", f"; order {order} was dropped" if order else "")
+        dropped = Record(
+            session.robot.robot_id,
+            session.robot.serial_number,
+            known_ids=self._instant.known_ids,
+            last_motion=self._instant.last_motion,
+        )
+        session.save(dropped)
         leave = session.close(_CLOSE_TIMEOUT)
         self._former = asyncio.get_running_loop().create_task(leave, name="vda5050 farewell")
         self._machine = OrderMachine()

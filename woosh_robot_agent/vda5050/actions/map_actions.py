@@ -15,6 +15,7 @@ from woosh_robot_agent.vda5050.actions.map_files import (
     is_link,
     unpack,
 )
+from woosh_robot_agent.vda5050.actions.own_thread import in_thread
 from woosh_robot_agent.vda5050.actions.performer import Context, PlainPerformer, Report
 from woosh_robot_agent.vda5050.model.errors import ErrorType
 from woosh_robot_agent.vda5050.model.factsheet import STANDSTILL, ActionType, ParameterType, Scope
@@ -112,6 +113,10 @@ class DownloadMap(PlainPerformer):
         ),
     )
 
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._one_at_a_time = asyncio.Lock()
+
     def check(self, action: Action) -> Objection | None:
         given = action.parameters
         if not is_link(given[_LINK]):
@@ -121,15 +126,19 @@ class DownloadMap(PlainPerformer):
         return None
 
     async def perform(self, action: Action, report: Report) -> str:
+        report(ActionStatus.INITIALIZING)
+        async with self._one_at_a_time:
+            return await self._download(action, report)
+
+    async def _download(self, action: Action, report: Report) -> str:
         context, given = self._context, action.parameters
         name, version = given["mapId"], given["mapVersion"]
-        report(ActionStatus.INITIALIZING)
         await context.maps.read()
         self._check_is_new(name)
         report(ActionStatus.RUNNING)
         try:
-            data = await asyncio.to_thread(fetch, given[_LINK], given.get(_HASH, ""))
-            files = await asyncio.to_thread(unpack, data)
+            link, expected = given[_LINK], given.get(_HASH, "")
+            files = await in_thread(lambda: unpack(fetch(link, expected)))
         except MapFileError as error:
             raise ActionFailedError(str(error)) from None
         datas = [FileData(name=each, data=content) for each, content in files.items()]

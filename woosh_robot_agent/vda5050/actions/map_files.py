@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import http.client
 import io
+import time
 import urllib.request
 import zipfile
 import zlib
@@ -25,6 +26,10 @@ _ZIP_ERRORS = (
 """Errors of a ZIP file that is damaged, encrypted or compressed in an unknown way."""
 _TIMEOUT = 30.0
 """Maximum time without any data, in seconds."""
+_MAX_DURATION = 600.0
+"""Maximum duration of a download, in seconds."""
+_CHUNK = 64 * 1024
+"""Maximum number of bytes that are read at a time."""
 _MAX_BYTES = 64 * 1024 * 1024
 """Maximum size of the ZIP file, and of all files in it together, in bytes."""
 _MAX_FILES = 200
@@ -52,7 +57,7 @@ def fetch(link: str, expected: str = "") -> bytes:
         expected: hash of the file in hexadecimal; empty for no check.
 
     Raises:
-        MapFileError: it cannot be fetched, is too large, or has another hash.
+        MapFileError: it cannot be fetched, is too large or too slow, or has another hash.
     """
     opener = urllib.request.OpenerDirector()  # without the handlers for local files and FTP
     for handler in (
@@ -64,9 +69,14 @@ def fetch(link: str, expected: str = "") -> bytes:
         urllib.request.HTTPDefaultErrorHandler,
     ):
         opener.add_handler(handler())
+    data = bytearray()
+    deadline = time.monotonic() + _MAX_DURATION
     try:
         with opener.open(link, timeout=_TIMEOUT) as response:
-            data: bytes = response.read(_MAX_BYTES + 1)
+            while len(data) <= _MAX_BYTES and (chunk := response.read1(_CHUNK)):
+                data += chunk
+                if time.monotonic() > deadline:
+                    raise MapFileError(f"the download of {link} takes too long")
     except (OSError, ValueError, http.client.HTTPException) as error:
         raise MapFileError(f"{link} cannot be fetched: {error}") from None
     if len(data) > _MAX_BYTES:
@@ -76,7 +86,7 @@ def fetch(link: str, expected: str = "") -> bytes:
         found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
         if found != expected.lower():
             raise MapFileError(f"{link} has the {algorithm} hash {found}, not {expected}")
-    return data
+    return bytes(data)
 
 
 def unpack(data: bytes) -> dict[str, bytes]:

@@ -8,12 +8,15 @@ import math
 from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import Pose
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.vda5050.model.order import NodePosition
 
 _LOG = logging.getLogger(__name__)
+_RETRY = 5.0
+"""Pause before the marks are requested again after a request without an answer, in seconds."""
 
 
 class RobotMarks:
@@ -32,6 +35,7 @@ class RobotMarks:
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Positions of the marks, by the id of the map and the number of the mark."""
         self._request: asyncio.Task[None] | None = None
+        self._log = LogOnce(_LOG)
         chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
         chassis.on_state(self._link_changed)
         chassis.subscribe(Scene, self._scene_reported)
@@ -74,11 +78,14 @@ class RobotMarks:
         self._scene = ("", 0)
 
     async def _read(self, scene: str) -> None:
-        try:
-            answer = await self._chassis.request(SceneData(name=scene))
-        except LinkError as error:
-            _LOG.warning("the marks of scene %s are unknown until a reconnect: %s", scene, error)
-            return
+        while True:
+            try:
+                answer = await self._chassis.request(SceneData(name=scene))
+                break
+            except LinkError as error:
+                self._log.warn(scene, f"the marks of scene {scene} are unknown for now: {error}")
+            await asyncio.sleep(_RETRY)  # cancelled when the link is lost
+        self._log.clear()
         if not answer.ok or not isinstance(answer.body, SceneData):
             _LOG.warning(
                 "the marks of scene %s are unknown, because the robot sent none: %s",
