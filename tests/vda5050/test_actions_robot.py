@@ -11,7 +11,7 @@ import pytest
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, references, result_of, statuses
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import AT_ONCE, VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -28,7 +28,7 @@ async def test_an_order_charges_and_an_instant_action_ends_it(
     vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
     chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with Master(broker.port) as master, vehicle():
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
         await master.online()
         charge = action("startCharging", "charge")
         master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
@@ -89,7 +89,7 @@ async def test_charging_without_a_charger_fails(
 async def test_pick_and_drop_move_the_lift(
     vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
         await master.online()
         pick = action("pick", "pick", stationType="floor", loadType="EPAL")
         master.order([node("a", 0, *START, actions=[pick])])

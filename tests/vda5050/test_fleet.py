@@ -172,11 +172,11 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
         ]
         file = robots_file(tmp_path / "robots.yaml", robots)
         arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
-        stack.enter_context(running(*arguments, log=tmp_path / "connector"))
-        program = stack.enter_context(
-            running(script, "--broker", f"127.0.0.1:{broker.port}", log=tmp_path / "master")
-        )
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
+            stack.enter_context(running(*arguments, log=tmp_path / "connector"))
+            program = stack.enter_context(
+                running(script, "--broker", f"127.0.0.1:{broker.port}", log=tmp_path / "master")
+            )
             robots[1].set_emergency_stop(True)  # on n6, in the way of the other one
             await one.online()
             await two.online()

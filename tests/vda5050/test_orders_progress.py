@@ -379,6 +379,15 @@ def test_the_vehicle_waits_until_it_is_on_the_map_of_the_next_node() -> None:
     assert robot.legs == ["bc"]
 
 
+def test_the_speed_limit_holds_also_after_a_node_that_was_missed() -> None:
+    robot = Robot()
+    edges = {"bc": {"max_speed": 0.2}}
+    robot.give(path("abc", b=place(1.0, y=0.6), c=place(9.0), edges=edges))
+    robot.move(2.0, 4.0)
+    assert robot.last == "a"
+    assert robot.machine.speed_limit == 0.2
+
+
 def test_the_last_node_follows_from_where_the_vehicle_was_placed() -> None:
     robot = Robot()
     robot.give(path("ab"))

@@ -423,16 +423,16 @@ async def test_the_option_chooses_the_version(
     chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
 ) -> None:
     arguments = ["--ip", "127.0.0.1", "--port", str(chassis.port), "--broker", broker.url]
-    with subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.vda5050", *arguments, "--version", "3.0"],
-        env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
-    ) as program:
-        try:
-            async with _master(broker) as master:
+    async with _master(broker) as master:
+        with subprocess.Popen(
+            [sys.executable, "-m", "woosh_robot_agent.vda5050", *arguments, "--version", "3.0"],
+            env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
+        ) as program:
+            try:
                 await master.online()
                 assert master.state["version"] == "3.0.0"
-        finally:
-            program.terminate()
+            finally:
+                program.terminate()
     assert program.returncode == 0
 
 

@@ -23,7 +23,7 @@ from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 _LOG = logging.getLogger(__name__)
 _RETRY = 2.0
 """Pause between attempts to open the state file, in seconds."""
-_SAVE_WITHIN = 1.0
+_SAVE_WITHIN = 2.0
 """Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable
 
@@ -28,18 +27,16 @@ from woosh_robot_agent.vda5050.orders.commands import (
     PauseDrive,
     ResumeDrive,
 )
-from woosh_robot_agent.vda5050.orders.curve import curve_points
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
 from woosh_robot_agent.vda5050.orders.memory import Memory
 from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
-from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.orders.reach import Tolerance
 from woosh_robot_agent.vda5050.orders.structure import check_action_ids
+from woosh_robot_agent.vda5050.orders.whereabouts import Whereabouts
 
 _RESTARTED = "the connector was restarted while the action ran"
 _MAX_APPROACH = 0.5
 """Maximum distance of the begin of a trajectory at which the vehicle drives to it, in metres."""
-_SAME_PLACE = 0.01
-"""Distance of two nodes that are at the same place, in metres."""
 
 
 class OrderMachine:
@@ -55,7 +52,7 @@ class OrderMachine:
     """
 
     def __init__(self, tolerance: Tolerance | None = None) -> None:
-        self._tolerance = tolerance or Tolerance()
+        self._place = Whereabouts(tolerance or Tolerance())
         self.error: VehicleError | None = None
         self._order: Order | None = None
         """The order or update that was taken last."""
@@ -78,13 +75,6 @@ class OrderMachine:
         """Names of the holds that keep the vehicle from driving."""
         self._is_held: bool | None = False
         """True if the drive was paused because of `held`; None if that is unknown."""
-        self._position: Position | None = None
-        self._stand: Position | None = None
-        """Where the vehicle was moved last by itself; None if unknown."""
-        self._doubts_place = False
-        """True if the vehicle may have been moved away from the last node."""
-        self._driven: float | None = 0.0
-        """Distance since the last node, in metres; None if unknown."""
 
     # What the order is
 
@@ -115,14 +105,15 @@ class OrderMachine:
         if self.error is not None:
             return (self.error,)
         node = self._nodes[0] if self._nodes and self._nodes[0].released else None
-        if node is None or self._position is None or self._is_on_map_of(node):
+        here = self._place.position
+        if node is None or here is None or self._place.is_on_map_of(node):
             return ()
         if self._actions.forbid_driving():
             return ()  # an action may bring the vehicle to the other map
         return (
             warning(
                 ErrorType.DRIVING,
-                f"the vehicle waits before node {node.id}: it is on map {self._position.map_id}",
+                f"the vehicle waits before node {node.id}: it is on map {here.map_id}",
                 "enable the map of the node, or cancel the order with cancelOrder",
                 orderId=self._order.id if self._order else "",
                 nodeId=node.id,
@@ -147,8 +138,8 @@ class OrderMachine:
             nodes=tuple(self._nodes),
             edges=tuple(self._edges),
             actions=self._actions.states,
-            new_base_request=not self._canceling and needs_base(self._nodes, self._position),
-            distance_since_last_node=None if last is None else self._driven,
+            new_base_request=not self._canceling and needs_base(self._nodes, self._place.position),
+            distance_since_last_node=None if last is None else self._place.driven,
         )
 
     @property
@@ -157,7 +148,7 @@ class OrderMachine:
         if self._leg is None:
             return None
         rest = self._leg.edges.index(self._edges[0])
-        return speed_limit(self._leg.edges[rest:], self._leg.nodes[rest:], self._position)
+        return speed_limit(self._leg.edges[rest:], self._leg.nodes[rest:], self._place.position)
 
     @property
     def _decision_point(self) -> Node | None:
@@ -183,7 +174,7 @@ class OrderMachine:
             busy=self.busy,
             cancelled=self._cancelled,
             decision_point=self._decision_point,
-            in_reach=self._stands_on,
+            in_reach=self._place.stands_on,
         )
         if verdict is Verdict.KNOWN:
             return verdict
@@ -206,12 +197,12 @@ class OrderMachine:
         """
         number = self._last_node.sequence_id if self._last_node and self.busy else 0
         self._last_node = Node(node_id, number) if node_id else None
-        self._driven = 0.0
+        self._place.driven = 0.0
 
     def forget_left_node(self) -> None:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
         last = self._last_node
-        if last is not None and not self.busy and not self._stands_on(last):
+        if last is not None and not self.busy and not self._place.stands_on(last):
             self.placed("")
 
     def moved(self, position: Position, *, by_itself: bool = False) -> None:
@@ -221,22 +212,14 @@ class OrderMachine:
             position: the position.
             by_itself: neither people nor other programs have moved the vehicle.
         """
-        before, self._position = self._position, position
-        is_on_other_map = before is not None and before.map_id != position.map_id
-        if by_itself or is_on_other_map or self._leg is not None or self._actions.are_running:
-            self._stand = position
-        elif position != before:
-            self._doubts_place = True
-        if before is not None and before.map_id == position.map_id and self._driven is not None:
-            self._driven += math.hypot(position.x - before.x, position.y - before.y)
+        is_own = by_itself or self._leg is not None or self._actions.are_running
+        self._place.moved(position, by_itself=is_own)
         leg = self._leg
         if leg is None or self._canceling:
             return
         while self._nodes and self._nodes[0] is not leg.goal:
             node = self._nodes[0]
-            if node.position is None or not is_reached(
-                node.position, before, position, self._tolerance
-            ):
+            if node.position is None or not self._place.has_passed(node.position):
                 return
             self._reach()
             self._enter_edge()
@@ -267,7 +250,7 @@ class OrderMachine:
     def drive_unsent(self) -> None:
         """The command to drive was not sent: command it again when the vehicle may drive."""
         self._leg = None
-        self._doubts_place = True
+        self._place.doubtful = True
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action that was started by a `Perform` command."""
@@ -316,7 +299,7 @@ class OrderMachine:
 
     def doubt_place(self) -> None:
         """Check the position of the vehicle before the order goes on: it may have been moved."""
-        self._doubts_place = True
+        self._place.doubtful = True
 
     # Memory
 
@@ -358,8 +341,8 @@ class OrderMachine:
         self._holds = set(memory.holds)
         self.error = memory.error
         self._is_held = None if self.held else False
-        self._driven = None
-        self._doubts_place = True
+        self._place.driven = None
+        self._place.doubtful = True
         for action in self._actions.interrupt(_RESTARTED):
             if stops((action,)):
                 self.interrupt(action.id)
@@ -379,18 +362,21 @@ class OrderMachine:
         """Return True unless the order must wait until the position is known and was checked."""
         last = self._last_node
         goes_on = self._actions.are_triggered or (self._edges and self._edges[0].released)
-        if not self._doubts_place or self._leg is not None or not goes_on:
+        if not self._place.doubtful or self._leg is not None or not goes_on:
             return True
         if last is not None and last.position is not None:
-            if self._position is None or not may_drive:
+            if self._place.position is None or not may_drive:
                 return False
-            if not (self._stands_on(last) or self._is_where_it_stood()) and self.error is None:
+            if (
+                not (self._place.stands_on(last) or self._place.is_where_it_stood())
+                and self.error is None
+            ):
                 self.error = self._stuck(
                     ErrorType.INTERRUPTED,
                     f"the robot was moved away from node {last.id}",
                     Reference("nodeId", last.id),
                 )
-        self._doubts_place = False
+        self._place.doubtful = False
         return True
 
     def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
@@ -402,26 +388,6 @@ class OrderMachine:
             "remove the cause, then cancel the order with cancelOrder and send a new one",
             (Reference("orderId", self._order.id if self._order else ""), *references),
         )
-
-    def _stands_on(self, node: Node) -> bool:
-        if node.position is None or self._position is None:
-            return False
-        return is_reached(node.position, None, self._position, self._tolerance)
-
-    def _is_where_it_stood(self) -> bool:
-        """Return True if the vehicle is where it has brought itself."""
-        here, stand = self._position, self._stand
-        if here is None or stand is None or here.map_id != stand.map_id:
-            return False
-        return math.hypot(here.x - stand.x, here.y - stand.y) <= self._tolerance.xy
-
-    def _stands_still_on(self, node: Node) -> bool:
-        """Return True if a node is at the place of the last one, and the vehicle stands there."""
-        last = self._last_node
-        if last is None or last.position is None or node.position is None or node.mark:
-            return False
-        apart = math.hypot(node.position.x - last.position.x, node.position.y - last.position.y)
-        return apart < _SAME_PLACE and self._stands_on(node)
 
     def _take(self, order: Order) -> None:
         self.error = None
@@ -451,7 +417,7 @@ class OrderMachine:
             self._edges.popleft()
             self._commands += self._actions.leave_edge()
         self._last_node = self._nodes.popleft()
-        self._driven = 0.0
+        self._place.driven = 0.0
         self._actions.reach(self._last_node)
 
     def _enter_edge(self) -> None:
@@ -473,17 +439,18 @@ class OrderMachine:
         if self._leg is not None or self.error is not None or self._actions.forbid_driving():
             return False
         leg = next_leg(self._edges, self._nodes)
-        if leg is None or not self._is_on_map_of(leg.nodes[0]):
+        if leg is None or not self._place.is_on_map_of(leg.nodes[0]):
             return False
         if not self._on_edge:
             self._enter_edge()
             self._start_actions()
             if self._actions.forbid_driving():
                 return False
-        if self._stands_still_on(leg.nodes[0]):
+        last = self._last_node
+        if last is not None and self._place.stands_on_both(last, leg.nodes[0]):
             self._reach()
             return True
-        if (distance := self._distance_to_way(leg)) > _MAX_APPROACH:
+        if (distance := self._place.distance_to_way(leg)) > _MAX_APPROACH:
             self.error = self._stuck(
                 ErrorType.DRIVING,
                 f"the trajectory of edge {leg.edges[0].id} begins {distance:.1f} m away",
@@ -495,20 +462,6 @@ class OrderMachine:
         self._is_held = False
         self._commands.append(Drive(leg))
         return False
-
-    def _distance_to_way(self, leg: Leg) -> float:
-        """Return the distance to the trajectory with which a leg begins, in metres; 0 without."""
-        trajectory, here = leg.edges[0].trajectory, self._position
-        if trajectory is None or here is None:
-            return 0.0
-        x, y = curve_points(trajectory)[0]
-        return math.hypot(x - here.x, y - here.y)
-
-    def _is_on_map_of(self, node: Node) -> bool:
-        """Return True if the vehicle is on the map of a node."""
-        if node.position is None or self._position is None:
-            return True
-        return node.position.map_id == self._position.map_id
 
     def _finish_cancel(self) -> None:
         if self._leg is None and not self._actions.are_running:

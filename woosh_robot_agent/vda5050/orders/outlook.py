@@ -43,7 +43,21 @@ def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position
     if position is not None:
         ahead = zip(edges[1:], _distances(nodes, position), strict=False)
         limits += [edge.max_speed for edge, distance in ahead if distance < _BRAKING]
+        # the robot may have missed the node before the next edge
+        if len(edges) > 1 and _distance_to_line(position, *nodes[:2]) < _BRAKING:
+            limits.append(edges[1].max_speed)
     return min((limit for limit in limits if limit is not None), default=math.inf)
+
+
+def _distance_to_line(position: Position, start: Node, end: Node) -> float:
+    """Return the distance of a position from the line between two nodes, in metres."""
+    if start.position is None or end.position is None:
+        return math.inf
+    along_x, along_y = end.position.x - start.position.x, end.position.y - start.position.y
+    x, y = position.x - start.position.x, position.y - start.position.y
+    length = along_x**2 + along_y**2
+    part = min(1.0, max(0.0, (x * along_x + y * along_y) / length)) if length else 0.0
+    return math.hypot(x - part * along_x, y - part * along_y)
 
 
 def _distances(nodes: Sequence[Node], position: Position) -> Iterator[float]:
