@@ -11,7 +11,6 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
@@ -234,34 +233,6 @@ async def test_the_order_of_another_robot_is_dropped_after_a_restart(
             state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
             assert (state["orderId"], state["nodeStates"]) == ("", [])
     assert replacement.counts[EXEC] == 0
-
-
-@aio
-async def test_an_action_is_paused_and_cancelled_when_the_link_is_back(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        set_speed(chassis, 1.0)
-        step = action("step", "step", distance=-5.0, speed=0.1)
-        master.order([node("a", 0, *START, actions=[step])])
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
-        master.instant(action("startPause", "pause"))
-        state = await master.wait_state(lambda state: status_of(state, "pause") == "RUNNING")
-        assert not state["paused"]
-        off.clear()
-        await master.wait_state(lambda state: state["paused"])
-        assert commands(chassis) == ["step_control execute", "step_control pause"]
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
-        master.instant(action("cancelOrder", "cancel"))
-        await master.wait_state(lambda state: status_of(state, "cancel") == "RUNNING")
-        off.clear()
-        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
-        assert status_of(state, "step") == "FAILED"
-    assert commands(chassis)[2:] == ["step_control cancel"]
 
 
 @aio

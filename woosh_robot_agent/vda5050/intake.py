@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 from woosh_robot_agent.link.log_once import LogOnce, one_line
 from woosh_robot_agent.vda5050.actions.registry import Registry
@@ -24,6 +25,20 @@ from woosh_robot_agent.vda5050.robot.maps import MapLibrary
 from woosh_robot_agent.vda5050.robot.marks import RobotMarks
 
 _LOG = logging.getLogger(__name__)
+
+
+class _Accepted(NamedTuple):
+    """An order that was accepted.
+
+    Attributes:
+        payload: the message.
+        order: the order in it, without the marks of the robot, which may change.
+        machine: got the order.
+    """
+
+    payload: bytes
+    order: Order
+    machine: OrderMachine
 
 
 class Intake:
@@ -60,8 +75,8 @@ class Intake:
         self._maps = maps
         self._taken_ids = taken_ids
         self._log = LogOnce(_LOG)
-        self._accepted: tuple[bytes, Order, OrderMachine] | None = None
-        """The last message that was accepted, its order without marks, and what got it."""
+        self._accepted: _Accepted | None = None
+        """The last order that was accepted; None if there was none."""
         self.order_error: VehicleError | None = None
         self.message_error: VehicleError | None = None
 
@@ -76,11 +91,12 @@ class Intake:
         Returns:
             The verdict; None if the order was rejected.
         """
-        if self._accepted is not None and (payload, machine) == self._accepted[::2]:
+        last = self._accepted if self._accepted and self._accepted.machine is machine else None
+        if last is not None and payload == last.payload:
             return Verdict.KNOWN  # at no cost: a master control may repeat a large order often
         try:
             received = read_order(payload, self._version, identity)
-            if self._accepted is not None and (received, machine) == self._accepted[1:]:
+            if last is not None and received == last.order:
                 return Verdict.KNOWN
             order = self._with_marks(received)
             is_new = order.id != machine.status.order_id
@@ -93,7 +109,7 @@ class Intake:
             _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
             self._log.clear()
             self.order_error = None
-            self._accepted = (payload, received, machine)
+            self._accepted = _Accepted(payload, received, machine)
         if verdict is Verdict.NEW:
             self.message_error = None
         return verdict
