@@ -9,6 +9,7 @@ from woosh_robot_agent.vda5050.model.errors import ErrorLevel, Reference, Vehicl
 _TYPE = "robotStatusCode"
 """Type of the errors."""
 _LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.FATAL}
+_HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
 _SAFETY_SCANNERS = 110203
 """First digits of the status codes of safety scanners."""
 _FUNCTION = 10**6
@@ -23,6 +24,7 @@ def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
             type=_TYPE,
             level=_LEVELS[code.level],
             description=explained(code.code, code.msg),
+            hint=_HINT,
             references=(Reference("statusCode", str(code.code)),),
         )
         for code in latest.values()
