@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import ssl
 import subprocess
@@ -29,6 +30,8 @@ from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
 from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
 from woosh_robot_agent.vda5050.publisher import Publisher
+from woosh_robot_agent.vda5050.reports import Reports
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
@@ -223,6 +226,23 @@ def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> No
         publisher.last_will()
     assert publisher.is_own_connection(will.payload.encode())
     assert not publisher.is_own_connection(b"{}")
+
+
+@aio
+async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
+    saved: dict[str, int] = {}
+    ids = HeaderIds(saved, saved.update)
+    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", ids)
+    broker = MqttConnection(BrokerConfig("", 1), "1", publisher.last_will, {}, lambda: None)
+    reports = Reports(Limits(), lambda: None, lambda: None, lambda: None)
+    reports.use(publisher, broker)
+    will = json.loads(publisher.last_will().payload)
+    broker.connected = True
+    reports.connected()
+    broker.connected = False
+    await reports.close(0.0)
+    ids.close()
+    assert saved["connection"] > will["headerId"]
 
 
 @aio

@@ -56,14 +56,18 @@ class Publisher:
         """
         topic = Topic.CONNECTION
         ids = self._header_ids
-        if ids.peek(topic.value) == self._will_id:  # the broker may have published the last will
-            ids.next(topic.value)
+        self.connection_lost()
         self._will_id = ids.peek(topic.value) + 1
         will = self._message(
             topic, self.version.connection(ConnectionState.BROKEN), header_id=self._will_id
         )
         self._will = will.payload.encode()
         return will
+
+    def connection_lost(self) -> None:
+        """Skip the header id of the last will: the broker may have published it."""
+        if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
+            self._header_ids.next(Topic.CONNECTION.value)
 
     def is_own_connection(self, payload: bytes) -> bool:
         """Return True if this publisher has made a `connection` message."""

@@ -85,6 +85,8 @@ class Reports:
             self._publish_connection(ConnectionState.OFFLINE)
             mqtt, self._mqtt = self._mqtt, None
             await mqtt.flush(timeout)
+        elif self._publisher is not None:
+            self._publisher.connection_lost()
 
     def _publish_state(self) -> None:
         state = self._state()

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneDataEasy, SceneList
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.vda5050.model.state import Map
@@ -45,6 +46,7 @@ class MapLibrary:
         self._on_changed = on_changed
         self._maps: tuple[StoredMap, ...] | None = None
         self._reading: asyncio.Task[None] | None = None
+        self._log = LogOnce(_LOG)
         chassis.on_snapshot(lambda info: self._refresh())
         chassis.subscribe_raw(Scene, lambda body: self._refresh())
         chassis.on_robot_changed(self._forget)
@@ -87,10 +89,10 @@ class MapLibrary:
         """
         answer = await self._chassis.request(SceneList())
         if not isinstance(answer.body, SceneList) or not answer.ok:
-            _LOG.warning(
-                "the robot did not send the list of its maps: %s", answer.msg or answer.defect
-            )
+            reason = answer.msg or answer.defect
+            self._log.warn("list", f"the robot did not send the list of its maps: {reason}")
             return
+        self._log.clear()
         maps: list[StoredMap] = []
         for scene in answer.body.scenes:
             versions = await self._versions(scene.name)
