@@ -192,6 +192,7 @@ async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart
             master.order([node("a", 0, *START)])
             await master.wait_state(lambda state: state["orderId"] == "order")
             master.instant(words)
+            await master.wait_state(lambda state: error_types(state) == ["instantActionError"])
         master.received.clear()
         async with vehicle(state_folder=tmp_path):
             await master.online()

@@ -70,12 +70,20 @@ class InstantActions:
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
     def receive(self, actions: Sequence[Action]) -> None:
-        """Perform instant actions; those with a known id are ignored."""
+        """Perform instant actions, but none with a known id.
+
+        Without a state of the same action, the master control may mean another one: it gets an
+        error, because e.g. a `startPause` must not be ignored without a word.
+        """
         for action in actions:
-            if action.id in self._known or action.id in self._states:
+            state = self._states.get(action.id)
+            if state is not None and state.type == action.type:
+                continue
+            if state is not None or action.id in self._known:
+                self._refuse(action, "an instant action with this id was received before")
                 continue
             if self._vehicle.order_has_action(action.id):
-                self.failed(action, "an action of the order has this id", ErrorType.INSTANT_ACTION)
+                self._refuse(action, "an action of the order has this id")
                 continue
             self._known[action.id] = None
             self._states[action.id] = ActionState(
@@ -169,6 +177,18 @@ class InstantActions:
         if action.blocking.stops:
             self._vehicle.hold(_hold_of(action.id))
         self._runner.start(action)
+
+    def _refuse(self, action: Action, reason: str) -> None:
+        """Report once that an action is not performed because of its id."""
+        error = warning(
+            ErrorType.INSTANT_ACTION,
+            reason,
+            "use each actionId once",
+            actionId=action.id,
+            actionType=action.type,
+        )
+        if error not in self.errors:
+            self.errors.append(error)
 
     def _forget_oldest(self) -> None:
         """Forget the oldest actions that have ended, if there are too many."""
