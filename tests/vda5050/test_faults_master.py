@@ -225,11 +225,11 @@ async def test_an_action_of_an_order_and_an_instant_action_cannot_have_the_same_
 
 
 def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
-    inbox = mqtt._Inbox()
-    for number in range(2 * mqtt._MAX_INBOX):
+    inbox = mqtt._ReceiveQueue()
+    for number in range(2 * mqtt._MAX_RECEIVED):
         inbox.put_nowait(message("order", number))
     inbox.put_nowait(message("instantActions", 0))
     taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
-    assert taken == [*["order"] * mqtt._MAX_INBOX, "instantActions"]
+    assert taken == [*["order"] * mqtt._MAX_RECEIVED, "instantActions"]
     inbox.put_nowait(message("order", 0))
     assert inbox.qsize() == 1
