@@ -8,8 +8,20 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.measurements.vehicles import mosquitto_path
 from benchmarks.processes import running
-from benchmarks.report import dashboard, links, maps, odom, pages, real, recording, scale, speed
+from benchmarks.report import (
+    dashboard,
+    fleet,
+    links,
+    maps,
+    odom,
+    pages,
+    real,
+    recording,
+    scale,
+    speed,
+)
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -90,6 +102,17 @@ def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]
     for name in (recording.PROXY, recording.ALONE):
         assert found[name]["lost"] == 0
         assert found[name]["size"] > 0
+
+
+@pytest.mark.skipif(mosquitto_path() is None, reason="mosquitto is not installed")
+def test_vda5050_vehicles_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fleet.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [each["robots"] for each in found] == [1, 2]
+    for figures in found:
+        assert figures["lost"] == 0
+        assert figures["ended"] == figures["robots"]
+        assert all(figures[name] > 0 for name in ("measured", "messages", "cpu", "rss")), figures
 
 
 def test_error_of_a_program_that_dies_holds_its_log() -> None:
