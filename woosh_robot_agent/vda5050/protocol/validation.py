@@ -35,7 +35,7 @@ def validator(version: str, topic: str) -> Validator:
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
     """Validate a message; return the path of an invalid field and the reason, or None."""
     errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
-    error = best_match(errors)  # type: ignore[no-untyped-call]
+    error = best_match(errors)
     if error is None:
         return None
     path = ".".join(str(part) for part in error.absolute_path)
