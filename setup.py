@@ -174,6 +174,7 @@ setup(
         PACKAGE: ["py.typed", "status_codes.json"],
         f"{PACKAGE}.simulator": ["data/*/*"],
         f"{PACKAGE}.tools.dashboard": ["page/*"],
+        f"{PACKAGE}.vda5050.protocol": ["schemas/LICENSE", "schemas/*/*.schema"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -202,6 +203,8 @@ setup(
         ],
         # without it, large maps in JSON take somewhat longer
         "fast-maps": ["pybase64>=1.3"],
+        # for vda5050
+        "vda5050": ["aiomqtt>=2.3", "jsonschema>=4.20"],
     },
     zip_safe=False,
     author="woosh_robot_agent maintainers",
@@ -220,6 +223,7 @@ setup(
             "record = woosh_robot_agent.tools.record:main",
             "replay = woosh_robot_agent.tools.replay:main",
             "maps = woosh_robot_agent.tools.maps:main",
+            "vda5050 = woosh_robot_agent.vda5050.__main__:main",
         ],
     },
 )

@@ -13,6 +13,7 @@ BENCHMARKS = {
         "cost of the page in the browser, by number of viewers",
     ),
     "faults": ("tests.robustness.faults", "every fault, alone and in pairs, amid traffic"),
+    "fleet": ("benchmarks.report.fleet", "cost of VDA 5050 vehicles, by number of robots"),
     "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
     "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
     "links": ("benchmarks.report.links", "WebSocket and TCP, JSON and protobuf, compared"),

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.measurements.vehicles import mosquitto_path
 from benchmarks.processes import running
 from benchmarks.report import (
     dashboard,
+    fleet,
     links,
     maps,
     odom,
@@ -93,7 +95,12 @@ def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
 def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]) -> None:
     assert recording.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert list(found) == [recording.FLOOR, recording.PROXY, recording.ALONE]
+    assert list(found) == [
+        recording.PROXY_FLOOR,
+        recording.PROXY,
+        recording.CLIENT_FLOOR,
+        recording.ALONE,
+    ]
     assert all(figures["cpu"] > 0 for figures in found.values()), found
     for name in (recording.PROXY, recording.ALONE):
         assert found[name]["lost"] == 0
@@ -118,6 +125,17 @@ def test_set_up_is_measured_with_empty_and_with_filled_caches(tmp_path: Path) ->
         )
     assert list(setup.measure(repository)) == ["setup", "setup_again"]
     assert log.read_text() == "filled\nfilled\n"
+
+
+@pytest.mark.skipif(mosquitto_path() is None, reason="mosquitto is not installed")
+def test_vda5050_vehicles_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fleet.main(["--smoke", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [each["robots"] for each in found] == [1, 2]
+    for figures in found:
+        assert figures["lost"] == 0
+        assert figures["ended"] == figures["robots"]
+        assert all(figures[name] > 0 for name in ("measured", "messages", "cpu", "rss")), figures
 
 
 def test_error_of_a_program_that_dies_holds_its_log() -> None:

@@ -1,4 +1,4 @@
-"""A chassis that answers every request at once with the same message, and pushes PoseSpeed.
+"""A chassis that answers every request at once with the same message, and pushes what it is told.
 
     python -m benchmarks.programs.echo_chassis [--beams N] [--map BYTES] [--transport websocket|tcp]
 
@@ -10,6 +10,8 @@ its port. Each line on stdin is a command:
     push RATE FIRST COUNT    push COUNT messages of PoseSpeed at RATE Hz to all subscribers, with
                              `mileage` counting from FIRST; then print, as JSON, the time of each
                              push (time.monotonic) and the CPU time of all of them, in seconds
+    push_mix RATE FIRST COUNT
+                             the same with several types; see `mixed`
     velocities               print, as JSON, the linear velocity in each woosh.robot.Twist since the
                              last such command, and the time of its arrival (time.monotonic)
 """
@@ -22,8 +24,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Awaitable, Callable
-from functools import cache
+from collections.abc import Awaitable, Callable, Sequence
+from functools import cache, partial
 
 from google.protobuf.message import Message
 
@@ -34,6 +36,7 @@ from woosh_robot_agent.link.server.tcp import serve_tcp
 from woosh_robot_agent.link.server.websocket import serve_websocket
 from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.pb.map.map_pack_pb2 import Download, DownloadResponse
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
@@ -68,6 +71,21 @@ def scan(beams: int) -> ScannerData:
     return message
 
 
+def mixed(number: int, beams: int) -> Message:
+    """Return a push with its number: of 100 pushes one is a scan, ten are status codes.
+
+    The number is in `mileage` of PoseSpeed, `robot_id` of ScannerData and `time` of StatusCode.
+    """
+    if number % 100 == 0:
+        message = scan(beams)
+        message.robot_id = number
+        return message
+    if number % 10 == 1:
+        text = "导航未启动"  # robots send their texts in Chinese
+        return StatusCode(robot_id=1, code=140801000071, time=number, msg=text)
+    return pose_speed(number)
+
+
 def map_files(size: int) -> DownloadResponse:
     """Return a scene with one file of the given size, which cannot be compressed."""
     message = DownloadResponse()
@@ -79,11 +97,13 @@ class EchoChassis:
     """Answers every request with a constant message of the request's type.
 
     Attributes:
+        beams: Number of beams of a scan.
         delay: Time from a request to its answer, in seconds.
         velocities: Linear velocity and time of arrival of each velocity command.
     """
 
     def __init__(self, beams: int, map_size: int) -> None:
+        self.beams = beams
         self.delay = 0.0
         self.velocities: list[tuple[float, float]] = []
         self._subscribers: dict[ServerTransport, Codec] = {}
@@ -140,11 +160,10 @@ class EchoChassis:
         await asyncio.sleep(self.delay)
         await send(transport, sn)
 
-    async def push(self, rate: float, first: int, count: int) -> None:
-        """Push PoseSpeed as the command `push` says, and print the report."""
-        numbers = range(first, first + count)
+    async def push(self, rate: float, messages: Sequence[Message]) -> None:
+        """Push messages as the command `push` says, and print the report."""
         frames = {
-            codec: [_push_frame(codec, number) for number in numbers]
+            codec: [_push_frame(codec, message) for message in messages]
             for codec in set(self._subscribers.values())
         }
         # encoded beforehand, so that encoding is not part of the measurement
@@ -155,7 +174,7 @@ class EchoChassis:
         sent = []
         cpu = time.process_time()
         due = time.monotonic()
-        for i in range(count):
+        for i in range(len(messages)):
             sent.append(time.monotonic())
             for transport, prepared in outgoing:
                 await transport.send_raw(prepared[i])
@@ -184,8 +203,8 @@ def _in_parts(codec: Codec, encode: Callable[[int], str | bytes]) -> Send:
     return send
 
 
-def _push_frame(codec: Codec, number: int) -> bytes:
-    frame = codec.encode(full_name(PoseSpeed), pose_speed(number), timestamp=1)
+def _push_frame(codec: Codec, message: Message) -> bytes:
+    frame = codec.encode(full_name(message), message, timestamp=1)
     return frame.encode() if isinstance(frame, str) else frame
 
 
@@ -211,7 +230,9 @@ async def main() -> None:
             chassis.velocities = []
         else:
             rate, first, count = words
-            await chassis.push(float(rate), int(first), int(count))
+            numbers = range(int(first), int(first) + int(count))
+            make = partial(mixed, beams=chassis.beams) if command == b"push_mix" else pose_speed
+            await chassis.push(float(rate), [make(number) for number in numbers])
 
 
 if __name__ == "__main__":

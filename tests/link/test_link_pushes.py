@@ -269,6 +269,31 @@ async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
 
 
 @aio
+async def test_only_pushes_that_arrive_together_are_queued(monkeypatch: pytest.MonkeyPatch) -> None:
+    queued: list[str] = []
+    put = PushQueue.put
+
+    def noted(queue: PushQueue, name: str, deliver: Any) -> bool:
+        queued.append(name)
+        return put(queue, name, deliver)
+
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        seen: list[int] = []
+        client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
+        monkeypatch.setattr(PushQueue, "put", noted)
+        for number in range(1, 6):
+            await wire.push(POSE, {"mapId": number})
+            await eventually(lambda number=number: number in seen)  # type: ignore[misc]
+        assert not queued
+        for number in range(6, 106):
+            await wire.push(POSE, {"mapId": number})
+        await eventually(lambda: seen[-1] == 105)
+        assert queued
+        assert seen == sorted(seen)
+
+
+@aio
 async def test_a_slow_consumer_does_not_delay_answers() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()

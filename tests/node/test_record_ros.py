@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,12 @@ TIMEOUT = 60.0
 
 def count(path: Path, topic: str) -> int:
     """Return the number of messages of a topic in a file that is being written."""
-    if not path.exists():
-        return 0
+    return _count(path, topic, path.stat().st_size) if path.exists() else 0
+
+
+@lru_cache(maxsize=1)
+def _count(path: Path, topic: str, _size: int) -> int:
+    """Count again only when the file has grown: to read it takes time that the recorder needs."""
     channels, found = set(), 0
     with path.open("rb") as file:
         try:

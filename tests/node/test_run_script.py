@@ -1,10 +1,11 @@
-"""`scripts/run`: the page and the agent beside a simulated chassis."""
+"""`scripts/run`: the page and the agent beside a simulated chassis, or a fleet."""
 
 from __future__ import annotations
 
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -12,7 +13,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from tests.harness import TIMEOUT
+from tests.vda5050.broker import mosquitto_path
 from woosh_robot_agent.testing.domains import domain_variables
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -22,7 +26,13 @@ def checkout(folder: Path) -> Path:
     """Return `scripts/run` in a folder where everything is set up, with the programs under test."""
     programs = folder / "install/woosh_robot_agent/lib/woosh_robot_agent"
     programs.mkdir(parents=True)
-    for name, module in (("agent", "agent"), ("simulator", "simulator.__main__")):
+    modules = {
+        "agent": "agent",
+        "simulator": "simulator.__main__",
+        "dashboard": "tools.dashboard",
+        "vda5050": "vda5050.__main__",
+    }
+    for name, module in modules.items():
         (programs / name).write_text(
             f"import sys\nfrom woosh_robot_agent.{module} import main\nsys.exit(main())\n"
         )
@@ -31,16 +41,19 @@ def checkout(folder: Path) -> Path:
         script = folder / "scripts" / name
         script.write_text("#!/usr/bin/env bash\n")
         script.chmod(0o755)
-    (folder / "scripts/run").symlink_to(SCRIPTS / "run")
+    for path in ("scripts/run", "scripts/run_fleet", "docs", "woosh_robot_agent"):
+        (folder / path).symlink_to(SCRIPTS.parent / path)
     return folder / "scripts/run"
 
 
 @contextmanager
-def running(script: Path, domain: int) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def running(
+    script: Path, domain: int, *arguments: str
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Start `scripts/run`; yield its process and the output until it is ready or ends."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with subprocess.Popen(
-        ["bash", script],
+        ["bash", script, *arguments],
         env={**os.environ, **domain_variables(domain), "PATH": path},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -76,3 +89,22 @@ def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domai
             process.communicate(timeout=TIMEOUT)
             break
     assert process.returncode == 130
+
+
+@pytest.mark.skipif(mosquitto_path() is None, reason="mosquitto is not installed")
+def test_a_fleet_is_sent_round_and_ends_with_ctrl_c(tmp_path: Path, domain: int) -> None:
+    with running(checkout(tmp_path), domain, "--fleet", "2") as (process, output):
+        address = re.search(r"http://127\.0\.0\.1:\d+/\n", output)
+        broker = re.search(r"mosquitto_sub -p (\d+)", output)
+        assert address, output
+        assert broker, output
+        with urllib.request.urlopen(address[0].strip(), timeout=TIMEOUT) as response:
+            assert b"<canvas" in response.read()
+        assert process.stdout is not None
+        released = next(line for line in process.stdout if "30002: released" in line)
+        assert released
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 130
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", int(broker[1])), TIMEOUT)

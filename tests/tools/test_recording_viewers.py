@@ -341,7 +341,11 @@ def test_a_killed_recorder_leaves_a_readable_file(chassis: SimulatorThread, tmp_
     )
     try:
         deadline = time.monotonic() + 60
-        while not path.exists() or len(topics_in(path)) < 10:
+        while (
+            not path.exists()
+            or "/chassis/robot/RobotInfo" not in topics_in(path)
+            or len(read_recording(path).records) <= 10
+        ):
             assert time.monotonic() < deadline
             time.sleep(0.1)
         process.send_signal(signal.SIGKILL)

@@ -69,7 +69,8 @@ class Connection:
         stats: counters to add to.
         log: log for bad frames.
         drops: log for refused requests.
-        on_push: called with each push; must not block.
+        on_push: called with each push, and with True if it arrived alone, that is, if no other
+            frame was waiting to be read; must not block.
 
     Attributes:
         config: timeouts and limits. A new configuration takes effect at once, except for
@@ -85,7 +86,7 @@ class Connection:
         stats: LinkStats,
         log: LogOnce,
         drops: DropLog,
-        on_push: Callable[[Envelope], None],
+        on_push: Callable[[Envelope, bool], None],
     ) -> None:
         self.config = config
         self._transport = transport
@@ -326,7 +327,7 @@ class Connection:
                 if envelope.sn:
                     self._answer(envelope)
                 else:
-                    self._on_push(envelope)
+                    self._on_push(envelope, self._transport.waited)
             if self._loop.time() - slice_started > _TIME_SLICE:
                 await asyncio.sleep(0)
                 slice_started = self._loop.time()
@@ -356,5 +357,5 @@ class Connection:
             await self.request(ask, self.config.liveness_timeout, urgent=True)
 
 
-def _ignore(_push: Envelope) -> None:
+def _ignore(_push: Envelope, _alone: bool) -> None:
     """Ignore a push."""

@@ -134,8 +134,15 @@ class Subscriptions:
 
     # Called by the reader; these methods never wait
 
-    def put_push(self, codec: Codec, envelope: Envelope) -> None:
-        """Queue a push if it has a consumer."""
+    def put_push(self, codec: Codec, envelope: Envelope, alone: bool = False) -> None:
+        """Deliver or queue a push if it has a consumer.
+
+        Args:
+            codec: codec of the connection.
+            envelope: the push.
+            alone: deliver it at once if nothing is queued, which saves a turn of the event loop.
+                Pushes that arrive together are queued, so that the oldest can be dropped.
+        """
         name = envelope.type
         if not self._callbacks.get(name):
             if envelope.ok is False:
@@ -144,7 +151,9 @@ class Subscriptions:
                 )
             return
         body = Body(codec, envelope, partial(self._count_bad, name))
-        if not self._target.put(name, partial(self._deliver, body)):
+        if alone and self._held is None and not self._queue:
+            self._deliver(body)
+        elif not self._target.put(name, partial(self._deliver, body)):
             self._drops.count(
                 f"pushes of {name} were dropped",
                 f"{name} arrives faster than its consumers handle it; dropping the oldest pushes",

@@ -26,6 +26,10 @@ class Transport(Protocol):
     def received(self) -> int:
         """Number of bytes received so far, those of an unfinished frame included."""
 
+    @property
+    def waited(self) -> bool:
+        """True if the last frame arrived after `recv` was called; False if that is not known."""
+
     def backlog(self) -> int:
         """Return the number of accepted bytes that still wait in the write buffer."""
 

@@ -33,6 +33,7 @@ class TcpTransport:
         self.peer = peer_address(writer.transport)
         self.progress_at = 0.0
         self.received = 0
+        self.waited = False
 
     def backlog(self) -> int:
         return self._writer.transport.get_write_buffer_size()

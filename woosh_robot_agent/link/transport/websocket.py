@@ -31,6 +31,7 @@ class WebSocketTransport:
         self._socket = socket
         self._recv_options = RAW_TEXT if raw_text else {}
         self.peer = peer_address(socket.transport)
+        self.waited = False
 
     @property
     def progress_at(self) -> float:
@@ -50,10 +51,12 @@ class WebSocketTransport:
             raise TransportClosedError(_reason(error)) from None
 
     async def recv(self) -> str | bytes:
+        before = self.received
         try:
             data: str | bytes = await self._socket.recv(**self._recv_options)
         except ConnectionClosed as error:
             raise TransportClosedError(_reason(error)) from None
+        self.waited = self.received != before
         return data
 
     async def ping(self) -> bool:

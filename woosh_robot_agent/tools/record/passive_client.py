@@ -33,8 +33,8 @@ class PassiveClient:
         """Name of the scene, by which its map is requested."""
         for topic in TOPICS:
             if with_large or not topic.on_demand:
-                self._chassis.subscribe(message_type(topic.push), _discard)
-        self._chassis.subscribe(Feedbacks, _discard)
+                self._chassis.subscribe_raw(message_type(topic.push), _discard)
+        self._chassis.subscribe_raw(Feedbacks, _discard)
         self._chassis.on_state(self._on_state)
         self._queries: asyncio.Task[None] | None = None
 

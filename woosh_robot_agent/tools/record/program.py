@@ -34,6 +34,8 @@ if TYPE_CHECKING:  # needs the libraries, unlike --help
     from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _LOCALHOST = "127.0.0.1"
+_OWN_READ_PERIOD = 0.02
+"""Time between two reads at high rates if there is no client that would wait, in seconds."""
 _EPILOG = """\
 With --listen, record is a proxy between the agent and the robot: connect the
 agent to it, and all traffic is recorded, commands included.
@@ -165,7 +167,10 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         raise RecordingError(_cannot_create(error)) from None
     ros_recorder = None
     try:
-        proxy = RecordingProxy(config, writer)
+        if options.listen:
+            proxy = RecordingProxy(config, writer)
+        else:
+            proxy = RecordingProxy(config, writer, _OWN_READ_PERIOD)
         host, port = options.listen or (_LOCALHOST, 0)
         async with AsyncExitStack() as stack:
             try:

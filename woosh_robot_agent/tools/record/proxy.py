@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 from dataclasses import dataclass, field
+from functools import partial
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.log_once import LogOnce
@@ -14,9 +15,10 @@ from woosh_robot_agent.link.timeouts import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.tools.record.frame_parsers import (
     DelimitedParser,
     FrameParser,
-    UnreadableError,
     WebSocketParser,
 )
+from woosh_robot_agent.tools.record.frame_recorder import Direction, FrameRecorder
+from woosh_robot_agent.tools.record.read_pace import ReadPace
 from woosh_robot_agent.tools.recording.records import Side
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
@@ -24,6 +26,8 @@ _LOG = logging.getLogger(__name__)
 _CHUNK_SIZE = 256 * 1024
 _LINGER_TIMEOUT = 5.0
 """Time that one side gets to close the connection after the other one did, in seconds."""
+_READ_PERIOD = 0.005
+"""Time between two reads of what arrives at high rates, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
 
@@ -54,11 +58,16 @@ class RecordingProxy:
     Args:
         chassis: Address of the chassis; each client gets a connection of its own to it.
         writer: Writer of the recording.
+        read_period: Time between two reads of what arrives at high rates, in seconds. It delays
+            frames at these rates.
     """
 
-    def __init__(self, chassis: LinkConfig, writer: RecordingWriter) -> None:
+    def __init__(
+        self, chassis: LinkConfig, writer: RecordingWriter, read_period: float = _READ_PERIOD
+    ) -> None:
         self._chassis = chassis
-        self._writer = writer
+        self._read_period = read_period
+        self._recorder = FrameRecorder(writer)
         self._log = LogOnce(_LOG)
         self._count = 0
         self._tasks: set[asyncio.Task[None]] = set()
@@ -87,11 +96,12 @@ class RecordingProxy:
         await cancel_and_wait(*tasks)
         if self._listener is not None:
             await self._listener.close()
+        self._recorder.record()
 
     async def _flush(self) -> None:
         while True:
             await asyncio.sleep(_FLUSH_PERIOD)
-            self._writer.flush()
+            self._recorder.flush()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
@@ -102,15 +112,15 @@ class RecordingProxy:
         try:
             await self._forward(connection, reader, writer)
         except asyncio.CancelledError:  # by `stop`; asyncio's server must not see it
-            connection.end("recorder", "the recording was stopped")
+            self._end(connection, "recorder", "the recording was stopped")
         except Exception as error:  # a bug here must not look like an error of the robot
             _LOG.exception("connection %d failed", connection.number)
-            connection.end("recorder", f"internal error: {error!r}")
+            self._end(connection, "recorder", f"internal error: {error!r}")
         finally:
             for each in connection.writers:
                 each.transport.abort()
             if connection.ended_by is not None:
-                self._writer.event(connection.number, "close", *connection.ended_by)
+                self._recorder.event(connection.number, "close", *connection.ended_by)
             self._tasks.discard(task)
 
     async def _forward(
@@ -126,12 +136,12 @@ class RecordingProxy:
             chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
             reason = error.strerror or str(error) or type(error).__name__
-            self._writer.event(connection.number, "refused", "chassis", reason)
+            self._recorder.event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
             return
         self._log.clear("refused")
         connection.writers.append(chassis_writer)
-        self._writer.event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
+        self._recorder.event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
         _LOG.info("connected to %s for client %d", config.address, connection.number)
         loop = asyncio.get_running_loop()
         directions = {
@@ -154,47 +164,35 @@ class RecordingProxy:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
-        """Copy one direction until its end; forward each piece before parsing it."""
-        parser: FrameParser | None = self._make_parser(sender)
+        """Copy one direction until its end; forward each piece before recording it."""
+        direction = Direction(
+            connection.number, sender, self._make_parser(sender), partial(connection.end, sender)
+        )
         receiver: Side = "chassis" if sender == "client" else "client"
+        client_writer, chassis_writer = connection.writers
+        source = client_writer if sender == "client" else chassis_writer
+        pace = ReadPace(source.transport, self._read_period)
         is_reading = True
         try:
             while data := await reader.read(_CHUNK_SIZE):
                 writer.write(data)
-                parser = self._record(connection, sender, parser, data)
+                self._recorder.add(direction, data)
                 is_reading = False
                 await writer.drain()
                 is_reading = True
-            connection.end(sender, "without a close frame")
+                await pace.wait(len(data))
+            self._end(connection, sender, "without a close frame")
             with contextlib.suppress(OSError):  # the receiver is gone, too
                 writer.write_eof()
         except ConnectionError as error:
             by = sender if is_reading else receiver
-            connection.end(by, error.strerror or type(error).__name__)
+            self._end(connection, by, error.strerror or type(error).__name__)
             writer.transport.abort()
 
-    def _record(
-        self, connection: _Connection, sender: Side, parser: FrameParser | None, data: bytes
-    ) -> FrameParser | None:
-        """Record the frames in `data`; return the parser for what follows, None without one."""
-        if parser is None:
-            return None
-        try:
-            for frame in parser.feed(data):
-                if frame.close:
-                    connection.end(sender, frame.data.decode(errors="replace").strip())
-                else:
-                    self._writer.frame(connection.number, sender, frame.data, text=frame.text)
-        except UnreadableError as error:
-            self._writer.event(connection.number, "unreadable", sender, str(error))
-            _LOG.warning(
-                "no longer recording frames from the %s on connection %d, only forwarding them: %s",
-                sender,
-                connection.number,
-                error,
-            )
-            return None
-        return parser
+    def _end(self, connection: _Connection, by: Side, how: str) -> None:
+        """Note how a connection ended, unless an earlier close frame tells it."""
+        self._recorder.record()
+        connection.end(by, how)
 
     def _make_parser(self, sender: Side) -> FrameParser:
         max_size = self._chassis.max_frame_size

@@ -115,8 +115,28 @@ class RecordingWriter:
         """Number of frames that are not in the files; exact after `flush` and `close`."""
         return self._seen - self.frames
 
-    def frame(self, connection: int, sender: Side, data: bytes, *, text: bool) -> None:
-        """Write a frame that has just passed."""
+    def now(self) -> int:
+        """Return the Unix time in ns, by a monotonic clock."""
+        return time.monotonic_ns() + self._clock_offset
+
+    def frame(
+        self,
+        connection: int,
+        sender: Side,
+        data: bytes,
+        *,
+        text: bool,
+        received: int | None = None,
+    ) -> None:
+        """Write a frame.
+
+        Args:
+            connection: Number of the connection.
+            sender: Side that sent the frame.
+            data: Payload of the frame.
+            text: True for a text frame.
+            received: Time at which it passed, by `now`; None if it has just passed.
+        """
         self._seen += 1
         if not self._files.is_open:
             return
@@ -129,7 +149,7 @@ class RecordingWriter:
                 message.text = frame = data.decode()
             except UnicodeDecodeError:
                 message.invalid_text, frame = data, None
-        now = self._now()
+        now = self.now() if received is None else received
         decoded = None if frame is None else self._decode(sender, frame)
         sent = None if decoded is None else decoded.sent
         if self._files.add(FRAMES, now, message.SerializeToString(), sent) and decoded is not None:
@@ -141,7 +161,7 @@ class RecordingWriter:
         """Write an event that has just happened."""
         self.connections = max(self.connections, connection)
         message = EventMessage(connection=connection, kind=kind, by=by, text=text)
-        self._files.add(EVENTS, self._now(), message.SerializeToString())
+        self._files.add(EVENTS, self.now(), message.SerializeToString())
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
@@ -162,10 +182,6 @@ class RecordingWriter:
         self.close()
         for path in self.paths:
             path.unlink()
-
-    def _now(self) -> int:
-        """Return the Unix time in ns, by a monotonic clock."""
-        return time.monotonic_ns() + self._clock_offset
 
     def _decode(self, sender: Side, frame: str | bytes) -> Any:
         return self._guard("decode", self._decoder.decode, sender, frame)
@@ -206,7 +222,7 @@ class RecordingWriter:
 
     def _add_waiting(self) -> None:
         """Write the views that were left out and were followed by none."""
-        now = self._now()
+        now = self.now()
         for thinned in self._thinned.values():
             message, thinned.waiting = thinned.waiting, None
             if message is not None:
@@ -222,7 +238,7 @@ class RecordingWriter:
             if prepared is None:
                 continue
             known = self._maps.get(prepared.name)
-            now = self._now()
+            now = self.now()
             if known is None or known.files != prepared.files:
                 for attachment in prepared.attachments():
                     self._files.attach(*attachment, now)
@@ -247,7 +263,7 @@ class RecordingWriter:
         self._file_count += 1
         if self._robot:
             file.add_metadata(ROBOT_METADATA, self._robot)
-        now = self._now()
+        now = self.now()
         views = list(self._states.values())
         for prepared in self._maps.values():
             for attachment in prepared.attachments():

@@ -1,0 +1,182 @@
+"""Frames that arrive at high rates: they are read and recorded together, and none is lost."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+from websockets.frames import Frame as WireFrame
+from websockets.frames import Opcode
+
+from tests.tools.connections import link
+from tests.tools.test_recording import HEAD, numbered
+from tests.tools.waiting import aio
+from woosh_robot_agent.tools.record.frame_parsers import WebSocketParser
+from woosh_robot_agent.tools.record.frame_recorder import Direction, FrameRecorder
+from woosh_robot_agent.tools.record.proxy import RecordingProxy
+from woosh_robot_agent.tools.record.read_pace import ReadPace
+from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.records import Event, Frame
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+
+COUNT = 500
+PERIOD = 0.005
+
+
+def writer(path: Path) -> RecordingWriter:
+    return RecordingWriter(path, "ws://x", Limits(2**28), lambda reason: pytest.fail(reason))
+
+
+def wire(data: bytes) -> bytes:
+    """Return a text frame as a server sends it."""
+    return WireFrame(Opcode.TEXT, data).serialize(mask=False)
+
+
+def direction(closed: list[str]) -> Direction:
+    return Direction(
+        1, "chassis", WebSocketParser(masked=False, max_size=2**26), on_close=closed.append
+    )
+
+
+@aio
+async def test_frames_of_a_flood_are_in_the_file_when_the_proxy_stops_at_once(
+    tmp_path: Path,
+) -> None:
+    sent = [wire(numbered(number)) for number in range(COUNT)]
+
+    async def serve(reader: asyncio.StreamReader, flood: asyncio.StreamWriter) -> None:
+        flood.write(HEAD)
+        for frame in sent:
+            flood.write(frame)
+            await asyncio.sleep(0)  # so that it is sent as a piece of its own
+        await reader.read()
+        flood.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    path = tmp_path / "a.mcap"
+    file = writer(path)
+    proxy = RecordingProxy(link(server.sockets[0].getsockname()[1]), file)
+    reader, client = await asyncio.open_connection("127.0.0.1", await proxy.start("127.0.0.1", 0))
+    expected = HEAD + b"".join(sent)
+    assert await reader.readexactly(len(expected)) == expected
+    await proxy.stop()
+    file.close()
+    client.close()
+    server.close()
+    assert file.lost == 0
+    *frames, end = (
+        record
+        for record in read_recording(path).records
+        if not (isinstance(record, Event) and record.kind == "open")
+    )
+    assert [json.loads(frame.data)["number"] for frame in frames if isinstance(frame, Frame)] == [
+        *range(COUNT)
+    ]
+    assert isinstance(end, Event)
+    assert (end.kind, end.by) == ("close", "recorder")
+
+
+@aio
+async def test_each_frame_has_the_time_at_which_it_arrived(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0]
+    monkeypatch.setattr("time.monotonic_ns", lambda: clock[0])
+    file = writer(tmp_path / "a.mcap")
+    recorder, chassis = FrameRecorder(file), direction([])
+    recorder.add(chassis, HEAD)
+    first, second, third = (wire(numbered(number)) for number in range(3))
+    clock[0] = 10**9
+    recorder.add(chassis, first + second[:5])
+    clock[0] = 2 * 10**9
+    recorder.add(chassis, second[5:])
+    clock[0] = 3 * 10**9
+    recorder.add(chassis, third)
+    clock[0] = 4 * 10**9
+    recorder.event(1, "close", "chassis")
+    file.close()
+    found = read_recording(tmp_path / "a.mcap").records
+    assert [record.t for record in found] == [1.0, 2.0, 3.0, 4.0]
+
+
+@aio
+async def test_frames_are_recorded_before_the_next_flush(tmp_path: Path) -> None:
+    file = writer(tmp_path / "a.mcap")
+    recorder = FrameRecorder(file)
+    recorder.add(direction([]), HEAD + wire(numbered(0)))
+    recorder.flush()
+    assert len(read_recording(tmp_path / "a.mcap").records) == 1
+    file.close()
+
+
+@aio
+async def test_many_bytes_do_not_wait(tmp_path: Path) -> None:
+    file = writer(tmp_path / "a.mcap")
+    recorder, chassis = FrameRecorder(file), direction([])
+    recorder.add(chassis, HEAD)
+    frame = wire(b"x" * 300_000)
+    for _ in range(4):
+        recorder.add(chassis, frame)
+    file.flush()
+    assert file.frames == 4
+    file.close()
+
+
+@aio
+async def test_frames_after_an_unreadable_one_are_not_recorded(tmp_path: Path) -> None:
+    file = writer(tmp_path / "a.mcap")
+    recorder, chassis = FrameRecorder(file), direction([])
+    recorder.add(chassis, HEAD + wire(numbered(0)))
+    recorder.add(chassis, b"\x7f\x00")
+    recorder.add(chassis, wire(numbered(1)))
+    recorder.record()
+    recorder.add(chassis, wire(numbered(2)))
+    recorder.record()
+    file.close()
+    frame, event = read_recording(tmp_path / "a.mcap").records
+    assert isinstance(frame, Frame)
+    assert isinstance(event, Event)
+    assert (event.kind, event.by) == ("unreadable", "chassis")
+
+
+@aio
+async def test_reads_at_high_rates_are_delayed(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = await asyncio.start_server(lambda _reader, _writer: None, "127.0.0.1", 0)
+    _, stream = await asyncio.open_connection("127.0.0.1", server.sockets[0].getsockname()[1])
+    transport = stream.transport
+    assert isinstance(transport, asyncio.ReadTransport)
+    clock = [100.0]
+    pace = ReadPace(transport, PERIOD)
+    monkeypatch.setattr(pace, "_now", lambda: clock[0])
+
+    def free_reads(size: int, most: int) -> int:
+        """Return the number of reads that follow each other at once."""
+        for count in range(most):
+            waiting = pace.wait(size)
+            try:
+                waiting.send(None)
+            except StopIteration:
+                continue
+            waiting.close()
+            transport.resume_reading()
+            return count
+        return most
+
+    assert free_reads(100, 1000) == 20
+    assert free_reads(100_000, 1000) == 1000  # large ones are not delayed
+    assert free_reads(100, 1000) == 0
+    clock[0] += 1.0
+    assert free_reads(100, 1000) == 20
+    clock[0] += 3 * PERIOD
+    assert free_reads(100, 1000) == 2  # the read that was delayed counts
+    assert transport.is_reading()
+    waiting = asyncio.create_task(pace.wait(100))
+    await asyncio.sleep(0)
+    assert not transport.is_reading()
+    await waiting
+    assert transport.is_reading()
+    stream.close()
+    server.close()

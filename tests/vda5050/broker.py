@@ -1,0 +1,136 @@
+"""A real MQTT broker, and a record of all that goes through it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import threading
+from pathlib import Path
+from typing import Any
+
+import paho.mqtt.client as paho
+
+from woosh_robot_agent.vda5050.protocol.validation import defect
+
+VERSIONS = {"v2": "2.1.0", "v3": "3.0.0"}
+_TIMEOUT = 60.0
+_END = "test/end"
+
+
+def mosquitto_path() -> str | None:
+    return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
+
+
+def free_port() -> int:
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+class Mosquitto:
+    """A mosquitto on a port of its own. It can be stopped and started again."""
+
+    def __init__(self, folder: Path, options: str = "", *, anonymous: bool = True) -> None:
+        self.port = free_port()
+        self._folder = folder
+        self._options = f"allow_anonymous {str(anonymous).lower()}\nuser root\n{options}\n"
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def url(self) -> str:
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    @property
+    def _log(self) -> Path:
+        return self._folder / f"mosquitto-{self.port}.log"
+
+    def refusals(self) -> int:
+        """Number of clients whose login was refused."""
+        return self._log.read_text().count("not authorised")
+
+    def settings(self) -> str:
+        return f"listener {self.port} 127.0.0.1\n{self._options}"
+
+    def start(self) -> None:
+        config = self._folder / f"mosquitto-{self.port}.conf"
+        config.write_text(self.settings())
+        path = mosquitto_path()
+        assert path, "mosquitto is not installed; scripts/test installs it"
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [path, "-v", "-c", str(config)], stderr=log, stdout=log
+            )
+        self._wait_listening()
+
+    def stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+    def _wait_listening(self) -> None:
+        attempt = threading.Event()
+        for _ in range(int(_TIMEOUT / 0.02)):
+            try:
+                socket.create_connection(("127.0.0.1", self.port), 1.0).close()
+            except OSError:
+                assert self._process is not None
+                assert self._process.poll() is None, "mosquitto has ended; see its log"
+                attempt.wait(0.02)
+            else:
+                return
+        raise AssertionError("mosquitto does not listen")
+
+
+class Recorder:
+    """Records all messages at a broker, with a client that neither side uses."""
+
+    def __init__(self, port: int) -> None:
+        self.messages: list[tuple[str, bytes]] = []
+        self._subscribed = threading.Event()
+        self._ended = threading.Event()
+        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        self._client.on_connect = self._connected
+        self._client.on_subscribe = lambda *_: self._subscribed.set()
+        self._client.on_message = self._received
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+        assert self._subscribed.wait(_TIMEOUT)
+
+    def _connected(self, client: paho.Client, *_: Any) -> None:
+        client.subscribe("#", 1)
+
+    def _received(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
+        if message.topic == _END:
+            self._ended.set()
+        else:
+            self.messages.append((message.topic, message.payload))
+
+    def stop(self) -> None:
+        """Stop when everything published so far has been recorded, if the broker still runs."""
+        if self._client.is_connected():
+            self._client.publish(_END, b"", 1)
+            self._ended.wait(_TIMEOUT)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def sent(self, topic: str) -> list[dict[str, Any]]:
+        """Messages of the vehicles on topics that end with `topic`."""
+        return [
+            json.loads(payload) for name, payload in self.messages if name.endswith(f"/{topic}")
+        ]
+
+    def check(self) -> None:
+        """Check all messages of vehicles with the published schemas."""
+        for name, payload in self.messages:
+            _, major, _, _, topic = name.split("/")
+            if topic in ("order", "instantActions"):
+                continue
+            message = json.loads(payload)
+            assert defect(VERSIONS[major], topic, message) is None, (
+                name,
+                message,
+                defect(VERSIONS[major], topic, message),
+            )

@@ -1,0 +1,78 @@
+"""Fixtures: a broker that records and checks all messages, and a vehicle of a simulated chassis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+
+VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
+"""Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
+AT_ONCE = Limits(min_state_interval=0.0)
+"""Every change is published."""
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Connectors that run as programs keep nothing from one test to the next."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state home"))
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    """A broker on a port of its own."""
+    if mosquitto_path() is None:
+        pytest.skip("mosquitto is not installed")
+    mosquitto = Mosquitto(tmp_path)
+    mosquitto.start()
+    try:
+        yield mosquitto
+    finally:
+        mosquitto.stop()
+
+
+@pytest.fixture
+def recorder(broker: Mosquitto) -> Iterator[Recorder]:
+    """All messages at the broker. At the end they are checked with the published schemas."""
+    recorder = Recorder(broker.port)
+    try:
+        yield recorder
+    finally:
+        recorder.stop()
+    recorder.check()
+
+
+@pytest.fixture
+def chassis() -> Iterator[SimulatorThread]:
+    """A simulated chassis that answers without delay, and drives 20 times as fast as a real one."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=20)) as running:
+        yield running
+
+
+@pytest.fixture
+def vehicle(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> VehicleStarter:
+    """Function that starts a vehicle of the simulated chassis."""
+
+    @asynccontextmanager
+    async def start(**options: Any) -> Any:
+        link = LinkConfig(ip="127.0.0.1", port=chassis.port, backoff_max=1.0)
+        started = Vehicle(VehicleConfig(link, **options), BrokerConfig.from_url(broker.url))
+        started.start()
+        try:
+            yield started
+        finally:
+            await started.close()
+
+    return start

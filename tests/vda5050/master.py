@@ -1,0 +1,173 @@
+"""A master control for one vehicle, made with another MQTT library than the connector."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Callable, Sequence
+from datetime import datetime, timezone
+from itertools import pairwise
+from types import TracebackType
+from typing import Any
+
+import gmqtt
+
+from tests.tools.waiting import eventually
+
+Message = dict[str, Any]
+
+
+class Master:
+    """Sends orders to one vehicle, and stores what it reports."""
+
+    def __init__(
+        self, port: int, serial: str = "30001", version: str = "2.1.0", manufacturer: str = "Woosh"
+    ) -> None:
+        self._port = port
+        self._identity = {"manufacturer": manufacturer, "serialNumber": serial}
+        self._version = version
+        self._prefix = f"uagv/v{version.split('.')[0]}/{manufacturer}/{serial}/"
+        self._client = gmqtt.Client(f"master-{uuid.uuid4()}")
+        self._client.on_message = self._received
+        self._header_id = 0
+        self.received: dict[str, list[Message]] = {}
+
+    async def __aenter__(self) -> Master:
+        await self._client.connect("127.0.0.1", self._port, version=gmqtt.constants.MQTTv311)
+        self._client.subscribe(f"{self._prefix}#", qos=1)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self._client.disconnect()
+
+    async def _received(
+        self, client: Any, topic: str, payload: bytes, qos: int, properties: Any
+    ) -> int:
+        name = topic.removeprefix(self._prefix)
+        if name in ("order", "instantActions"):  # our own messages
+            return 0
+        self.received.setdefault(name, []).append(json.loads(payload))
+        return 0
+
+    def last(self, topic: str) -> Message:
+        """Last message on a topic; empty if there was none."""
+        messages = self.received.get(topic)
+        return messages[-1] if messages else {}
+
+    @property
+    def state(self) -> Message:
+        return self.last("state")
+
+    async def wait_state(self, condition: Callable[[Message], Any], what: str = "") -> Message:
+        """Wait until the last state fulfils a condition."""
+
+        def holds() -> Any:
+            return self.state and condition(self.state)
+
+        await eventually(holds, what or str(condition))
+        return self.state
+
+    async def online(self) -> None:
+        """Wait until the vehicle is online and has reported its state."""
+        await eventually(lambda: self.last("connection").get("connectionState") == "ONLINE")
+        await eventually(lambda: self.state)
+
+    def send(self, topic: str, content: Message) -> None:
+        """Send a message with a header."""
+        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+        head = {
+            "headerId": self._header_id,
+            "timestamp": now.replace("+00:00", "Z"),
+            "version": self._version,
+            **self._identity,
+        }
+        self._header_id += 1
+        self.send_raw(topic, json.dumps(head | content).encode())
+
+    def send_raw(self, topic: str, payload: bytes) -> None:
+        """Send any payload."""
+        self._client.publish(f"{self._prefix}{topic}", payload, qos=0)
+
+    def order(
+        self,
+        nodes: Sequence[Message],
+        edges: Sequence[Message] | None = None,
+        *,
+        order_id: str = "order",
+        update: int = 0,
+    ) -> None:
+        """Send an order; without edges, plain ones connect the nodes."""
+        content = {
+            "orderId": order_id,
+            "orderUpdateId": update,
+            "nodes": list(nodes),
+            "edges": plain_edges(nodes) if edges is None else list(edges),
+        }
+        self.send("order", content)
+
+    def instant(self, *actions: Message) -> None:
+        """Send instant actions."""
+        self.send("instantActions", {"actions": list(actions)})
+
+
+def node(
+    name: str,
+    sequence: int,
+    x: float,
+    y: float,
+    *,
+    released: bool = True,
+    actions: Sequence[Message] = (),
+    map_id: str = "wooshmap",
+    **position: Any,
+) -> Message:
+    """A node at a position."""
+    return {
+        "nodeId": name,
+        "sequenceId": sequence,
+        "released": released,
+        "nodePosition": {"x": x, "y": y, "mapId": map_id, **position},
+        "actions": list(actions),
+    }
+
+
+def edge(start: Message, end: Message, *, actions: Sequence[Message] = (), **more: Any) -> Message:
+    """An edge between two nodes, released if its end is."""
+    return {
+        "edgeId": f"{start['nodeId']}-{end['nodeId']}",
+        "sequenceId": start["sequenceId"] + 1,
+        "released": end["released"],
+        "startNodeId": start["nodeId"],
+        "endNodeId": end["nodeId"],
+        "actions": list(actions),
+        **more,
+    }
+
+
+def plain_edges(nodes: Sequence[Message]) -> list[Message]:
+    return [edge(start, end) for start, end in pairwise(nodes)]
+
+
+def action(kind: str, name: str = "", *, blocking: str = "HARD", **parameters: Any) -> Message:
+    """An action with its parameters."""
+    return {
+        "actionId": name or str(uuid.uuid4()),
+        "actionType": kind,
+        "blockingType": blocking,
+        "actionParameters": [{"key": key, "value": value} for key, value in parameters.items()],
+    }
+
+
+def status_of(state: Message, action_id: str) -> str:
+    """Status of an action in a state; empty if it is not there."""
+    found = [each for each in state["actionStates"] if each["actionId"] == action_id]
+    return str(found[0]["actionStatus"]) if found else ""
+
+
+def error_types(state: Message) -> list[str]:
+    return [each["errorType"] for each in state["errors"]]

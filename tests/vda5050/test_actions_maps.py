@@ -1,0 +1,239 @@
+"""Maps and positions, on the wire and at the chassis."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import threading
+import zipfile
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from tests.tools.waiting import aio
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.chassis_events import result_of, statuses
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.master import Master, Message, action, error_types, node, status_of
+from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.actions import map_files
+from woosh_robot_agent.vda5050.actions.map_files import MapFileError, fetch, unpack
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+
+START = (4.23276472, -6.6727581)
+AT_ONCE = Limits(min_state_interval=0.0)
+SCENE = b"""
+name: shed
+maps:
+  - {name: shed, id: 9, version: 4, walls: [[0, 0, 9, 0, 9, 9, 0, 9, 0, 0]]}
+"""
+
+
+def zipped(**files: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("_", "."), content)
+    return buffer.getvalue()
+
+
+SHED = zipped(scene_yaml=SCENE)
+
+
+@pytest.fixture
+def server() -> Iterator[str]:
+    """A web server with the file of a map; any other path is not found."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path == "/away":
+                self.send_response(302)
+                self.send_header("Location", "file:///etc/hostname")
+                self.end_headers()
+                return
+            self.send_response(200 if self.path == "/shed.zip" else 404)
+            self.end_headers()
+            self.wfile.write(SHED)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Log nothing."""
+
+    web = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=web.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{web.server_port}"
+    finally:
+        web.shutdown()
+        web.server_close()
+        thread.join()
+
+
+def maps(state: Message) -> dict[str, tuple[str, str]]:
+    """Version and status of each map in a state, by its id."""
+    return {
+        each["mapId"]: (each["mapVersion"], each["mapStatus"]) for each in state.get("maps", [])
+    }
+
+
+@aio
+async def test_maps_are_listed_enabled_and_deleted(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        state = await master.wait_state(maps)
+        assert maps(state) == {
+            "wooshmap": ("147", "ENABLED"),
+            "scenex": ("12", "DISABLED"),
+            "scenex2": ("3", "DISABLED"),
+        }
+        master.instant(action("enableMap", "wrong", mapId="scenex", mapVersion="11"))
+        state = await master.wait_state(lambda state: status_of(state, "wrong") == "FAILED")
+        assert "no version 11 of the map scenex" in result_of(state, "wrong")
+
+        master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
+        state = await master.wait_state(lambda state: status_of(state, "e") == "FINISHED")
+        assert {name: status for name, (_, status) in maps(state).items()} == {
+            "wooshmap": "DISABLED",
+            "scenex": "ENABLED",
+            "scenex2": "DISABLED",
+        }
+        assert state["agvPosition"]["mapId"] == "scenex"
+        master.instant(action("enableMap", "again", mapId="scenex", mapVersion="12"))
+        await master.wait_state(lambda state: status_of(state, "again") == "FINISHED")
+        assert chassis.counts[full_name(SwitchMap)] == 1
+
+        master.instant(action("deleteMap", "used", mapId="scenex", mapVersion="12"))
+        state = await master.wait_state(lambda state: status_of(state, "used") == "FAILED")
+        assert "uses the map scenex" in result_of(state, "used")
+        master.instant(action("deleteMap", "d1", mapId="scenex2", mapVersion="3"))
+        state = await master.wait_state(lambda state: status_of(state, "d1") == "FINISHED")
+        assert set(maps(state)) == {"wooshmap", "scenex"}
+        master.instant(action("deleteMap", "d2", mapId="wooshmap", mapVersion="147"))
+        state = await master.wait_state(lambda state: status_of(state, "d2") == "FINISHED")
+        assert set(maps(state)) == {"scenex"}
+        master.instant(action("deleteMap", "d3", mapId="wooshmap", mapVersion="147"))
+        await master.wait_state(lambda state: status_of(state, "d3") == "FAILED")
+    deleted = [each.message for each in chassis.received if isinstance(each.message, Delete)]
+    assert [(each.scene_name, each.map_name) for each in deleted] == [
+        ("scenex", "scenex2"),
+        ("wooshmap", ""),
+    ]
+
+
+@aio
+async def test_a_position_on_another_map_is_initialised(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        pose = {"x": 1.0, "y": 2.0, "theta": 0.5}
+        master.instant(action("initPosition", "i", **pose, mapId="scenex2", lastNodeId="lift"))
+        state = await master.wait_state(lambda state: status_of(state, "i") == "FINISHED")
+        place = state["agvPosition"]
+        assert {key: place[key] for key in pose} == pytest.approx(pose)
+        assert place["mapId"] == "scenex2"
+        assert place["positionInitialized"]
+        assert (state["lastNodeId"], state["lastNodeSequenceId"]) == ("lift", 0)
+        master.order(
+            [node("lift", 0, 1.0, 2.0, map_id="scenex2"), node("b", 2, 2.0, 2.0, map_id="scenex2")]
+        )
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+
+        master.instant(action("initPosition", "out", **pose | {"x": 500.0}, mapId="scenex2"))
+        state = await master.wait_state(lambda state: status_of(state, "out") == "FAILED")
+        assert "outside map" in result_of(state, "out")
+        master.instant(action("initPosition", "no", **pose, mapId="nowhere"))
+        state = await master.wait_state(lambda state: status_of(state, "no") == "FAILED")
+        assert "no map nowhere" in result_of(state, "no")
+        assert error_types(state)[-2:] == ["actionError", "actionError"]
+    assert chassis.counts[full_name(SwitchMap)] == 1
+    assert chassis.counts[full_name(InitRobot)] == 2
+
+
+@aio
+async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+        pose = {"x": 1.0, "y": 2.0, "theta": 0.5, "mapId": "wooshmap"}
+        master.instant(
+            action("initPosition", "i", **pose),
+            action("enableMap", "e", mapId="scenex", mapVersion="12"),
+        )
+        await master.wait_state(
+            lambda state: status_of(state, "i") == status_of(state, "e") == "FAILED"
+        )
+        await master.wait_state(lambda state: state["lastNodeId"] == "c")
+    assert chassis.counts[full_name(InitRobot)] == chassis.counts[full_name(SwitchMap)] == 0
+
+
+@aio
+async def test_a_map_is_downloaded(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    recorder: Recorder,
+    server: str,
+) -> None:
+    shed = {"mapId": "shed", "mapVersion": "4", "mapDownloadLink": f"{server}/shed.zip"}
+    digest = hashlib.sha256(SHED).hexdigest()
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await master.online()
+        master.instant(action("downloadMap", "hash", **shed, mapHash="0" * 64))
+        state = await master.wait_state(lambda state: status_of(state, "hash") == "FAILED")
+        assert digest in result_of(state, "hash")
+        master.instant(action("downloadMap", "version", **shed | {"mapVersion": "5"}))
+        state = await master.wait_state(lambda state: status_of(state, "version") == "FAILED")
+        assert "has version 4 of the map, not version 5" in result_of(state, "version")
+        assert "shed" not in maps(state)
+        master.instant(action("downloadMap", "lost", **shed | {"mapDownloadLink": f"{server}/x"}))
+        state = await master.wait_state(lambda state: status_of(state, "lost") == "FAILED")
+        assert "404" in result_of(state, "lost")
+
+        master.instant(
+            action("downloadMap", "good", **shed, mapHash=digest),
+            action("downloadMap", "twice", **shed),  # waits for the end of the other
+        )
+        state = await master.wait_state(lambda state: status_of(state, "good") == "FINISHED")
+        assert maps(state)["shed"] == ("4", "DISABLED")
+        assert maps(state)["wooshmap"] == ("147", "ENABLED")
+        state = await master.wait_state(lambda state: status_of(state, "twice") == "FAILED")
+        assert error_types(state)[-1] == "duplicateMap"
+    assert statuses(recorder, "good")[-3:] == ["INITIALIZING", "RUNNING", "FINISHED"]
+    assert chassis.counts[full_name(Upload)] == 2
+
+
+def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
+    with pytest.raises(MapFileError, match="cannot be fetched"):
+        fetch(f"{server}/away")
+    assert fetch(f"{server}/shed.zip", hashlib.md5(SHED).hexdigest().upper()) == SHED
+
+
+def test_a_download_does_not_take_for_ever(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(map_files, "_MAX_DURATION", 0.0)
+    with pytest.raises(MapFileError, match="takes too long"):
+        fetch(f"{server}/shed.zip")
+
+
+def test_only_usable_zip_files_are_unpacked() -> None:
+    assert unpack(SHED) == {"scene.yaml": SCENE}
+    for data, reason in (
+        (b"no ZIP file", "no usable ZIP file"),
+        (SHED[:-40], "no usable ZIP file"),
+        (zipped(), "has 0 files"),
+        (zipped(**{f"f{number}": b"" for number in range(201)}), "has 201 files"),
+        (zipped(bomb=bytes(65 * 1024 * 1024)), "more than 67108864 bytes"),
+        (zipped(**{"a/x": b"", "b/x": b""}), "same name"),
+    ):
+        with pytest.raises(MapFileError, match=reason):
+            unpack(data)
+    assert unpack(zipped(**{"../../x": b"1"})) == {"x": b"1"}

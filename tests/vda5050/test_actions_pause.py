@@ -1,0 +1,348 @@
+"""startPause, stopPause and cancelOrder, on the wire and at the chassis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.chassis_events import commands, references, result_of, statuses
+from tests.vda5050.conftest import AT_ONCE, VehicleStarter
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.test_faults_chassis import ORDER, drive, set_speed
+from tests.vda5050.test_faults_restart import left_by_a_kill, other_client
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.vda5050 import task_orders
+from woosh_robot_agent.vda5050.actions import pausing, robot_calls
+from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+
+START = (4.23276472, -6.6727581)
+SLOW_STEP = {"distance": 1.0, "speed": 0.02}
+"""A step of 2.5 s of real time."""
+
+
+@aio
+async def test_a_drive_is_paused_and_resumed(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+
+        master.instant(action("startPause", "p1"))
+        paused = await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        assert paused["paused"]
+        assert paused["nodeStates"]
+        standing = await master.wait_state(lambda state: not state["driving"])
+        assert standing["lastNodeId"] == "a"
+        assert chassis.state.velocity.speed == 0.0
+
+        master.instant(action("startPause", "p2"))  # idempotent
+        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        master.instant(action("stopPause", "s1"))
+        resumed = await master.wait_state(lambda state: status_of(state, "s1") == "FINISHED")
+        assert not resumed["paused"]
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["drive", "pause", "continue"]
+    assert statuses(recorder, "p1") == statuses(recorder, "s1") == ["RUNNING", "FINISHED"]
+
+
+@aio
+async def test_a_pause_before_an_order_holds_it_back(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.instant(action("startPause", "p"))
+        await master.wait_state(lambda state: state["paused"])
+        step = action("step", "step", distance=0.2)
+        master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
+        held = await master.wait_state(lambda state: state["orderId"] == "order")
+        master.instant(action("stateRequest", "s"))
+        held = await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        assert held["paused"]
+        assert status_of(held, "step") == "WAITING"
+        assert commands(chassis) == []
+        master.instant(action("stopPause", "r"))
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["step_control execute", "drive"]
+
+
+@aio
+async def test_a_pause_also_pauses_what_the_robot_moves(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle() as started:
+        seen: list[ActionStatus] = []
+        original = started.action_changed
+
+        def watch(action_id: str, status: ActionStatus, result: str) -> None:
+            if action_id == "step":
+                seen.append(status)
+            original(action_id, status, result)
+
+        started.action_changed = watch
+        await master.online()
+        master.instant(action("step", "step", **SLOW_STEP))
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        master.instant(action("startPause", "p"))
+        paused = await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        assert paused["paused"]
+        where = chassis.state.odometer
+        master.instant(action("stopPause", "r"))
+        ended = await master.wait_state(lambda state: status_of(state, "step") == "FINISHED")
+        assert status_of(ended, "r") == "FINISHED"
+        assert chassis.state.odometer > where
+    assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
+    running, pause = ActionStatus.RUNNING, ActionStatus.PAUSED
+    assert seen[-4:] == [running, pause, running, ActionStatus.FINISHED]
+
+
+@aio
+async def test_stop_pause_also_ends_a_pause_from_elsewhere(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+        chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
+        await master.wait_state(lambda state: state["paused"])
+        master.instant(action("stopPause", "s"))
+        await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["drive", "continue"]
+
+
+@aio
+async def test_cancel_order_stops_the_drive_and_ends_the_actions(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await master.online()
+        lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
+        later = action("pick", "pick", stationType="floor", loadType="EPAL")
+        master.order(
+            [node("a", 0, *START, actions=[lift]), node("b", 2, 9.0, 7.0, actions=[later])]
+        )
+        await master.wait_state(
+            lambda state: state["driving"] and status_of(state, "lift") == "RUNNING"
+        )
+        master.instant(action("cancelOrder", "wrong", orderId="another"))
+        refused = await master.wait_state(lambda state: status_of(state, "wrong") == "FAILED")
+        assert "another" in result_of(refused, "wrong")
+
+        master.instant(action("cancelOrder", "c", orderId="order"))
+        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        assert ended["nodeStates"] == ended["edgeStates"] == []
+        assert status_of(ended, "lift") == status_of(ended, "pick") == "FAILED"
+        assert not (await master.wait_state(lambda state: not state["driving"]))["paused"]
+        assert chassis.state.column < 0.2
+
+        master.instant(action("cancelOrder", "again"))
+        refused = await master.wait_state(lambda state: status_of(state, "again") == "FAILED")
+        errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
+        assert references(errors[-1])["actionId"] == "again"
+    sent = commands(chassis)
+    assert sent[:2] == ["lift_control3 execute", "drive"]
+    assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
+    assert statuses(recorder, "c") == ["RUNNING", "FINISHED"]
+
+
+@aio
+async def test_a_pause_survives_a_restart(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+            await eventually(lambda: chassis.state.velocity.speed > 0.0)
+            master.instant(action("startPause", "p"))
+            await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        master.received.clear()
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            await master.wait_state(lambda state: state["paused"])
+            master.instant(action("stopPause", "s"))
+            await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert commands(chassis) == ["drive", "pause", "continue"]
+
+
+@aio
+async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pausing, "TIMEOUT", 0.2)
+    monkeypatch.setattr(task_orders, "_REPEAT_AFTER", 0.5)
+    async with Master(broker.port) as master, vehicle():
+        await drive(master, chassis)
+        chassis.refuse(ORDER, "not now")
+        master.instant(action("startPause", "p"))
+        failed = await master.wait_state(lambda state: status_of(state, "p") == "FAILED")
+        assert failed["driving"]
+        assert not failed["paused"]
+        assert error_types(failed) == ["actionError"]
+        assert "stopPause" in result_of(failed, "p")
+        await eventually(lambda: chassis.counts[ORDER] >= 2)
+        chassis.clear_faults()
+        paused = await master.wait_state(lambda state: state["paused"] and not state["driving"])
+        assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
+        master.instant(action("stopPause", "s"))
+        set_speed(chassis, 20.0)
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    sent = commands(chassis)
+    assert sent[0] == "drive"
+    assert set(sent[1:-1]) == {"pause"}
+    assert sent[-1] == "continue"
+
+
+@pytest.fixture
+def inert_chassis() -> Iterator[SimulatorThread]:
+    """A simulated chassis that obeys half a second later, like a real one."""
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile="tr200")) as running:
+        yield running
+
+
+@aio
+async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
+    broker: Mosquitto, inert_chassis: SimulatorThread
+) -> None:
+    chassis = inert_chassis
+    link = LinkConfig(ip="127.0.0.1", port=chassis.port)
+    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(broker.url))
+    vehicle.start()
+    async with Master(broker.port) as master:
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+        master.instant(action("startPause", "p1"))
+        await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        master.instant(action("stopPause", "s1"))
+        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
+        master.instant(action("startPause", "p2"))
+        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        assert commands(chassis)[3:4] == ["pause"]
+        await eventually(lambda: chassis.state.velocity.speed == 0.0)
+        master.instant(action("stopPause", "s2"))
+        resumed = await master.wait_state(lambda state: status_of(state, "s2") == "FINISHED")
+        assert not resumed["paused"]
+    await vehicle.close()
+    assert commands(chassis)[-1] == "continue"
+
+
+@aio
+async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
+        await drive(master, chassis)
+        master.instant(action("startPause", "p"))
+        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        assert (await gate.request(ActionOrder(order=action_pb2.kContinue))).ok
+        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue", "pause"])
+        await master.wait_state(lambda state: state["paused"] and not state["driving"])
+
+
+@aio
+async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path / "state"):
+            await drive(master, chassis)
+            chassis.refuse(ORDER, "not now")
+            master.instant(action("startPause", "p"))
+            await eventually(lambda: chassis.counts[ORDER])
+            left = left_by_a_kill(tmp_path / "state")
+        chassis.clear_faults()
+        sent = len(commands(chassis))
+        master.received.clear()
+        async with vehicle(state_folder=left):
+            await eventually(lambda: commands(chassis)[sent:] == ["pause"])
+            paused = await master.wait_state(lambda state: state["paused"])
+            assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
+
+
+@aio
+async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action_runs(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    lift = action("liftTo", "lift", blocking="HARD", height=0.3, speed=0.001)
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path / "state"):
+            await drive(master, chassis)
+            master.instant(lift)
+            await master.wait_state(lambda state: status_of(state, "lift") == "RUNNING")
+            left = left_by_a_kill(tmp_path / "state")
+        master.received.clear()
+        async with vehicle(state_folder=left):
+            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            assert status_of(state, "lift") == "FAILED"
+            assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+            set_speed(chassis, 20.0)
+            master.instant(action("cancelOrder", "c"))
+            ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+            assert (ended["nodeStates"], ended["lastNodeId"]) == ([], "a")
+    sent = commands(chassis)
+    assert sent == ["drive", "pause", "lift_control3 execute", "cancel"]
+
+
+@aio
+async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        set_speed(chassis, 1.0)
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        master.instant(action("startPause", "p"))
+        state = await master.wait_state(lambda state: status_of(state, "p") == "RUNNING")
+        assert not state["paused"]
+        off.clear()
+        await master.wait_state(lambda state: state["paused"])
+    assert commands(chassis) == ["step_control execute", "step_control pause"]
+
+
+@aio
+async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(robot_calls, "_REPEAT_AFTER", 0.5)
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        set_speed(chassis, 1.0)
+        step = action("step", "step", distance=1.0, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step])])
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        chassis.refuse(full_name(CallAction), "not now")
+        master.instant(action("cancelOrder", "c"))
+        await eventually(lambda: commands(chassis).count("step_control cancel") >= 2)
+        assert status_of(master.state, "c") == "RUNNING"
+        chassis.clear_faults()
+        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        assert status_of(ended, "step") == "FAILED"
+        assert chassis.state.velocity.speed == 0.0
+    assert chassis.state.pose.x < START[0] + 0.5

@@ -1,0 +1,262 @@
+"""The broker is lost, is not there, or refuses the connector."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import ssl
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.connector_process import ConnectorProcess
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.test_first_order import START
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050 import other_connector
+from woosh_robot_agent.vda5050.mqtt import (
+    BrokerConfig,
+    MqttConnection,
+    refused_topics,
+)
+from woosh_robot_agent.vda5050.other_connector import OtherConnector
+from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
+from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
+from woosh_robot_agent.vda5050.publisher import Publisher
+from woosh_robot_agent.vda5050.reports import Reports
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+
+EXEC = "woosh.robot.ExecTask"
+
+
+def vehicle_at(chassis: SimulatorThread, broker: BrokerConfig) -> Vehicle:
+    link = LinkConfig(ip="127.0.0.1", port=chassis.port, backoff_max=1.0)
+    return Vehicle(VehicleConfig(link), broker)
+
+
+@aio
+async def test_what_is_released_is_finished_without_the_broker(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    _, second, third = nodes = [
+        node("a", 0, *START),
+        node("b", 2, 6.0, -7.0, theta=0.0),
+        node("c", 4, 7.0, -7.0, released=False),
+    ]
+    async with vehicle():
+        async with Master(broker.port) as master:
+            await master.online()
+            chassis.call(lambda simulator: setattr(simulator, "speed", 1.0))
+            master.order(nodes)
+            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+            chassis.call(lambda simulator: setattr(simulator, "speed", 0.1))
+            await master.wait_state(lambda state: state["orderId"] == "order")
+            before = master.state["headerId"]
+        broker.stop()
+        chassis.call(lambda simulator: setattr(simulator, "speed", 20.0))
+        await eventually(lambda: abs(chassis.state.pose.x - 6.0) < 0.05)
+        broker.start()
+        async with Master(broker.port) as master:
+            await master.online()
+            state = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
+            assert state["errors"] == []
+            assert state["headerId"] > before
+            assert master.last("factsheet")
+            assert chassis.counts[EXEC] == 1
+            master.order(nodes)  # a master control that repeats what was not acknowledged
+            master.order([second, third | {"released": True}], update=1)
+            await master.wait_state(lambda state: state["lastNodeId"] == "c")
+    assert chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
+    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
+            await master.online()
+            connector.kill()
+        await eventually(lambda: len(recorder.sent("connection")) == 2)
+    online, broken = recorder.sent("connection")
+    assert (online["connectionState"], broken["connectionState"]) == ("ONLINE", "CONNECTIONBROKEN")
+    assert broken["headerId"] == online["headerId"] + 1
+    async with Master(broker.port) as late:
+        await eventually(lambda: late.last("connection") == broken)
+
+
+@aio
+async def test_each_connection_has_header_ids_of_its_own(
+    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
+) -> None:
+    async with vehicle():
+        await eventually(lambda: recorder.sent("connection"))
+    await eventually(lambda: len(recorder.sent("connection")) == 2)
+    assert [each["headerId"] for each in recorder.sent("connection")] == [0, 1]
+
+
+@aio
+async def test_a_broker_that_comes_later_is_found(
+    chassis: SimulatorThread, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+) -> None:
+    broker.stop()
+    vehicle = vehicle_at(chassis, BrokerConfig.from_url(broker.url))
+    vehicle.start()
+    try:
+        await eventually(lambda: "check that the broker runs" in caplog.text)
+        broker.start()
+        async with Master(broker.port) as master:
+            await master.online()
+    finally:
+        await vehicle.close()
+    assert caplog.text.count("check that the broker runs") == 1
+
+
+@aio
+async def test_a_wrong_password_is_said_once(
+    chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    passwords = tmp_path / "passwords"
+    subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "robot", "right"], check=True)
+    broker = Mosquitto(tmp_path, f"password_file {passwords}", anonymous=False)
+    broker.start()
+    vehicle = vehicle_at(chassis, BrokerConfig("127.0.0.1", broker.port, None, "robot", "wrong"))
+    vehicle.start()
+    try:
+        await eventually(lambda: broker.refusals() >= 2)
+        assert caplog.text.count("check the user name and the password") == 1
+    finally:
+        await vehicle.close()
+    caplog.clear()
+    vehicle = vehicle_at(
+        chassis, BrokerConfig.from_url(f"mqtt://robot:right@127.0.0.1:{broker.port}")
+    )
+    caplog.set_level(logging.INFO)
+    vehicle.start()
+    try:
+        await eventually(lambda: "connected to the broker" in caplog.text)
+    finally:
+        await vehicle.close()
+        broker.stop()
+
+
+@aio
+async def test_a_certificate_that_is_not_trusted_is_said_once(
+    chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
+            *("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"),
+            *("-keyout", key, "-out", certificate),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    key.chmod(0o644)  # mosquitto drops its privileges
+    broker = Mosquitto(tmp_path, f"certfile {certificate}\nkeyfile {key}")
+    broker.start()
+    caplog.set_level(logging.INFO)
+    vehicle = vehicle_at(chassis, BrokerConfig.from_url(f"mqtts://127.0.0.1:{broker.port}"))
+    vehicle.start()
+    try:
+        await eventually(lambda: "certificate of the broker's authority" in caplog.text)
+    finally:
+        await vehicle.close()
+    assert "connected to the broker" not in caplog.text
+    trusted = ssl.create_default_context(cafile=str(certificate))
+    vehicle = vehicle_at(chassis, BrokerConfig("127.0.0.1", broker.port, trusted))
+    vehicle.start()
+    try:
+        await eventually(lambda: "connected to the broker" in caplog.text)
+    finally:
+        await vehicle.close()
+        broker.stop()
+
+
+def test_two_connectors_of_a_robot_are_detected(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("woosh_robot_agent.vda5050.mqtt._BACKOFF_MAX", 1.0)
+    monkeypatch.setattr("woosh_robot_agent.vda5050.other_connector._QUIET", 5.0)
+
+    async def run() -> None:
+        async with Master(broker.port) as master, vehicle():
+            await master.online()
+            async with vehicle():
+                await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
+                master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
+                await master.wait_state(lambda state: state["orderId"] == "order")
+                master.instant(action("speak", "words", text="alone"))
+                await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
+                assert chassis.counts[EXEC] == 0
+                assert chassis.state.spoken == ()
+            await master.wait_state(
+                lambda state: "secondConnectorError" not in error_types(state),
+                "the other connector to be gone",
+            )
+            assert master.last("connection")["connectionState"] == "ONLINE"
+
+    asyncio.run(run())  # not @aio: aiomqtt may wait for a socket that the broker has just closed
+
+
+def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
+    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", HeaderIds())
+    broker = MqttConnection(
+        BrokerConfig("127.0.0.1", 1), "1", publisher.last_will, {}, lambda: None
+    )
+    broker.connected = True
+    will = publisher.last_will()
+    publisher.publish(broker, Topic.CONNECTION, {"connectionState": "ONLINE"})
+    for _ in range(100):
+        publisher.last_will()
+    assert publisher.is_own_connection(will.payload.encode())
+    assert not publisher.is_own_connection(b"{}")
+
+
+@aio
+async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
+    saved: dict[str, int] = {}
+    ids = HeaderIds(saved, saved.update)
+    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", ids)
+    broker = MqttConnection(BrokerConfig("", 1), "1", publisher.last_will, {}, lambda: None)
+    reports = Reports(Limits(), lambda: None, lambda: None, lambda: None)
+    reports.use(publisher, broker)
+    will = json.loads(publisher.last_will().payload)
+    broker.connected = True
+    reports.connected()
+    broker.connected = False
+    await reports.close(0.0)
+    ids.close()
+    assert saved["connection"] > will["headerId"]
+
+
+@aio
+async def test_another_connector_whose_end_was_missed_is_gone_after_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(other_connector, "_QUIET", 0.0)
+    other = OtherConnector(lambda payload: False, lambda: None)
+    other.connected()
+    other.received(b'{"connectionState": "ONLINE"}', False)
+    assert other.error is not None
+    other.connected()
+    await eventually(lambda: other.error is None)
+
+
+def test_topics_that_the_vehicle_may_not_read_are_found() -> None:
+    assert refused_topics(["order", "instantActions"], [0, 0x80]) == ["instantActions"]

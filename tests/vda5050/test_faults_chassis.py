@@ -1,0 +1,261 @@
+"""The link to the robot is lost, answers are missing, or another robot answers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.test_first_order import START
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050 import vehicle as vehicles
+from woosh_robot_agent.vda5050.robot import marks
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+
+EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
+SCENE_DATA = "woosh.map.SceneData"
+NEW = 30002
+"""Id, and serial number, of the robot that replaces the other one."""
+
+
+def set_speed(chassis: SimulatorThread, speed: float) -> None:
+    chassis.call(lambda simulator: setattr(simulator, "speed", speed))
+
+
+async def drive(master: Master, chassis: SimulatorThread) -> None:
+    """Send an order of one leg, and wait until the robot drives; it arrives at a higher speed."""
+    await master.online()
+    set_speed(chassis, 1.0)
+    master.order([node("a", 0, *START), node("b", 2, 8.0, -7.5, theta=0.0)])
+    await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+    set_speed(chassis, 0.1)
+    await master.wait_state(lambda state: state["orderId"] == "order")
+
+
+@aio
+async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await drive(master, chassis)
+        off = chassis.inject("off")
+        state = await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        assert "velocity" not in state
+        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+        off.clear()
+        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        set_speed(chassis, 20.0)
+        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert ended["errors"] == []
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_an_arrival_without_a_link_is_noticed_later(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await drive(master, chassis)
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        set_speed(chassis, 20.0)
+        await eventually(lambda: abs(chassis.state.pose.x - 8.0) < 0.05)
+        off.clear()
+        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert "drivingError" not in error_types(ended)
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_an_order_that_comes_without_a_link_starts_later_and_once(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        words = action("speak", "words", text="ready")
+        master.order([node("a", 0, *START, actions=[words]), node("b", 2, 6.0, -7.0)])
+        await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
+        off.clear()
+        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert status_of(ended, "words") == "FINISHED"
+    assert chassis.state.spoken == ("ready",)
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
+        master.order([first, second | {"released": False}])
+        await master.wait_state(lambda state: state["orderId"] == "order")
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        off.clear()
+        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        master.order([first, second], update=1)
+        await master.wait_state(lambda state: "interruptedError" in error_types(state))
+    assert chassis.counts[EXEC] == 0
+
+
+@pytest.fixture
+def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Requests to the robot wait one second for their answer."""
+    plain = Vehicle.start
+
+    def start(vehicle: Vehicle) -> None:
+        vehicle._chassis.config.__dict__["request_timeout"] = 1.0
+        plain(vehicle)
+
+    monkeypatch.setattr(Vehicle, "start", start)
+
+
+@aio
+async def test_a_start_without_an_answer_is_found_out_and_not_repeated(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, short_timeouts: None
+) -> None:
+    chassis.mute(EXEC)
+    async with Master(broker.port) as master, vehicle():
+        await drive(master, chassis)
+        await eventually(lambda: chassis.counts["woosh.robot.TaskProc"])
+        set_speed(chassis, 20.0)
+        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert ended["errors"] == []
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_cancel_is_repeated_until_the_robot_obeys(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await drive(master, chassis)
+        chassis.refuse(ORDER, "Request failed")
+        master.instant(action("cancelOrder", "cancel"))
+        await eventually(lambda: chassis.counts[ORDER] >= 2)
+        assert status_of(master.state, "cancel") == "RUNNING"
+        chassis.clear_faults()
+        set_speed(chassis, 20.0)
+        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+        assert state["nodeStates"] == []
+        assert state["lastNodeId"] == "a"
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_cancel_without_a_link_is_carried_out_later(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await drive(master, chassis)
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        master.instant(action("cancelOrder", "cancel"))
+        await master.wait_state(lambda state: status_of(state, "cancel") == "RUNNING")
+        off.clear()
+        await eventually(lambda: chassis.counts[ORDER])
+        set_speed(chassis, 20.0)
+        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+        assert state["lastNodeId"] == "a"
+    assert chassis.state.pose.x < 7.9
+
+
+@pytest.fixture
+def swap(chassis: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
+    """Function that puts another robot at the address of the first one."""
+    started: list[SimulatorThread] = []
+
+    def swap() -> SimulatorThread:
+        port = chassis.port
+        chassis.stop()
+        started.append(SimulatorThread(quick_config(port=port, tcp_port=0, speed=20, robot_id=NEW)))
+        started[0].start()
+        return started[0]
+
+    yield swap
+    for each in started:
+        each.stop()
+
+
+@aio
+async def test_another_robot_at_the_address_is_another_vehicle(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    swap: Callable[[], SimulatorThread],
+    tmp_path: Path,
+) -> None:
+    async with (
+        Master(broker.port) as master,
+        Master(broker.port, serial=str(NEW)) as new_master,
+        vehicle(state_folder=tmp_path),
+    ):
+        await drive(master, chassis)
+        replacement = swap()
+        await new_master.online()
+        left = json.loads((tmp_path / "uagv-Woosh-30001.json").read_bytes())
+        assert (left["robot_id"], left["order"]["order_id"]) == (30001, "")
+        assert master.last("connection")["connectionState"] == "OFFLINE"
+        assert new_master.state["orderId"] == ""
+        assert new_master.state["nodeStates"] == []
+        new_master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)], order_id="new")
+        await new_master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert master.state["orderId"] == "order"
+    assert replacement.counts[EXEC] == 1
+
+
+@aio
+async def test_the_order_of_another_robot_is_dropped_after_a_restart(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    swap: Callable[[], SimulatorThread],
+    tmp_path: object,
+) -> None:
+    async with Master(broker.port, serial="forklift") as master:
+        async with vehicle(serial_number="forklift", state_folder=tmp_path):
+            await drive(master, chassis)
+        replacement = swap()
+        async with vehicle(serial_number="forklift", state_folder=tmp_path):
+            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            assert (state["orderId"], state["nodeStates"]) == ("", [])
+    assert replacement.counts[EXEC] == 0
+
+
+@aio
+async def test_marks_that_the_robot_did_not_send_are_requested_again(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    short_timeouts: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(vehicles, "minimum_timeouts", dict)
+    monkeypatch.setattr(marks, "_RETRY", 0.1)
+    chassis.mute(SCENE_DATA)
+    async with Master(broker.port) as master, vehicle() as started:
+        await master.online()
+        await eventually(lambda: chassis.counts[SCENE_DATA] >= 2)
+        chassis.accept(SCENE_DATA)
+        await eventually(lambda: started._marks.find("K10", "wooshmap"))
+        mark = {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []}
+        master.order([node("a", 0, *START), mark])
+        await master.wait_state(lambda state: state["orderId"] == "order")
+        started._marks._forget()  # as with a new scene
+        master.order([node("a", 0, *START), mark])
+        master.instant(action("stateRequest", "last"))
+        state = await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
+        assert state["errors"] == []

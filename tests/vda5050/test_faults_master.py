@@ -1,0 +1,241 @@
+"""A master control that sends rubbish, duplicates, and messages for somebody else."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+import paho.mqtt.publish as publish
+import pytest
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.test_first_order import START
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050 import mqtt
+
+EXEC = "woosh.robot.ExecTask"
+HEADER = {
+    "headerId": 1,
+    "timestamp": "2024-01-01T00:00:00.000Z",
+    "version": "2.1.0",
+    "manufacturer": "Woosh",
+    "serialNumber": "30001",
+}
+STAND: dict[str, Any] = {
+    "orderId": "bad",
+    "orderUpdateId": 0,
+    "nodes": [node("a", 0, *START)],
+    "edges": [],
+}
+
+
+def order(**changes: Any) -> bytes:
+    return json.dumps(HEADER | STAND | changes).encode()
+
+
+def message(topic: str, number: int) -> aiomqtt.Message:
+    return aiomqtt.Message(topic, b"{}", 0, False, number, None)
+
+
+def nested(depth: int) -> bytes:
+    return order().replace(b'"bad"', b"[" * depth + b"]" * depth)
+
+
+RUBBISH = {
+    "empty": b"",
+    "no JSON": b"{",
+    "no text": b"\xff\xfe\x00",
+    "deep": b"[" * 1_000_000,
+    "nested": nested(300),
+    "null": b"null",
+    "list": b"[1, 2]",
+    "wrong types": order(nodes=7),
+    "many defects": order(nodes=[1] * 200_000),
+    "NaN": order(nodes=[node("a", 0, float("nan"), 0.0)]),
+    "infinite": order().replace(b"4.23276472", b"1e999"),
+    "huge number": order(orderUpdateId=10**30),
+    "endless number": order().replace(b'"orderUpdateId": 0', b'"orderUpdateId": ' + b"9" * 10_000),
+    "long text": order(orderId="x" * 1_000_000),
+    "half a character": order(orderId="\ud800"),
+    "10 MiB": order(padding="x" * 10 * 2**20),
+    "another robot": order(serialNumber="30002"),
+    "another manufacturer": order(manufacturer="Other"),
+    "another version": order(version="1.1.0"),
+    "no version": order(version=""),
+}
+
+
+@aio
+async def test_rubbish_is_rejected_and_does_no_harm(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        for index, (name, payload) in enumerate(RUBBISH.items()):
+            for topic in ("order", "instantActions"):
+                master.send_raw(topic, payload)
+            await master.wait_state(
+                lambda state: error_types(state) == ["validationError"] * 2, f"errors for {name}"
+            )
+            master.order([node("a", 0, *START)], order_id=f"good {index}")
+            await master.wait_state(
+                lambda state, index=index: (
+                    state["orderId"] == f"good {index}" and state["errors"] == []
+                ),
+                f"a good order after {name}",
+            )
+    assert chassis.counts[EXEC] == 0
+
+
+@aio
+async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
+    vehicle: VehicleStarter, broker: Mosquitto
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("far", 0, START[0] + 3.0, START[1])])
+        await master.wait_state(lambda state: error_types(state) == ["noRouteError"])
+        master.send_raw("instantActions", b"{")
+        await master.wait_state(
+            lambda state: error_types(state) == ["noRouteError", "validationError"]
+        )
+        master.instant(action("stateRequest", "1"))
+        state = await master.wait_state(lambda state: status_of(state, "1") == "FINISHED")
+        assert error_types(state) == ["noRouteError"]
+
+
+@aio
+async def test_duplicates_and_old_updates_change_nothing(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    _, second, third = nodes = [
+        node("a", 0, *START),
+        node("b", 2, 5.5, -6.8, theta=0.0),
+        node("c", 4, 6.5, -7.0, theta=0.0),
+    ]
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        for _ in range(5):
+            master.order(nodes[:2])
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        for _ in range(3):
+            master.order([second, third], update=1)
+            master.order(nodes[:2])
+        state = await master.wait_state(
+            lambda state: state["lastNodeId"] == "c" and state["errors"] != []
+        )
+        assert error_types(state) == ["orderUpdateError"]
+        assert state["orderUpdateId"] == 1
+        for _ in range(3):
+            master.instant(action("cancelOrder", "same"))
+        state = await master.wait_state(lambda state: status_of(state, "same") == "FAILED")
+        assert error_types(state).count("noOrderToCancel") == 1
+    assert chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_retained_messages_of_the_master_control_are_ignored(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    publish.single(
+        "uagv/v2/Woosh/30001/order", order(), retain=True, hostname="127.0.0.1", port=broker.port
+    )
+    with caplog.at_level(logging.WARNING):
+        async with Master(broker.port) as master, vehicle():
+            await master.online()
+            await eventually(lambda: "a retained message on order was ignored" in caplog.text)
+            assert master.state["orderId"] == ""
+
+
+@aio
+async def test_a_flood_of_messages_does_not_stop_the_vehicle(
+    vehicle: VehicleStarter, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 7.0, -7.0)])
+        await master.wait_state(lambda state: state["orderId"] == "order")
+        for number in range(500):
+            master.send_raw("order", order(orderId=f"flood {number}"))
+            master.instant(action("stateRequest", str(number)), action("unknown", f"x{number}"))
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+
+        numbers = itertools.count()
+
+        def ended() -> bool:  # with a new id each time, as a request of the flood may be dropped
+            master.instant(action("stateRequest", f"last {next(numbers)}"))
+            return any(
+                each["actionId"].startswith("last") and each["actionStatus"] == "FINISHED"
+                for each in master.state["actionStates"]
+            )
+
+        await eventually(ended)
+        assert len(master.state["actionStates"]) <= 300
+        assert len(master.state["errors"]) <= 30
+    assert len(caplog.text) < 200_000
+
+
+@aio
+async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    words = action("speak", "words", text="once")
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.instant(words)
+            await master.wait_state(lambda state: status_of(state, "words") == "FINISHED")
+            master.order([node("a", 0, *START)])
+            await master.wait_state(lambda state: state["orderId"] == "order")
+            master.instant(words)
+            await master.wait_state(lambda state: error_types(state) == ["instantActionError"])
+        master.received.clear()
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.instant(words, action("stateRequest", "last"))
+            await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
+    assert chassis.state.spoken == ("once",)
+
+
+@aio
+async def test_an_action_of_an_order_and_an_instant_action_cannot_have_the_same_id(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        first = node("a", 0, *START, actions=[action("speak", "one", text="order")])
+        master.order([first, node("b", 2, 6.0, -7.0, released=False)])
+        await master.wait_state(lambda state: status_of(state, "one") == "FINISHED")
+        master.instant(action("speak", "one", text="instant"))
+        state = await master.wait_state(lambda state: "instantActionError" in error_types(state))
+        assert "has this id" in state["errors"][-1]["errorDescription"]
+
+        master.instant(action("speak", "two", text="instant"))
+        await master.wait_state(lambda state: status_of(state, "two") == "FINISHED")
+        second = node("b", 2, 6.0, -7.0, actions=[action("speak", "two", text="order")])
+        master.order([first, second], update=1)
+        await master.wait_state(lambda state: "validationError" in error_types(state))
+        master.order([first, second | {"actions": []}], update=1)
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert chassis.state.spoken == ("order", "instant")
+
+
+def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
+    inbox = mqtt._ReceiveQueue()
+    for number in range(2 * mqtt._MAX_RECEIVED):
+        inbox.put_nowait(message("order", number))
+    inbox.put_nowait(message("instantActions", 0))
+    taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
+    assert taken == [*["order"] * mqtt._MAX_RECEIVED, "instantActions"]
+    inbox.put_nowait(message("order", 0))
+    assert inbox.qsize() == 1

@@ -1,0 +1,360 @@
+"""The connector ends in the middle of an order, and starts again."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.connector_process import ConnectorProcess
+from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.test_first_order import START
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050 import store
+
+EXEC = "woosh.robot.ExecTask"
+FILE = "uagv-Woosh-30001.json"
+FAST, NORMAL, HARDLY = 20.0, 1.0, 0.02
+"""Speeds of the simulated time."""
+
+
+def nodes() -> list[dict[str, Any]]:
+    """Two legs: the robot turns to a heading at b."""
+    return [
+        node("a", 0, *START),
+        node("b", 2, 6.5, -7.0, theta=0.5),
+        node("c", 4, 8.0, -7.5, theta=0.0),
+    ]
+
+
+def saved(folder: Path) -> dict[str, Any]:
+    """Content of the file."""
+    content: dict[str, Any] = json.loads((folder / FILE).read_bytes())
+    return content
+
+
+def set_speed(chassis: SimulatorThread, speed: float) -> None:
+    chassis.call(lambda simulator: setattr(simulator, "speed", speed))
+
+
+@asynccontextmanager
+async def other_client(chassis: SimulatorThread) -> AsyncIterator[MotionGate]:
+    """Another client of the robot, such as an agent or the vendor's app."""
+    async with ChassisClient(config=LinkConfig(ip="127.0.0.1", port=chassis.port)) as client:
+        yield MotionGate(client)
+
+
+def task_to(x: float, y: float) -> ExecTask:
+    return ExecTask(task_id=77, type=task_pb2.kPick, pose=Pose2D(x=x, y=y, theta=0.0))
+
+
+async def idle(chassis: SimulatorThread) -> None:
+    """Wait until the robot has no task."""
+    running = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
+    await eventually(lambda: chassis.state.info.task_proc.state not in running)
+
+
+def left_by_a_kill(folder: Path) -> Path:
+    """Return a copy of a state folder, as a connector that is killed at this moment leaves it."""
+    return Path(
+        shutil.copytree(
+            folder, folder.with_name(f"{folder.name}+"), ignore=shutil.ignore_patterns("*.lock")
+        )
+    )
+
+
+async def killed_while_driving(
+    vehicle: VehicleStarter, master: Master, chassis: SimulatorThread, folder: Path
+) -> Path:
+    """Send an order, kill the connector on the way to the first node, return its folder."""
+    set_speed(chassis, NORMAL)
+    async with vehicle(state_folder=folder):
+        await master.online()
+        master.order(nodes())
+        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+        set_speed(chassis, HARDLY)
+        left = left_by_a_kill(folder)
+    master.received.clear()
+    return left
+
+
+@aio
+async def test_the_order_goes_on_after_kill_9(
+    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        set_speed(chassis, NORMAL)
+        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
+            await master.online()
+            master.order(nodes())
+            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+            set_speed(chassis, HARDLY)
+            connector.kill()
+        await eventually(lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN")
+        master.received.clear()
+        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
+            state = await master.wait_state(lambda state: state["orderId"] == "order")
+            assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
+            assert chassis.counts[EXEC] == 1
+            set_speed(chassis, FAST)
+            ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+            assert ended["errors"] == ended["nodeStates"] == []
+            assert connector.stop() == 0
+        assert chassis.counts[EXEC] == 2
+    for topic in ("state", "connection"):
+        ids = [message["headerId"] for message in recorder.sent(topic)]
+        assert all(before < after for before, after in pairwise(ids)), (topic, ids)
+
+
+@aio
+async def test_a_second_kill_while_it_restores_loses_nothing(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    written: list[dict[str, Any]] = []
+    replace_file = store._replace
+
+    def replace_and_note(path: Path, content: bytes) -> None:
+        written.append(json.loads(content))
+        replace_file(path, content)
+
+    async with Master(broker.port) as master:
+        set_speed(chassis, NORMAL)
+        async with vehicle(state_folder=tmp_path / "state"):
+            await master.online()
+            master.order(nodes())
+            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+            master.instant(action("startPause", "pause"))
+            await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
+            left = left_by_a_kill(tmp_path / "state")
+            before = saved(left)
+        master.received.clear()
+        monkeypatch.setattr(store, "_replace", replace_and_note)
+        async with vehicle(state_folder=left):
+            await master.wait_state(lambda state: state["orderId"] == "order" and state["paused"])
+    assert written
+    for record in written:
+        assert record["task_id"] == before["task_id"] != 0
+        assert [each["id"] for each in record["instant_actions"]] == ["pause"]
+
+
+@aio
+async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        left = await killed_while_driving(vehicle, master, chassis, tmp_path / "state")
+        set_speed(chassis, FAST)
+        await idle(chassis)
+        async with vehicle(state_folder=left):
+            ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+            assert ended["errors"] == []
+    assert chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_a_task_that_was_cancelled_meanwhile_is_not_repeated(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        left = await killed_while_driving(vehicle, master, chassis, tmp_path / "state")
+        set_speed(chassis, NORMAL)
+        async with other_client(chassis) as gate:
+            assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
+        set_speed(chassis, FAST)
+        await idle(chassis)
+        async with vehicle(state_folder=left):
+            state = await master.wait_state(lambda state: "drivingError" in error_types(state))
+            assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
+            assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        first, second, third = nodes()
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.order([first, second, third | {"released": False}])
+            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        async with other_client(chassis) as gate:
+            assert (await gate.request(task_to(5.0, -6.7))).ok
+            await eventually(lambda: abs(chassis.state.pose.x - 5.0) < 0.1)
+            await idle(chassis)
+        async with vehicle(state_folder=tmp_path):
+            await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
+            master.order([second, third], update=1)
+            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            assert state["orderUpdateId"] == 1
+            assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
+            assert chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_a_task_whose_start_was_not_answered_is_found_again(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    chassis.mute(EXEC)
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path / "state"):
+            await master.online()
+            master.order(nodes()[:2])
+            await eventually(lambda: chassis.counts[EXEC])
+            left = left_by_a_kill(tmp_path / "state")
+        async with vehicle(state_folder=left):
+            ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            assert ended["errors"] == []
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_task_that_was_never_sent_is_not_driven(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder, left = tmp_path / "state", tmp_path / "state+"
+    replace_file = store._replace
+
+    def replace_and_copy(path: Path, content: bytes) -> None:
+        """Copy the file as a kill leaves it after the task was saved and before it is sent."""
+        replace_file(path, content)
+        if saved(folder)["task_id"] and not left.exists():
+            left_by_a_kill(folder)
+
+    chassis.refuse(EXEC, "no")
+    async with Master(broker.port) as master:
+        with monkeypatch.context() as patched:
+            patched.setattr(store, "_replace", replace_and_copy)
+            async with vehicle(state_folder=folder):
+                await master.online()
+                master.order(nodes()[:2])
+                await eventually(left.exists)
+        chassis.clear_faults()
+        async with vehicle(state_folder=left):
+            await master.wait_state(lambda state: "drivingError" in error_types(state))
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    chance = random.Random(5)
+    folder, kills = tmp_path / "state", 0
+    async with Master(broker.port) as master:
+        while master.state.get("lastNodeId") != "c":
+            set_speed(chassis, 0.2 if kills < 3 else 3.0)
+            async with vehicle(state_folder=folder):
+                master.received.clear()
+                await eventually(lambda: master.state)
+                if not kills:
+                    master.order(nodes())
+                    await master.wait_state(lambda state: state["orderId"] == "order")
+                assert master.state["errors"] == []
+                further = chassis.state.odometer + chance.uniform(0.0, 0.3)
+                await eventually(
+                    lambda goal=further: (
+                        chassis.state.odometer >= goal or master.state["lastNodeId"] == "c"
+                    )
+                )
+                folder, kills = left_by_a_kill(folder), kills + 1
+    assert kills > 2
+    assert chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_a_finished_order_is_not_driven_again(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master:
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            master.order(nodes()[:2])
+            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        async with vehicle(state_folder=tmp_path):
+            await master.online()
+            count = len(master.received["state"])
+            master.order(nodes()[:2])
+            master.instant({"actionId": "1", "actionType": "stateRequest", "blockingType": "NONE"})
+            await eventually(lambda: len(master.received["state"]) > count)
+            assert (master.state["orderId"], master.state["lastNodeId"]) == ("order", "b")
+    assert chassis.counts[EXEC] == 1
+
+
+@aio
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"order": 5}', b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
+)
+async def test_a_damaged_file_is_reported_and_put_aside(
+    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path, content: bytes
+) -> None:
+    file = tmp_path / FILE
+    file.write_bytes(content)
+    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
+        state = await master.wait_state(lambda state: "stateFileError" in error_types(state))
+        assert state["orderId"] == ""
+        assert file.with_suffix(".damaged").read_bytes() == content
+        master.order([node("a", 0, *START)])
+        await master.wait_state(lambda state: state["orderId"] == "order" and not state["errors"])
+    assert saved(tmp_path)["order"]["order_id"] == "order"
+
+
+@aio
+async def test_a_second_connector_on_the_same_machine_stays_offline(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    recorder: Recorder,
+    tmp_path: Path,
+) -> None:
+    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
+        await master.online()
+        with ConnectorProcess(chassis, broker.url, tmp_path) as second:
+            await eventually(lambda: any("another connector uses" in each for each in second.lines))
+            assert second.stop() == 0
+        assert master.state["errors"] == []
+        assert len(recorder.sent("connection")) == 1
+
+
+@aio
+async def test_a_file_that_cannot_be_written_is_an_error_of_the_state(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = tmp_path / FILE
+    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
+        await master.online()
+        file.with_suffix(".new").mkdir()  # nothing can be written there any more
+        master.order([node("a", 0, *START)])
+        await master.wait_state(lambda state: "stateFileError" in error_types(state))
+        assert not file.exists()  # an old record could repeat what was done
+        file.with_suffix(".new").rmdir()
+        master.order([node("a", 0, *START)], order_id="next")
+        await master.wait_state(lambda state: state["orderId"] == "next" and not state["errors"])
+    assert file.exists()

@@ -1,0 +1,214 @@
+"""Several vehicles in one process, and the example of a master that sends them round."""
+
+from __future__ import annotations
+
+import json
+import logging
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.master import Master, node
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+
+ROOT = Path(__file__).resolve().parents[2]
+SERIALS = ("30001", "30002", "30003")
+START = (4.23276472, -6.6727581)
+"""Where the simulated robots stand at first."""
+
+
+@pytest.fixture
+def robots() -> Iterator[list[SimulatorThread]]:
+    """Three simulated chassis."""
+    with ExitStack() as stack:
+        yield [
+            stack.enter_context(
+                SimulatorThread(quick_config(port=0, tcp_port=0, speed=20, robot_id=int(serial)))
+            )
+            for serial in SERIALS
+        ]
+
+
+def robots_file(path: Path, robots: list[SimulatorThread]) -> Path:
+    """Write the parameter file of an agent for the robots."""
+    names = [f"r{number}" for number, _ in enumerate(robots, 1)]
+    sections: dict[str, Any] = {"/**": {"robots": [f"/{name}" for name in names]}}
+    for name, robot in zip(names, robots, strict=True):
+        sections[f"/{name}/agent"] = {"ip": "127.0.0.1", "port": robot.port, "publish_tf": True}
+    # JSON is valid YAML
+    path.write_text(json.dumps({name: {"ros__parameters": of} for name, of in sections.items()}))
+    return path
+
+
+@contextmanager
+def running(*command: object, log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a Python program in a block; its output goes to a file."""
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [sys.executable, *map(str, command)], cwd=ROOT, stdout=output, stderr=output
+        )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@aio
+async def test_a_file_lists_the_robots_of_the_program(
+    robots: list[SimulatorThread], broker: Mosquitto, recorder: Recorder, tmp_path: Path
+) -> None:
+    file = robots_file(tmp_path / "robots.yaml", robots)
+    arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
+    async with AsyncExitStack() as stack:  # before the program: the first state is not retained
+        masters = [
+            await stack.enter_async_context(Master(broker.port, serial)) for serial in SERIALS
+        ]
+        with running(*arguments, log=tmp_path / "log") as program:
+            for master in masters:
+                await master.online()
+            masters[1].order([])
+            await masters[1].wait_state(lambda state: state["errors"])
+            program.send_signal(signal.SIGINT)
+            assert await eventually(lambda: program.poll() is not None)
+            assert program.returncode == 0
+    states = [
+        (each["serialNumber"], each["connectionState"]) for each in recorder.sent("connection")
+    ]
+    assert sorted(states[-3:]) == [(serial, "OFFLINE") for serial in SERIALS]
+    log = (tmp_path / "log").read_text()
+    assert "WARNING: r2: an order was rejected: the order has no node" in log
+
+
+@aio
+async def test_a_lost_robot_affects_only_its_own_vehicle(
+    robots: list[SimulatorThread],
+    broker: Mosquitto,
+    recorder: Recorder,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.handler.addFilter(VehicleNameFilter())
+    vehicles = {
+        serial: VehicleConfig(LinkConfig(ip="127.0.0.1", port=robot.port, backoff_max=1.0))
+        for serial, robot in zip(SERIALS, robots, strict=True)
+    }
+    vehicles["nowhere"] = VehicleConfig(LinkConfig(ip="127.0.0.1", port=9))
+    connector = Connector(vehicles, BrokerConfig.from_url(broker.url))
+    connector.start()
+    try:
+        async with (
+            Master(broker.port, SERIALS[0]) as first,
+            Master(broker.port, SERIALS[1]) as other,
+        ):
+            await first.online()
+            await other.online()
+            with caplog.at_level(logging.WARNING):
+                robots[0].stop_listening()
+                other.order([node("a", 0, *START), node("b", 2, 5.5, -6.5)])
+                await other.wait_state(lambda state: state["lastNodeId"] == "b")
+            assert first.last("connection")["connectionState"] != "OFFLINE"
+    finally:
+        await connector.close()
+    concerned = {
+        record.vehicle for record in caplog.records if "link" in record.getMessage().lower()
+    }
+    assert concerned <= {f"{SERIALS[0]}: ", "nowhere: "}, caplog.text
+
+
+@aio
+async def test_the_state_may_go_out_while_driving(broker: Mosquitto, recorder: Recorder) -> None:
+    limits = Limits(driving_state_interval=0.2)
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=2)) as robot:
+        config = VehicleConfig(LinkConfig(ip="127.0.0.1", port=robot.port), limits=limits)
+        connector = Connector({"": config}, BrokerConfig.from_url(broker.url))
+        connector.start()
+        async with Master(broker.port) as master:
+            await master.online()
+            master.order([node("a", 0, *START), node("b", 2, 9.0, -7.5)])
+            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await connector.close()
+    places = {state["agvPosition"]["x"] for state in recorder.sent("state") if state["driving"]}
+    assert len([x for x in places if START[0] + 0.5 < x < 8.5]) >= 3, places
+
+
+@aio
+async def test_the_maps_may_be_left_out_of_the_state(
+    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
+) -> None:
+    async with Master(broker.port) as master, vehicle(limits=Limits(maps_in_state=False)):
+        await master.online()
+        master.order([node("a", 0, *START), node("b", 2, 5.5, -6.5)])
+        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+    assert all("maps" not in state for state in recorder.sent("state"))
+
+
+@aio
+async def test_the_example_master_sends_vehicles_round_one_on_each_node(
+    broker: Mosquitto, recorder: Recorder, tmp_path: Path
+) -> None:
+    with ExitStack() as stack:
+        script = ROOT / "docs/examples/fleet_master.py"
+        poses = subprocess.run(
+            [sys.executable, script, "--starts", "2"], check=True, capture_output=True, text=True
+        ).stdout.splitlines()
+        robots = [
+            stack.enter_context(SimulatorThread(at_pose(tmp_path, number, pose)))
+            for number, pose in enumerate(poses)
+        ]
+        file = robots_file(tmp_path / "robots.yaml", robots)
+        arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
+        async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
+            stack.enter_context(running(*arguments, log=tmp_path / "connector"))
+            program = stack.enter_context(
+                running(script, "--broker", f"127.0.0.1:{broker.port}", log=tmp_path / "master")
+            )
+            robots[1].set_emergency_stop(True)  # on n6, in the way of the other one
+            await one.online()
+            await two.online()
+            await one.wait_state(lambda state: state["orderId"], "an order")
+            await one.wait_state(lambda state: state["lastNodeId"] == "n5", "n5 to be reached")
+            await one.wait_state(lambda state: not state["driving"])
+            assert one.state["nodeStates"] == []
+            robots[1].set_emergency_stop(False)
+            await two.wait_state(lambda state: state["lastNodeId"] == "n8", "n8 to be reached")
+            await one.wait_state(lambda state: state["lastNodeId"] == "n6", "n6 to be reached")
+        program.send_signal(signal.SIGINT)
+        assert await eventually(lambda: program.poll() is not None)
+        assert program.returncode == 0, (tmp_path / "master").read_text()
+    held: dict[str, set[str]] = {}
+    for state in recorder.sent("state"):
+        if state["orderId"]:
+            nodes = {each["nodeId"] for each in state["nodeStates"]} | {state["lastNodeId"]}
+            held[state["serialNumber"]] = nodes
+            for serial, others in held.items():
+                assert serial == state["serialNumber"] or not nodes & others, held
+
+
+def at_pose(folder: Path, number: int, pose: str) -> Any:
+    """A simulated chassis in the hall that starts at another pose."""
+    scene = folder / f"hall_{number}"
+    scene.mkdir()
+    text = (ROOT / "woosh_robot_agent/simulator/data/wooshmap/scene.yaml").read_text()
+    lines = [
+        f"start: {{map: wooshmap, pose: [{pose}]}}" if line.startswith("start:") else line
+        for line in text.splitlines()
+    ]
+    (scene / "scene.yaml").write_text("\n".join(lines))
+    return quick_config(
+        port=0, tcp_port=0, speed=20, robot_id=int(SERIALS[number]), scenes=(scene,)
+    )

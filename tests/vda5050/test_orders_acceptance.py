@@ -1,0 +1,311 @@
+"""Acceptance of orders and updates, decision by decision of the standard's diagram."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests.vda5050.orders import Robot, action, at, path, place, references
+from woosh_robot_agent.vda5050.model.errors import ErrorLevel, ErrorType
+from woosh_robot_agent.vda5050.model.order import BlockingType, Edge, Node, Order
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict
+
+
+def test_an_order_at_the_place_of_the_vehicle_is_accepted() -> None:
+    robot = Robot()
+    robot.give(path("abc", "d"))
+    status = robot.machine.status
+    assert (status.order_id, status.update_id, robot.last) == ("order", 0, "a")
+    assert (robot.nodes, robot.edges) == ("bcD", ["ab", "bc", "cd"])
+
+
+def test_an_order_of_one_node_ends_at_once() -> None:
+    robot = Robot()
+    robot.give(path("a"))
+    assert (robot.last, robot.nodes, robot.legs) == ("a", "", [])
+    assert not robot.machine.busy
+
+
+ORDER = path("abc", "d")
+MALFORMED = {
+    "no node": replace(ORDER, nodes=()),
+    "an edge too few": replace(ORDER, edges=ORDER.edges[:-1]),
+    "an edge too many": replace(ORDER, edges=(*ORDER.edges, Edge("x", 7, "d", "e"))),
+    "the first node is not released": replace(
+        ORDER, nodes=(replace(ORDER.nodes[0], released=False), *ORDER.nodes[1:])
+    ),
+    "a gap in the sequence": replace(
+        ORDER, nodes=(*ORDER.nodes[:3], replace(ORDER.nodes[3], sequence_id=8))
+    ),
+    "an edge between other nodes": replace(
+        ORDER, edges=(replace(ORDER.edges[0], start_node_id="x"), *ORDER.edges[1:])
+    ),
+    "a released edge to a node that is not": replace(
+        ORDER, edges=(*ORDER.edges[:2], replace(ORDER.edges[2], released=True))
+    ),
+    "a released node after the horizon": replace(
+        path("ab", "cd"), nodes=(*path("ab", "cd").nodes[:3], path("abcd").nodes[3])
+    ),
+    "two actions with one id": path("ab", actions={"a": [action("1")], "b": [action("1")]}),
+    "an action of an edge with the id of one of a node": path(
+        "ab", actions={"a": [action("1")], "ab": [action("1")]}
+    ),
+}
+
+
+@pytest.mark.parametrize("order", MALFORMED.values(), ids=MALFORMED.keys())
+def test_a_malformed_order_is_rejected(order: Order) -> None:
+    error = Robot().refuses(order)
+    assert (error.type, error.level) == (ErrorType.VALIDATION, ErrorLevel.WARNING)
+    assert references(error)["orderId"] == "order"
+    assert references(error)["orderUpdateId"] == "0"
+
+
+def test_another_order_is_rejected_while_one_is_executed() -> None:
+    robot = Robot()
+    robot.give(path("abc"))
+    error = robot.refuses(path("a", order_id="other"))
+    assert error.type == ErrorType.OTHER_ORDER_ACTIVE
+    assert references(error)["orderId"] == "other"
+
+
+def test_another_order_is_rejected_while_the_vehicle_waits_for_an_update() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.arrive()
+    assert robot.nodes == "C"
+    assert robot.refuses(path("b", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
+
+
+def test_another_order_is_rejected_while_an_action_runs() -> None:
+    robot = Robot()
+    robot.give(path("a", actions={"a": [action("pick")]}))
+    assert robot.refuses(path("a", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
+    robot.finish("pick")
+    robot.give(path("a", order_id="other"))
+
+
+def test_another_order_takes_the_place_of_one_that_has_ended() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"b": [action("old", BlockingType.NONE)]}))
+    robot.arrive()
+    robot.finish("old")
+    robot.give(path("bc", first=0, order_id="other", actions={"c": [action("new")]}))
+    assert robot.machine.status.order_id == "other"
+    assert robot.actions == {"new": "WAITING"}
+
+
+@pytest.mark.parametrize(
+    ("x", "deviation", "accepted"),
+    [(0.2, 0.0, True), (0.3, 0.0, False), (0.9, 1.0, True), (1.1, 1.0, False)],
+)
+def test_the_first_node_must_be_in_reach(x: float, deviation: float, accepted: bool) -> None:
+    robot = Robot()
+    robot.machine.moved(at(x))
+    order = path("ab", a=place(0.0, deviation_xy=deviation))
+    if accepted:
+        robot.give(order)
+        return
+    error = robot.refuses(order)
+    assert error.type == ErrorType.NO_ROUTE
+    assert references(error) == {"orderId": "order", "orderUpdateId": "0", "nodeId": "a"}
+
+
+@pytest.mark.parametrize(
+    ("theta", "deviation", "accepted"),
+    [(0.05, 0.0, True), (0.2, 0.0, False), (0.2, 0.3, True), (-3.1, 0.3, False)],
+)
+def test_the_heading_on_the_first_node_must_be_permitted(
+    theta: float, deviation: float, accepted: bool
+) -> None:
+    robot = Robot()
+    order = path("ab", a=place(0.0, theta=theta, deviation_theta=deviation))
+    if accepted:
+        robot.give(order)
+    else:
+        assert robot.refuses(order).type == ErrorType.NO_ROUTE
+
+
+def test_the_first_node_on_another_map_is_out_of_reach() -> None:
+    assert Robot().refuses(path("ab", a=place(0.0, map_id="roof"))).type == ErrorType.NO_ROUTE
+
+
+def test_an_old_update_is_rejected_and_the_order_goes_on() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c", update=3))
+    error = robot.refuses(path("bc", first=2, update=2))
+    assert error.type == ErrorType.OUTDATED_UPDATE
+    assert references(error)["orderUpdateId"] == "2"
+    assert robot.machine.status.update_id == 3
+    robot.arrive()
+    assert robot.last == "b"
+
+
+def test_a_repeated_order_is_ignored() -> None:
+    robot = Robot()
+    robot.give(path("abc"))
+    before = robot.machine.status
+    assert robot.machine.receive(path("abc")) is Verdict.KNOWN
+    assert robot.machine.status == before
+    assert robot.poll() == []
+
+
+def test_a_repeated_order_is_ignored_after_its_end() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"b": [action("pick")]}))
+    robot.arrive()
+    robot.finish("pick")
+    order = path("ab", actions={"b": [action("pick")]})
+    assert robot.machine.receive(order) is Verdict.KNOWN
+    assert robot.poll() == []
+    assert robot.actions == {"pick": "FINISHED"}
+
+
+def test_a_repeated_update_with_another_content_is_rejected() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.give(path("bc", first=2, update=1))
+    error = robot.refuses(path("bd", first=2, update=1))
+    assert error.type == ErrorType.CHANGED_UPDATE
+    assert robot.nodes == "bc"
+
+
+def test_an_update_extends_the_base_at_its_last_node() -> None:
+    robot = Robot()
+    robot.give(path("abc", "de"))
+    robot.give(path("cde", "f", first=4, update=1))
+    assert (robot.nodes, robot.edges) == ("bcdeF", ["ab", "bc", "cd", "de", "ef"])
+    assert robot.machine.status.update_id == 1
+
+
+def test_an_update_replaces_the_horizon_and_its_actions() -> None:
+    robot = Robot()
+    robot.give(path("ab", "cd", actions={"c": [action("gone")], "b": [action("stays")]}))
+    robot.give(path("b", "e", first=2, update=1, actions={"e": [action("new")]}))
+    assert (robot.nodes, robot.edges) == ("bE", ["ab", "be"])
+    assert list(robot.actions) == ["stays", "new"]
+
+
+def test_an_update_can_delete_the_horizon() -> None:
+    robot = Robot()
+    robot.give(path("ab", "cd"))
+    robot.give(path("b", first=2, update=1))
+    assert (robot.nodes, robot.edges) == ("b", ["ab"])
+    robot.arrive()
+    assert not robot.machine.busy
+
+
+def test_the_content_of_the_stitching_node_is_that_of_the_first_order() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c", actions={"b": [action("first")]}))
+    changed = path("bc", first=2, update=1, b=place(9.0), actions={"b": [action("second")]})
+    robot.give(changed)
+    assert robot.actions == {"first": "WAITING"}
+    position = robot.machine.status.nodes[0].position
+    assert position is not None
+    assert position.x == 1.0
+
+
+def test_an_update_may_skip_numbers() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.give(path("bc", first=2, update=7))
+    assert robot.machine.status.update_id == 7
+
+
+@pytest.mark.parametrize(
+    "update",
+    [
+        path("cd", first=4, update=1),
+        path("abc", update=1),
+        path("bc", first=4, update=1),
+        path("xc", first=2, update=1),
+    ],
+    ids=["from the horizon", "from the start", "other sequenceId", "other node"],
+)
+def test_an_update_that_does_not_begin_at_the_end_of_the_base_is_rejected(update: Order) -> None:
+    robot = Robot()
+    robot.give(path("ab", "cd"))
+    error = robot.refuses(update)
+    assert error.type == ErrorType.ORDER_UPDATE
+    assert references(error)["nodeId"] == update.nodes[0].id
+    assert references(error)["orderUpdateId"] == "1"
+
+
+def test_an_update_while_the_vehicle_waits_goes_on() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.arrive()
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b", "c"]
+
+
+def test_an_update_continues_an_order_that_has_ended() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.arrive()
+    assert not robot.machine.busy
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b", "c"]
+
+
+def test_an_update_of_an_order_that_has_ended_must_begin_with_the_last_node() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.arrive()
+    assert robot.refuses(path("ab", update=1)).type == ErrorType.ORDER_UPDATE
+
+
+def test_an_update_with_a_used_id_of_an_action_is_rejected() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c", actions={"a": [action("1", BlockingType.NONE)]}))
+    update = path("bc", first=2, update=1, actions={"c": [action("1")]})
+    error = robot.refuses(update)
+    assert error.type == ErrorType.VALIDATION
+    assert references(error)["actionId"] == "1"
+
+
+def test_an_update_of_a_cancelled_order_is_rejected() -> None:
+    robot = Robot()
+    robot.give(path("a", "b"))
+    robot.machine.cancel()
+    robot.poll()
+    assert robot.refuses(path("ab", update=1)).type == ErrorType.UPDATE_AFTER_CANCEL
+    robot.give(path("ab", order_id="next"))
+
+
+def test_an_order_may_visit_a_node_twice() -> None:
+    robot = Robot()
+    robot.give(path("aba"))
+    robot.move(0.5, 1.0, 0.5)
+    robot.arrive()
+    assert (robot.last, robot.machine.status.last_node_sequence_id) == ("a", 4)
+
+
+def test_a_node_at_the_place_of_the_last_one_is_reached_without_driving() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.arrive()
+    update = path("bc", first=2, update=1, c=place(1.0), actions={"c": [action("pick")]})
+    robot.give(update)
+    assert robot.legs == ["b"]
+    assert (robot.last, robot.actions) == ("c", {"pick": "INITIALIZING"})
+
+
+def test_an_objection_of_the_vehicle_leaves_everything_as_it_is() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    before = robot.machine.status
+
+    def object_to(order: Order) -> None:
+        raise ValueError(order.id)
+
+    with pytest.raises(ValueError, match="order"):
+        robot.machine.receive(path("bc", first=2, update=1), object_to)
+    assert robot.machine.status == before
+
+
+def test_a_node_without_position_is_no_start() -> None:
+    order = Order("order", 0, (Node("a", 0),), ())
+    assert Robot().refuses(order).type == ErrorType.NO_ROUTE

@@ -1,0 +1,445 @@
+"""Execution of orders by the state machine: legs, nodes, edges, actions, cancellation."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.vda5050.orders import Robot, action, at, path, place, references
+from woosh_robot_agent.vda5050.model.errors import ErrorLevel, ErrorType
+from woosh_robot_agent.vda5050.model.order import BlockingType, ControlPoint, Trajectory
+from woosh_robot_agent.vda5050.orders.commands import (
+    CancelDrive,
+    Drive,
+    EndAction,
+    PauseDrive,
+    Perform,
+    ResumeDrive,
+)
+
+NONE, SINGLE, SOFT, HARD = (
+    BlockingType.NONE,
+    BlockingType.SINGLE,
+    BlockingType.SOFT,
+    BlockingType.HARD,
+)
+
+
+def line(start: float, end: float) -> Trajectory:
+    """A straight trajectory along the line of the nodes."""
+    return Trajectory(1, (0.0, 0.0, 1.0, 1.0), (ControlPoint(start, 0.0), ControlPoint(end, 0.0)))
+
+
+def test_one_leg_covers_the_nodes_that_need_no_stop() -> None:
+    robot = Robot()
+    robot.give(path("abcd", "e"))
+    assert robot.legs == ["bcd"]
+
+
+def test_nodes_and_edges_are_removed_as_they_are_passed() -> None:
+    robot = Robot()
+    robot.give(path("abcd", "e"))
+    robot.move(0.9)
+    assert (robot.last, robot.nodes, robot.edges) == ("b", "cdE", ["bc", "cd", "de"])
+    assert robot.machine.status.last_node_sequence_id == 2
+    robot.move(1.5, 2.1)
+    assert (robot.last, robot.nodes, robot.edges) == ("c", "dE", ["cd", "de"])
+
+
+def test_nodes_between_two_reports_are_passed_too() -> None:
+    robot = Robot()
+    robot.give(path("abcd"))
+    robot.move(2.5)
+    assert robot.last == "c"
+
+
+def test_a_node_that_the_vehicle_bypasses_is_not_passed() -> None:
+    robot = Robot()
+    robot.give(path("abc", b=place(1.0, y=0.5)))
+    robot.move(1.5)
+    assert robot.last == "a"
+    robot.arrive()
+    assert robot.last == "c"
+
+
+def test_a_permitted_deviation_lets_a_node_be_passed_at_a_distance() -> None:
+    robot = Robot()
+    robot.give(path("abc", b=place(1.0, y=0.5, deviation_xy=0.6)))
+    robot.move(1.5)
+    assert robot.last == "b"
+
+
+def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.move(0.95, 1.0)
+    assert robot.last == "a"
+    robot.arrive()
+    assert (robot.last, robot.nodes, robot.edges) == ("b", "", [])
+    assert not robot.machine.busy
+
+
+@pytest.mark.parametrize(
+    ("order", "legs"),
+    [
+        (path("abc", b=place(1.0, theta=1.0)), "b"),
+        (path("abc", b=place(1.0, theta=1.0, deviation_theta=math.pi)), "bc"),
+        (path("abc", actions={"b": [action("1", HARD)]}), "b"),
+        (path("abc", actions={"b": [action("1", SOFT)]}), "b"),
+        (path("abc", actions={"b": [action("1", NONE)]}), "bc"),
+        (path("abc", actions={"bc": [action("1", SOFT)]}), "b"),
+        (path("abc", edges={"ab": {"trajectory": line(0, 1)}}), "b"),
+        (path("abc", edges={"bc": {"trajectory": line(1, 2)}}), "b"),
+        (
+            path("abc", edges={"ab": {"trajectory": line(0, 1)}, "bc": {"trajectory": line(1, 2)}}),
+            "bc",
+        ),
+    ],
+    ids=[
+        "a heading",
+        "any heading",
+        "a hard action",
+        "a soft action",
+        "an action while driving",
+        "a soft action on the edge",
+        "the end of a trajectory",
+        "the begin of a trajectory",
+        "two trajectories",
+    ],
+)
+def test_where_a_leg_ends(order: object, legs: str) -> None:
+    robot = Robot()
+    robot.give(order)  # type: ignore[arg-type]
+    assert robot.legs == [legs]
+
+
+def test_a_long_order_is_driven_in_parts() -> None:
+    robot = Robot()
+    names = "".join(chr(ord("a") + index) for index in range(400))
+    robot.give(path(names))
+    assert len(robot.drives[0].leg.nodes) == 150
+    robot.arrive()
+    assert len(robot.drives[1].leg.nodes) == 150
+
+
+def test_the_next_leg_begins_when_the_blocking_action_has_ended() -> None:
+    robot = Robot()
+    robot.give(path("abc", actions={"b": [action("pick")]}))
+    assert robot.arrive() == [Perform(action("pick"))]
+    assert robot.actions == {"pick": "INITIALIZING"}
+    robot.finish("pick")
+    assert robot.legs == ["b", "c"]
+    assert robot.actions == {"pick": "FINISHED"}
+
+
+def test_actions_of_the_first_node_start_before_the_drive() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"a": [action("pick")]}))
+    assert robot.legs == []
+    robot.finish("pick")
+    assert robot.legs == ["b"]
+
+
+def test_actions_wait_for_each_other_by_their_blocking_types() -> None:
+    robot = Robot()
+    actions = [action("1", NONE), action("2", SOFT), action("3", HARD), action("4", SINGLE)]
+    robot.give(path("ab", actions={"a": actions}))
+    assert robot.actions == {
+        "1": "INITIALIZING",
+        "2": "INITIALIZING",
+        "3": "WAITING",
+        "4": "WAITING",
+    }
+    robot.finish("1")
+    assert robot.actions["3"] == "WAITING"
+    robot.finish("2")
+    assert (robot.actions["3"], robot.actions["4"]) == ("INITIALIZING", "WAITING")
+    robot.finish("3")
+    assert robot.actions["4"] == "INITIALIZING"
+    assert robot.legs == ["b"]
+
+
+def test_an_action_of_an_edge_runs_from_its_begin_to_its_end() -> None:
+    robot = Robot()
+    speak = action("speak", NONE)
+    robot.give(path("abcd", actions={"bc": [speak]}))
+    assert robot.actions == {"speak": "WAITING"}
+    assert robot.move(1.0) == [Perform(speak)]
+    assert robot.move(2.0) == [EndAction(speak)]
+
+
+def test_an_action_of_an_edge_that_could_not_start_fails_at_its_end() -> None:
+    robot = Robot()
+    actions = {"a": [action("long", NONE)], "ab": [action("alone", SINGLE)]}
+    robot.give(path("abc", actions=actions))
+    robot.move(1.0)
+    assert robot.actions == {"long": "INITIALIZING", "alone": "FAILED"}
+
+
+def test_a_blocking_action_of_an_edge_ends_before_the_vehicle_drives() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"ab": [action("lift", SOFT)]}))
+    assert (robot.legs, robot.actions) == ([], {"lift": "INITIALIZING"})
+    robot.finish("lift")
+    assert robot.legs == ["b"]
+
+
+def test_states_of_actions_stay_until_the_next_order() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"a": [action("1")], "b": [action("2")]}))
+    robot.finish("1")
+    robot.arrive()
+    robot.finish("2")
+    assert robot.actions == {"1": "FINISHED", "2": "FINISHED"}
+
+
+def test_the_vehicle_stops_at_the_end_of_the_base() -> None:
+    robot = Robot()
+    robot.give(path("ab", "cd"))
+    robot.arrive()
+    assert (robot.legs, robot.nodes) == (["b"], "CD")
+    assert robot.machine.busy
+
+
+def test_an_update_during_the_drive_is_driven_after_the_old_end_of_the_base() -> None:
+    robot = Robot()
+    robot.give(path("ab", "cd"))
+    robot.move(0.5)
+    robot.give(path("bcd", first=2, update=1))
+    assert robot.legs == ["b"]
+    robot.arrive()
+    assert robot.legs == ["b", "cd"]
+
+
+def test_a_new_base_is_requested_near_its_end_only() -> None:
+    robot = Robot()
+    far = {name: place(5.0 * index) for index, name in enumerate("abcd")}
+    robot.give(path("abc", "d", **far))
+    assert not robot.machine.status.new_base_request
+    robot.move(4.0)
+    assert not robot.machine.status.new_base_request
+    robot.move(5.0)
+    assert robot.last == "b"
+    assert robot.machine.status.new_base_request
+    robot.arrive()
+    assert robot.machine.status.new_base_request
+    robot.give(path("cd", first=4, update=1, **far))
+    assert not robot.machine.status.new_base_request
+
+
+def test_a_new_base_is_requested_before_its_last_edge_if_that_is_short() -> None:
+    robot = Robot()
+    robot.give(path("abcdef", "g"))
+    assert not robot.machine.status.new_base_request
+    robot.move(1.9, 2.1)
+    assert (robot.last, robot.nodes) == ("c", "defG")
+    assert robot.machine.status.new_base_request
+
+
+def test_no_base_is_requested_without_a_horizon() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    assert not robot.machine.status.new_base_request
+
+
+def test_the_distance_since_the_last_node_is_that_of_the_way() -> None:
+    robot = Robot()
+    assert robot.machine.status.distance_since_last_node is None
+    robot.give(path("abc"))
+    assert robot.machine.status.distance_since_last_node == 0.0
+    robot.machine.moved(at(0.3))
+    robot.machine.moved(at(0.3, 0.4))
+    assert robot.machine.status.distance_since_last_node == pytest.approx(0.7)
+    robot.move(1.0)
+    assert robot.machine.status.distance_since_last_node == 0.0
+
+
+def test_the_speed_limit_is_that_of_the_edge_and_begins_before_a_slower_one() -> None:
+    robot = Robot()
+    robot.give(
+        path(
+            "abcd",
+            edges={"ab": {"max_speed": 0.8}, "bc": {"max_speed": 0.3}},
+            b=place(4.0),
+            c=place(8.0),
+            d=place(12.0),
+        )
+    )
+    limits: list[float | None] = []
+    for x in (0.0, 2.0, 3.0, 4.5, 7.0, 8.5):
+        robot.move(x)
+        limits.append(robot.machine.speed_limit)
+    assert limits == [0.8, 0.8, 0.3, 0.3, 0.3, math.inf]
+    robot.arrive()
+    assert robot.machine.speed_limit is None
+
+
+def test_a_cancelled_order_stops_the_drive_and_fails_what_has_not_ended() -> None:
+    robot = Robot()
+    light = action("light", NONE)
+    robot.give(path("abc", "d", actions={"a": [light], "c": [action("pick")], "b": []}))
+    robot.machine.cancel()
+    assert robot.poll() == [EndAction(light), CancelDrive()]
+    assert robot.actions == {"light": "INITIALIZING", "pick": "FAILED"}
+    assert robot.machine.canceling
+    robot.finish("light", status=robot.machine.status.actions[0].status.FAILED)
+    assert robot.machine.canceling
+    robot.machine.drive_ended("cancelled")
+    assert robot.poll() == []
+    assert not robot.machine.canceling
+    assert not robot.machine.busy
+    status = robot.machine.status
+    assert (robot.nodes, robot.edges, robot.actions["light"]) == ("", [], "FAILED")
+    assert (status.order_id, status.update_id, status.last_node_id) == ("order", 0, "a")
+    assert robot.machine.error is None
+
+
+def test_after_a_cancellation_an_order_starts_where_the_vehicle_stands() -> None:
+    robot = Robot()
+    robot.give(path("abc"))
+    robot.move(0.5)
+    robot.machine.cancel()
+    robot.poll()
+    robot.machine.drive_ended("cancelled")
+    robot.poll()
+    robot.give(path("xc", order_id="temporary", x=place(0.5), c=place(2.0)))
+    assert robot.last == "x"
+
+
+def test_after_a_cancellation_an_order_starts_at_the_last_node_with_a_wide_deviation() -> None:
+    robot = Robot()
+    robot.give(path("abc"))
+    robot.move(0.5)
+    robot.machine.cancel()
+    robot.poll()
+    robot.machine.drive_ended("cancelled")
+    robot.poll()
+    robot.give(path("ac", order_id="next", a=place(0.0, deviation_xy=0.6)))
+    assert (robot.last, robot.legs[-1]) == ("a", "c")
+
+
+def test_a_drive_that_fails_ends_the_order_until_it_is_cancelled() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.machine.drive_ended("the task failed")
+    robot.poll()
+    error = robot.machine.error
+    assert error is not None
+    assert (error.type, error.level) == (ErrorType.DRIVING, ErrorLevel.FATAL)
+    assert references(error) == {"orderId": "order", "nodeId": "b", "edgeId": "ab"}
+    assert robot.machine.busy
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b"]
+    assert robot.machine.error == error
+    robot.machine.cancel()
+    robot.poll()
+    assert (robot.machine.error, robot.machine.busy) == (None, False)
+
+
+def test_a_hold_pauses_the_drive_and_starts_none() -> None:
+    robot = Robot()
+    robot.give(path("abc", b=place(1.0, theta=0.0)))
+    robot.machine.hold("pause")
+    assert robot.poll() == [PauseDrive()]
+    assert robot.arrive() == []
+    robot.machine.release("pause")
+    robot.poll()
+    assert robot.legs == ["b", "c"]
+
+
+def test_a_paused_drive_is_resumed() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.machine.hold("pause")
+    robot.machine.hold("key")
+    robot.poll()
+    robot.machine.release("pause")
+    assert robot.poll() == []
+    robot.machine.release("key")
+    assert robot.poll() == [ResumeDrive()]
+
+
+def test_nothing_is_driven_while_the_vehicle_may_not_drive() -> None:
+    robot = Robot()
+    robot.machine.receive(path("ab"))
+    assert robot.poll(may_drive=False) == []
+    assert robot.poll() != []
+
+
+def test_the_vehicle_waits_until_it_is_on_the_map_of_the_next_node() -> None:
+    robot = Robot()
+    robot.give(path("abc", b=place(1.0, map_id="roof"), c=place(2.0, map_id="roof")))
+    assert robot.legs == []
+    (error,) = robot.machine.errors
+    assert (error.level, references(error)["mapId"]) == (ErrorLevel.WARNING, "roof")
+    robot.machine.moved(at(0.0, map_id="roof"))
+    assert robot.machine.errors == ()
+    robot.poll()
+    assert robot.legs == ["bc"]
+
+
+def test_the_speed_limit_holds_also_after_a_node_that_was_missed() -> None:
+    robot = Robot()
+    edges = {"bc": {"max_speed": 0.2}}
+    robot.give(path("abc", b=place(1.0, y=0.6), c=place(9.0), edges=edges))
+    robot.move(2.0, 4.0)
+    assert robot.last == "a"
+    assert robot.machine.speed_limit == 0.2
+
+
+def test_the_last_node_follows_from_where_the_vehicle_was_placed() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.arrive()
+    robot.machine.placed("dock")
+    assert robot.last == "dock"
+    assert robot.machine.status.last_node_sequence_id == 0
+
+
+def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.arrive()
+    robot.machine.moved(at(1.2))  # it may stand a bit beside its node
+    robot.machine.moved(at(9.0))
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b"]
+    assert robot.machine.error is not None
+    assert robot.machine.error.type == ErrorType.INTERRUPTED.value
+
+
+def test_a_vehicle_that_its_own_actions_have_moved_goes_on() -> None:
+    robot = Robot()
+    robot.give(path("ab", "c"))
+    robot.arrive()
+    robot.machine.moved(at(1.9), by_itself=True)
+    robot.machine.moved(at(1.95))
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b", "c"]
+
+
+def test_a_trajectory_that_begins_far_away_is_not_driven() -> None:
+    robot = Robot()
+    robot.machine.moved(at(-3.0))
+    robot.give(path("ab", a=place(0.0, deviation_xy=5.0), edges={"ab": {"trajectory": line(0, 1)}}))
+    assert robot.legs == []
+    assert robot.machine.error is not None
+    assert "begins 3.0 m away" in robot.machine.error.description
+
+
+def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
+    robot = Robot()
+    robot.give(path("ab"))
+    robot.machine.drive_unsent()
+    assert robot.machine.poll(may_drive=False) == []
+    assert [type(each) for each in robot.machine.poll()] == [Drive]
+
+
+def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle() -> None:
+    robot = Robot()
+    robot.give(path("ab", actions={"a": [action("step")]}))
+    robot.machine.doubt_place()  # the link was lost and is back
+    robot.move(0.5)
+    robot.finish("step")
+    assert robot.legs == ["b"]

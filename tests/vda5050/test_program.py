@@ -1,0 +1,126 @@
+"""The command line of the connector, and the file that lists its robots."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.vda5050 import __main__ as program
+from woosh_robot_agent.vda5050.__main__ import main
+from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def read(path: Path, text: str, **default: object) -> dict[str, LinkConfig]:
+    file = path / "robots.yaml"
+    file.write_text(text)
+    return {each.name: each.link for each in read_robots(file, LinkConfig(**default))}  # type: ignore[arg-type]
+
+
+def test_the_agents_own_example_is_read() -> None:
+    robots = read_robots(ROOT / "config/robots.yaml", LinkConfig())
+    assert [(each.name, each.link.ip, each.link.port) for each in robots] == [
+        ("r1", "127.0.0.1", 5480),
+        ("r2", "127.0.0.1", 5490),
+    ]
+
+
+def test_the_documented_file_is_read(tmp_path: Path) -> None:
+    text = (ROOT / "docs/vda5050.md").read_text()
+    (example,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    assert list(read(tmp_path, example)) == ["woosh_1", "woosh_2"]
+
+
+def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Path) -> None:
+    robots = read(
+        tmp_path,
+        """
+        /**: {ros__parameters: {robots: [hall/r1, r2, r3], ip: gateway, backoff_max: 3}}
+        /hall/*/agent: {ros__parameters: {robot_id: 7}}
+        /r2/agent: {ros__parameters: {robot_id: 8, transport: tcp}}
+        r3: {agent: {ros__parameters: {ip: 10.0.0.3}}}
+        /r3/other: {ros__parameters: {ip: 10.0.0.4}}
+        """,
+        encoding="protobuf",
+        request_timeout=4.0,
+    )
+    common = {"encoding": "protobuf", "request_timeout": 4.0, "backoff_max": 3}
+    assert robots == {
+        "hall/r1": LinkConfig(ip="gateway", robot_id=7, **common),  # type: ignore[arg-type]
+        "r2": LinkConfig(ip="gateway", robot_id=8, transport="tcp", **common),  # type: ignore[arg-type]
+        "r3": LinkConfig(ip="10.0.0.3", **common),  # type: ignore[arg-type]
+    }
+
+
+def test_serial_numbers_may_be_given(tmp_path: Path) -> None:
+    file = tmp_path / "robots.yaml"
+    file.write_text(
+        "/**: {ros__parameters: {robots: [a], ip: host}}\n"
+        "/a/agent: {ros__parameters: {serial_number: 17}}\n"
+    )
+    assert [each.serial_number for each in read_robots(file, LinkConfig())] == ["17"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "not a parameter file"),
+        ("a: [", "cannot use"),
+        ("/**: {ros__parameters: {ip: host}}", "list the names of the robots"),
+        ("/**: {ros__parameters: {robots: [a]}}", "robot a: it needs an ip"),
+        ("/**: {ros__parameters: {robots: [a], ip: host, port: x}}", "robot a: port cannot be 'x'"),
+        ("/**: {ros__parameters: {robots: [a], ip: host, port: 99999}}", "robot a: port 99999"),
+        ("/**: {ros__parameters: {robots: [a, b], ip: host}}", "robot b: it has the address of"),
+        ("/**: {ros__parameters: {robots: [a, /a], ip: host}}", "its own name"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_reason(tmp_path: Path, text: str, reason: str) -> None:
+    with pytest.raises(RobotsFileError, match=reason) as caught:
+        read(tmp_path, text)
+    assert "robots.yaml" in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RobotsFileError, match="No such file"):
+        read_robots(tmp_path / "none.yaml", LinkConfig())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--broker", "mqtt://host"], "either --ip or --robots"),
+        (["--broker", "mqtt://host", "--ip", "a", "--robots", "f"], "either --ip or --robots"),
+        (["--broker", "host", "--ip", "a"], "begins with mqtt"),
+        (
+            ["--broker", "mqtt://host", "--ip", "a", "--serial-number", "a/b"],
+            "the serial number is a part of the topics and cannot have /: 'a/b'",
+        ),
+        (["--broker", "mqtt://host", "--robots", "/none/f"], "/none/f: No such file"),
+        (
+            ["--broker", "mqtt://host", "--robots", "f", "--serial-number", "1"],
+            "serial_number in the file",
+        ),
+    ],
+)
+def test_a_wrong_option_ends_the_program_with_its_reason(
+    arguments: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_without_its_libraries_the_program_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "woosh_robot_agent.vda5050.program", raising=False)
+    monkeypatch.setitem(sys.modules, "woosh_robot_agent.vda5050.broker_options", None)
+    monkeypatch.setattr(program, "_LIBRARIES", ("woosh_robot_agent.vda5050.broker_options",))
+    assert main(["--help"]) == 1
+    assert "pip install 'woosh_robot_agent[vda5050]'" in capsys.readouterr().err

@@ -1,0 +1,294 @@
+"""The connection to the broker: TLS, user name and password, client certificates, access rights."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import base64
+import hashlib
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder, free_port, mosquitto_path
+from tests.vda5050.certificates import Authority, openssl_path
+from tests.vda5050.master import Master
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
+from woosh_robot_agent.vda5050.connector import Connector
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+
+SERIAL = "30001"
+"""Serial number of the simulated robot, and its user name."""
+PASSWORD = "pass word: #1"
+ACCESS = """\
+pattern read uagv/+/+/%u/order
+pattern read uagv/+/+/%u/instantActions
+pattern read uagv/+/+/%u/zoneSet
+pattern write uagv/+/+/%u/state
+pattern write uagv/+/+/%u/visualization
+pattern readwrite uagv/+/+/%u/connection
+pattern write uagv/+/+/%u/factsheet
+"""
+"""Rights of vehicles at a broker, each with its serial number as user name."""
+
+
+def hashed(user: str, password: str) -> str:
+    """A line of mosquitto's password file."""
+    salt = os.urandom(12)
+    digest = hashlib.pbkdf2_hmac("sha512", password.encode(), salt, 101)
+    return f"{user}:$7$101${base64.b64encode(salt).decode()}${base64.b64encode(digest).decode()}\n"
+
+
+class SecureMosquitto(Mosquitto):
+    """A broker with further listeners for vehicles: with passwords, with TLS, and with both ends'
+    certificates. The first listener is for the tests."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.password_port, self.tls_port, self.certificate_port = (free_port() for _ in range(3))
+        self.authority = Authority(folder / "ca")
+        self._certificate, self._key = self.authority.issue("broker")
+        self._passwords = folder / "passwords"
+        self._passwords.write_text(hashed(SERIAL, PASSWORD) + hashed("other", PASSWORD))
+        self._access = folder / "access"
+        self._access.write_text(ACCESS)
+
+    def settings(self) -> str:
+        tls = [
+            f"cafile {self.authority.certificate}",
+            f"certfile {self._certificate}",
+            f"keyfile {self._key}",
+        ]
+        login = ["allow_anonymous false", f"acl_file {self._access}"]
+        password = [*login, f"password_file {self._passwords}"]
+        return "\n".join(
+            [
+                "per_listener_settings true",
+                super().settings(),
+                f"listener {self.password_port} 127.0.0.1",
+                *password,
+                f"listener {self.tls_port} 127.0.0.1",
+                *password,
+                *tls,
+                f"listener {self.certificate_port} 127.0.0.1",
+                *login,
+                *tls,
+                "require_certificate true",
+                "use_identity_as_username true",
+                "",
+            ]
+        )
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[SecureMosquitto]:
+    if mosquitto_path() is None or openssl_path() is None:
+        pytest.skip("mosquitto or openssl is not installed")
+    mosquitto = SecureMosquitto(tmp_path)
+    mosquitto.start()
+    try:
+        yield mosquitto
+    finally:
+        mosquitto.stop()
+
+
+def options(*arguments: object, **environment: str) -> BrokerConfig:
+    """The broker as the command line of the connector gives it."""
+    parser = argparse.ArgumentParser()
+    add_broker_options(parser)
+    return broker_config(parser.parse_args([str(each) for each in arguments]), environment)
+
+
+class Running:
+    """A vehicle of a simulated chassis at a broker, in a block."""
+
+    def __init__(self, chassis: SimulatorThread, config: BrokerConfig, serial: str = "") -> None:
+        link = LinkConfig(ip="127.0.0.1", port=chassis.port)
+        vehicle = VehicleConfig(link, serial_number=serial)
+        self._connector = Connector({"": vehicle}, config)
+
+    async def __aenter__(self) -> None:
+        self._connector.start()
+
+    async def __aexit__(self, *error: object) -> None:
+        await self._connector.close()
+
+
+@aio
+async def test_a_password_comes_from_a_file(
+    broker: SecureMosquitto, chassis: SimulatorThread, recorder: Recorder, tmp_path: Path
+) -> None:
+    file = tmp_path / "password"
+    file.write_text(PASSWORD + "\n")
+    config = options(
+        *("--broker", f"mqtt://127.0.0.1:{broker.password_port}"),
+        *("--username", SERIAL, "--password-file", file),
+    )
+    async with Master(broker.port) as master, Running(chassis, config):
+        await master.online()
+
+
+@aio
+async def test_a_wrong_password_is_said_once_and_the_right_one_is_never_shown(
+    broker: SecureMosquitto, chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = options(
+        *("--broker", f"mqtt://127.0.0.1:{broker.password_port}", "--username", SERIAL),
+        VDA5050_PASSWORD="wrong secret",
+    )
+    with caplog.at_level(logging.INFO):
+        async with Running(chassis, config):
+            await eventually(lambda: refusals(caplog))
+            await asyncio.sleep(1.5)  # time for further attempts
+    (refusal,) = refusals(caplog)
+    assert "ot authori" in refusal
+    assert "wrong secret" not in caplog.text + repr(config)
+
+
+def refusals(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [
+        record.getMessage()
+        for record in caplog.records
+        if record.levelno >= logging.WARNING
+        and "no connection to the broker" in record.getMessage()
+    ]
+
+
+@aio
+async def test_tls_with_a_password_from_the_environment(
+    broker: SecureMosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    config = options(
+        *("--broker", f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"),
+        *("--ca-file", broker.authority.certificate),
+        VDA5050_PASSWORD=PASSWORD,
+    )
+    async with Master(broker.port) as master:
+        async with Running(chassis, config):
+            await master.online()
+        await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
+
+
+@aio
+async def test_a_broker_with_a_certificate_of_somebody_else_is_not_trusted(
+    broker: SecureMosquitto,
+    chassis: SimulatorThread,
+    recorder: Recorder,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stranger = Authority(tmp_path / "stranger")
+    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
+    trusted = options("--broker", url, "--ca-file", stranger.certificate, VDA5050_PASSWORD=PASSWORD)
+    system = options("--broker", url, VDA5050_PASSWORD=PASSWORD)
+    for config in (trusted, system):
+        caplog.clear()
+        async with Running(chassis, config):
+            await eventually(lambda: refusals(caplog))
+        assert "certificate verify failed" in refusals(caplog)[0]
+    assert recorder.messages == []
+
+
+@aio
+async def test_a_broker_with_another_name_than_its_certificate_is_not_trusted(
+    broker: SecureMosquitto, chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = options(
+        *("--broker", f"mqtts://{SERIAL}@localhost:{broker.tls_port}"),
+        *("--ca-file", broker.authority.certificate),
+        VDA5050_PASSWORD=PASSWORD,
+    )
+    async with Running(chassis, config):
+        await eventually(lambda: refusals(caplog))
+    assert "certificate verify failed" in refusals(caplog)[0]
+
+
+@aio
+async def test_a_client_certificate_is_the_login(
+    broker: SecureMosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    certificate, key = broker.authority.issue(SERIAL)
+    config = options(
+        *("--broker", f"mqtts://127.0.0.1:{broker.certificate_port}"),
+        *("--ca-file", broker.authority.certificate),
+        *("--cert-file", certificate, "--key-file", key),
+    )
+    async with Master(broker.port) as master, Running(chassis, config):
+        await master.online()
+
+
+@aio
+async def test_without_a_client_certificate_the_broker_refuses(
+    broker: SecureMosquitto,
+    chassis: SimulatorThread,
+    recorder: Recorder,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    config = options(
+        *("--broker", f"mqtts://127.0.0.1:{broker.certificate_port}"),
+        *("--ca-file", broker.authority.certificate),
+    )
+    async with Running(chassis, config):
+        await eventually(lambda: refusals(caplog))
+    assert recorder.messages == []
+
+
+@aio
+async def test_a_vehicle_may_use_its_own_topics_only(
+    broker: SecureMosquitto,
+    chassis: SimulatorThread,
+    recorder: Recorder,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    config = BrokerConfig("127.0.0.1", broker.password_port, username=SERIAL, password=PASSWORD)
+    async with Master(broker.port) as master:
+        with caplog.at_level(logging.INFO):
+            async with Running(chassis, config, "other"):  # it takes the name of another vehicle
+                await eventually(lambda: "connected to the broker" in caplog.text)
+        async with Running(chassis, config):
+            await master.online()
+        await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
+    assert {topic.split("/")[3] for topic, _ in recorder.messages} == {SERIAL}
+
+
+def test_the_documented_rights_are_those_of_the_tests() -> None:
+    assert ACCESS in (Path(__file__).parents[2] / "docs/vda5050.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment", "text"),
+    [
+        (["--broker", "http://host"], {}, "begins with mqtt"),
+        (["--broker", "mqtt://host:99999"], {}, "out of range"),
+        (["--broker", "mqtt://host", "--ca-file", "ca.crt"], {}, "needs TLS"),
+        (["--broker", "mqtts://host", "--ca-file", "/none/ca.crt"], {}, "No such file"),
+        (["--broker", "mqtts://host", "--key-file", "k"], {}, "--key-file needs --cert-file"),
+        (["--broker", "mqtts://host", "--cert-file", "/none/c"], {}, "No such file"),
+        (["--broker", "mqtt://host"], {"VDA5050_PASSWORD": "x"}, "needs a user name"),
+        (["--broker", "mqtt://u@host", "--password-file", "/none/p"], {}, "No such file"),
+        (["--broker", "mqtt://u@host", "--password-file", os.devnull], {}, "no password in"),
+    ],
+)
+def test_a_wrong_option_is_refused_with_its_reason(
+    arguments: list[str], environment: dict[str, str], text: str
+) -> None:
+    with pytest.raises(ValueError, match=text):
+        options(*arguments, **environment)
+
+
+def test_an_encrypted_key_is_refused_instead_of_asking_for_its_password(tmp_path: Path) -> None:
+    if openssl_path() is None:
+        pytest.skip("openssl is not installed")
+    authority = Authority(tmp_path / "ca")
+    certificate, key = authority.issue("robot")
+    encrypted = tmp_path / "encrypted.key"
+    authority._run("ec", "-in", key, "-aes256", "-passout", "pass:1234", "-out", encrypted)
+    with pytest.raises(ValueError, match="the private key is encrypted"):
+        options("--broker", "mqtts://host", "--cert-file", certificate, "--key-file", encrypted)

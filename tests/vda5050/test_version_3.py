@@ -1,0 +1,475 @@
+"""Version 3.0: its messages, and a vehicle that speaks it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
+from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.fields import HEADER, message_fields, schema_fields
+from tests.vda5050.master import Master, Message, action, error_types, node, plain_edges
+from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
+from tests.vda5050.test_first_order import START
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
+from woosh_robot_agent.vda5050.model.order import Ellipse, NodePosition, Order
+from woosh_robot_agent.vda5050.model.path import path_ahead
+from woosh_robot_agent.vda5050.model.state import ConnectionState, OperatingMode, Position
+from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.parsing import read_order, refusal_of_zone_set
+from woosh_robot_agent.vda5050.protocol.base import Version
+from woosh_robot_agent.vda5050.protocol.header import Identity, header
+from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic
+from woosh_robot_agent.vda5050.protocol.v3_0 import Version30
+from woosh_robot_agent.vda5050.protocol.validation import defect
+from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
+from woosh_robot_agent.vda5050.robot.factsheet import OPTIONAL_PARAMETERS
+
+V3 = Version30()
+VEHICLE = Identity("Woosh", "1")
+BOTH = pytest.mark.parametrize(
+    "version", [make() for make in VERSIONS.values()], ids=list(VERSIONS)
+)
+
+
+def _edges(nodes: list[Message]) -> list[Message]:
+    """Edges between the nodes, as version 3.0 has them."""
+    names = ("startNodeId", "endNodeId")
+    return [{key: edge[key] for key in edge if key not in names} for edge in plain_edges(nodes)]
+
+
+def _full(version: Version, content: dict[str, Any]) -> dict[str, Any]:
+    return header(VEHICLE, version.number, 0, 1e9) | content
+
+
+def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None = None) -> Message:
+    """An order of two nodes."""
+    nodes = [node("a", 0, 0.0, 0.0), node("b", 2, 1.0, 0.0)]
+    edges = [each | (edge or {}) for each in _edges(nodes)]
+    content = {"orderId": "order", "orderUpdateId": 0, "nodes": nodes, "edges": edges}
+    return _full(V3, content | (order or {}))
+
+
+def _read(message: Message) -> Order:
+    return read_order(json.dumps(message).encode(), V3, VEHICLE)
+
+
+# Messages
+
+
+@BOTH
+def test_complete_messages_have_no_field_that_the_schemas_do_not_know(version: Version) -> None:
+    contents = {
+        "state": version.state(STATE),
+        "visualization": version.visualization(ROBOT, 3),
+        "factsheet": version.factsheet(FACTSHEET),
+        "connection": version.connection(ConnectionState.BROKEN),
+    }
+    for topic, content in contents.items():
+        message = _full(version, content)
+        assert defect(version.number, topic, message) is None
+        known = {*HEADER, *schema_fields(version.number, topic)}
+        assert set(message_fields(message)) <= known, topic
+
+
+@pytest.mark.parametrize("state", ConnectionState)
+def test_connection_states(state: ConnectionState) -> None:
+    message = _full(V3, V3.connection(state))
+    assert defect("3.0.0", "connection", message) is None
+
+
+@pytest.mark.parametrize("mode", OperatingMode)
+def test_operating_modes(mode: OperatingMode) -> None:
+    content = V3.state(replace(STATE, robot=replace(ROBOT, mode=mode)))
+    assert defect("3.0.0", "state", _full(V3, content)) is None
+
+
+def test_instant_actions_have_a_list_of_their_own() -> None:
+    content = V3.state(STATE)
+    assert [each["actionId"] for each in content["actionStates"]] == ["1"]
+    assert [each["actionId"] for each in content["instantActionStates"]] == ["2"]
+    assert content["actionStates"][0]["actionStatus"] == "PAUSED"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "level"),
+    [
+        (ErrorType.VALIDATION, "VALIDATION_FAILURE", "WARNING"),
+        (ErrorType.UNSUPPORTED_PARAMETER, "UNSUPPORTED_PARAMETER", "CRITICAL"),
+        (ErrorType.ORDER_ACTION, "INVALID_ORDER_ACTION", "WARNING"),
+        (ErrorType.OUTDATED_UPDATE, "OUTDATED_ORDER_UPDATE", "WARNING"),
+        (ErrorType.CHANGED_UPDATE, "SAME_ORDER_UPDATE_ID", "WARNING"),
+        (ErrorType.UPDATE_AFTER_CANCEL, "ORDER_UPDATE_FOLLOWING_CANCEL", "WARNING"),
+        (ErrorType.OTHER_ORDER_ACTIVE, "OTHER_ORDER_ACTIVE", "WARNING"),
+        (ErrorType.NO_ROUTE, "START_NODE_OUT_OF_RANGE", "WARNING"),
+        (ErrorType.UNKNOWN_MAP, "UNKNOWN_MAP_ID", "WARNING"),
+        (ErrorType.NO_ORDER_TO_CANCEL, "NO_ORDER_TO_CANCEL", "WARNING"),
+        (ErrorType.INSTANT_ACTION, "INVALID_INSTANT_ACTION", "WARNING"),
+        (ErrorType.DRIVING, "NODE_UNREACHABLE", "CRITICAL"),
+    ],
+)
+def test_errors_have_the_predefined_types_and_levels(
+    kind: ErrorType, name: str, level: str
+) -> None:
+    state = replace(STATE, errors=(warning(kind, "a reason", parameter="maxSpeed"),))
+    (error,) = V3.state(state)["errors"]
+    assert (error["errorType"], error["errorLevel"]) == (name, level)
+    assert error["errorReferences"] == [
+        {"referenceKey": "parameter", "referenceValue": "maximumSpeed"}
+    ]
+
+
+@pytest.mark.parametrize("kind", ErrorType)
+def test_all_types_of_errors_are_in_capitals(kind: ErrorType) -> None:
+    state = replace(STATE, errors=(warning(kind, "a reason"),))
+    state = replace(state, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
+    (error,) = V3.state(state)["errors"]
+    assert error["errorType"].replace("_", "").isupper()
+
+
+def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
+    errors = (warning(ErrorType.NOT_AVAILABLE, "not automatic"),)
+    manual = replace(STATE, errors=errors, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
+    assert error_types(V3.state(manual)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
+    assert error_types(V3.state(replace(manual, robot=ROBOT))) == []
+    lost = replace(ROBOT, position=Position(0.0, 0.0, 0.0, "hall", initialised=False))
+    assert error_types(V3.state(replace(manual, robot=lost))) == [
+        "MOBILE_ROBOT_NOT_AVAILABLE",
+        "LOCALIZATION_ERROR",
+    ]
+
+
+def test_a_robot_without_position_is_a_fatal_error() -> None:
+    place = Position(0.0, 0.0, math.pi, "hall", initialised=False)
+    content = V3.state(replace(STATE, errors=(), robot=replace(ROBOT, position=place)))
+    (error,) = content["errors"]
+    assert (error["errorType"], error["errorLevel"]) == ("LOCALIZATION_ERROR", "FATAL")
+    assert content["mobileRobotPosition"]["localized"] is False
+
+
+@BOTH
+@pytest.mark.parametrize("theta", [3.141593, -3.141593])
+def test_a_rounded_heading_stays_within_the_schema(version: Version, theta: float) -> None:
+    place = Position(0.0, 0.0, theta, "hall", initialised=True)
+    message = _full(version, version.state(replace(STATE, robot=replace(ROBOT, position=place))))
+    assert defect(version.number, "state", message) is None
+
+
+def test_the_planned_path_begins_at_the_robot() -> None:
+    points = V3.state(STATE)["plannedPath"]["trajectory"]["controlPoints"]
+    assert points == [{"x": 0.1, "y": 0.0}, {"x": 1.0, "y": 0.0}]
+    idle = replace(STATE, order=replace(ORDER, nodes=(), edges=()))
+    assert "plannedPath" not in V3.state(idle)
+    assert "plannedPath" not in V3.state(replace(STATE, robot=replace(ROBOT, path=())))
+
+
+def test_the_factsheet_has_the_names_of_the_version() -> None:
+    features = V3.factsheet(FACTSHEET)["protocolFeatures"]
+    names = [each["parameter"] for each in features["optionalParameters"]]
+    assert names == ["order.edges.maximumSpeed"]
+    (kind,) = features["mobileRobotActions"]
+    assert kind["actionParameters"][0]["valueDataType"] == "NUMBER"
+
+
+@BOTH
+def test_the_optional_parameters_are_fields_of_the_order(version: Version) -> None:
+    sheet = version.factsheet(replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
+    names = [each["parameter"] for each in sheet["protocolFeatures"]["optionalParameters"]]
+    assert len(names) >= 6
+    known = {f"order.{name}" for name in schema_fields(version.number, "order")}
+    assert set(names) <= known
+
+
+# The path ahead
+
+
+def test_the_path_ahead_leaves_out_what_is_behind_and_what_is_straight() -> None:
+    bend = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (3.0, 1.0), (3.0, 2.0)]
+    assert path_ahead(bend, (1.2, 0.01)) == [(1.2, 0.01), (3.0, 0.0), (3.0, 2.0)]
+    assert path_ahead(bend, (3.0, 2.0)) == []
+    assert path_ahead(bend, (0.0, 5.0)) == []
+    assert path_ahead([], (0.0, 0.0)) == []
+
+
+# Orders
+
+
+def test_an_order_is_read() -> None:
+    order = _read(_order(edge={"maximumSpeed": 0.4}))
+    assert [each.id for each in order.nodes] == ["a", "b"]
+    assert (order.edges[0].start_node_id, order.edges[0].end_node_id) == ("a", "b")
+    assert order.edges[0].max_speed == 0.4
+    assert order.edges[0].unsupported == order.unsupported == ()
+
+
+def test_a_trajectory_has_defaults() -> None:
+    points = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}]
+    order = _read(_order(edge={"trajectory": {"controlPoints": points}}))
+    assert order.edges[0].trajectory == LINE
+    three = {"degree": 1, "controlPoints": [*points, {"x": 2.0, "y": 0.0}]}
+    trajectory = _read(_order(edge={"trajectory": three})).edges[0].trajectory
+    assert trajectory is not None
+    assert trajectory.knots == (0.0, 0.0, 0.5, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("corridor", {"leftWidth": 1.0, "rightWidth": 1.0}),
+        ("direction", "left"),
+        ("maximumMobileRobotHeight", 2.0),
+        ("minimumLoadHandlingDeviceHeight", 0.1),
+        ("maximumRotationSpeed", 1.0),
+        ("maxRotationSpeed", 1.0),
+        ("orientation", 1.0),
+        ("reachOrientationBeforeEntering", True),
+    ],
+)
+def test_what_the_robot_cannot_obey_is_refused(field: str, value: Any) -> None:
+    assert _read(_order(edge={field: value})).edges[0].unsupported == (field,)
+
+
+def test_actions_that_must_be_retriable_are_refused() -> None:
+    retriable = action("pick") | {"retriable": True}
+    assert _read(_order(edge={"actions": [retriable]})).unsupported == ("retriable",)
+    final = action("pick") | {"retriable": False}
+    assert _read(_order(edge={"actions": [final]})).unsupported == ()
+
+
+def test_a_deviation_of_version_2_is_malformed() -> None:
+    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY=0.5)]
+    with pytest.raises(RejectedError, match=r"nodes\.0\.nodePosition\.allowedDeviationXY"):
+        _read(_order(order={"nodes": nodes, "edges": []}))
+
+
+def test_the_deviation_is_an_ellipse() -> None:
+    deviation = {"a": 2.0, "b": 0.5, "theta": math.pi / 2}
+    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY=deviation)]
+    place = _read(_order(order={"nodes": nodes, "edges": []})).nodes[0].position
+    assert place is not None
+    assert place.ellipse == Ellipse(2.0, 0.5, math.pi / 2)
+
+    def reaches(x: float, y: float) -> bool:
+        here = Position(x, y, 0.0, "wooshmap", initialised=True)
+        return is_reached(place, None, here, Tolerance())
+
+    assert reaches(0.0, 1.9)
+    assert not reaches(0.0, 2.1)
+    assert reaches(0.4, 0.0)
+    assert not reaches(0.6, 0.0)
+    assert not reaches(0.4, 1.9)
+
+
+def test_a_way_through_an_ellipse_reaches_the_node() -> None:
+    place = NodePosition(5.0, 5.0, "hall", deviation_xy=0.5, ellipse=Ellipse(1.0, 0.5, 0.0))
+    before = Position(4.2, 3.0, 0.0, "hall", initialised=True)
+    after = Position(4.2, 7.0, 0.0, "hall", initialised=True)
+    assert is_reached(place, before, after, Tolerance())
+    assert not is_reached(place, before, before, Tolerance())
+
+
+# Zone sets
+
+
+def _zone_set() -> Message:
+    corners = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}, {"x": 1.0, "y": 1.0}]
+    zones = [{"zoneId": "door", "zoneType": "BLOCKED", "vertices": corners}]
+    return {"zoneSet": {"mapId": "wooshmap", "zoneSetId": "night", "zones": zones}}
+
+
+def test_a_zone_set_is_refused() -> None:
+    error = refusal_of_zone_set(json.dumps(_full(V3, _zone_set())).encode(), V3, VEHICLE)
+    assert error.type == ErrorType.UNSUPPORTED_PARAMETER
+    assert {each.key: each.value for each in error.references}["zoneSetId"] == "night"
+    assert refusal_of_zone_set(b"{", V3, VEHICLE).type == ErrorType.VALIDATION
+    broken = _zone_set()
+    broken["zoneSet"]["zones"][0]["zoneType"] = "SPEED_LIMIT"
+    error = refusal_of_zone_set(json.dumps(_full(V3, broken)).encode(), V3, VEHICLE)
+    assert error.type == ErrorType.VALIDATION
+
+
+# A vehicle
+
+
+def _master(broker: Mosquitto) -> Master:
+    return Master(broker.port, version="3.0.0")
+
+
+@aio
+async def test_an_order_of_three_nodes_is_driven(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+) -> None:
+    async with _master(broker) as master, vehicle(version=V3):
+        await master.online()
+        assert master.state["version"] == "3.0.0"
+        assert master.state["operatingMode"] == "AUTOMATIC"
+        assert master.state["powerSupply"]["charging"] is False
+        assert master.state["mobileRobotPosition"]["localized"] is True
+        assert "batteryState" not in master.state
+
+        nodes = [
+            node("a", 0, *START),
+            node("b", 2, 6.0, -7.0),
+            node("c", 4, 7.0, -7.0, theta=0.5, allowedDeviationTheta=0.0),
+        ]
+        master.order(nodes, _edges(nodes))
+        accepted = await master.wait_state(lambda state: state["orderId"] == "order")
+        assert accepted["lastNodeId"] == "a"
+        await master.wait_state(lambda state: "plannedPath" in state, "a planned path")
+        await master.wait_state(lambda state: state["lastNodeId"] == "c")
+        ended = await master.wait_state(lambda state: not state["driving"])
+
+        assert ended["nodeStates"] == ended["edgeStates"] == ended["errors"] == []
+        assert "plannedPath" not in ended
+    pose = chassis.state.pose
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, -7.0, 0.5), abs=0.05)
+
+    sent = {each["headerId"] for each in recorder.sent("state")}
+    seen = {each["referenceStateHeaderId"] for each in recorder.sent("visualization")}
+    assert seen
+    assert seen <= sent
+
+
+@aio
+async def test_the_connection_is_reported_and_the_factsheet_kept(
+    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
+) -> None:
+    async with _master(broker) as master:
+        async with vehicle(version=V3):
+            await master.online()
+        await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
+    assert {name.split("/")[1] for name, _ in recorder.messages} == {"v3"}
+    async with _master(broker) as late:
+        await eventually(lambda: late.last("factsheet"))
+        assert late.last("connection")["connectionState"] == "OFFLINE"
+        factsheet = late.last("factsheet")
+    assert factsheet["typeSpecification"]["supportedZones"] == []
+    names = {each["actionType"] for each in factsheet["protocolFeatures"]["mobileRobotActions"]}
+    assert names >= {"cancelOrder", "factsheetRequest", "stateRequest"}
+
+
+@aio
+async def test_rejections_have_the_predefined_errors(
+    vehicle: VehicleStarter, broker: Mosquitto
+) -> None:
+    async with _master(broker) as master, vehicle(version=V3):
+        await master.online()
+        nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
+
+        async def rejected(name: str) -> Message:
+            return await master.wait_state(lambda state: name in error_types(state), name)
+
+        master.send_raw("order", b"{}")
+        await rejected("VALIDATION_FAILURE")
+        corridor = {"leftWidth": 1.0, "rightWidth": 1.0}
+        master.order(nodes, [each | {"corridor": corridor} for each in _edges(nodes)])
+        state = await rejected("UNSUPPORTED_PARAMETER")
+        (error,) = state["errors"]
+        assert error["errorLevel"] == "CRITICAL"
+        references = {
+            each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]
+        }
+        assert references["parameter"] == "corridor"
+        master.order([node("far", 0, 0.0, 0.0)], [])
+        await rejected("START_NODE_OUT_OF_RANGE")
+        elsewhere = [node("a", 0, *START), node("b", 2, 6.0, -7.0, map_id="cellar")]
+        master.order(elsewhere, _edges(elsewhere))
+        await rejected("UNKNOWN_MAP_ID")
+        master.order([node("a", 0, *START, actions=[action("fly")])], [])
+        await rejected("INVALID_ORDER_ACTION")
+        master.send("zoneSet", _zone_set())
+        state = await rejected("UNSUPPORTED_PARAMETER")
+        assert state["orderId"] == ""
+
+        master.order(nodes, _edges(nodes))
+        await master.wait_state(lambda state: state["orderId"] == "order" and not state["errors"])
+        master.order([node("a", 0, *START)], [], order_id="other")
+        await rejected("OTHER_ORDER_ACTIVE")
+
+
+@aio
+async def test_instant_actions_stay_in_the_state_after_a_new_order(
+    vehicle: VehicleStarter, broker: Mosquitto
+) -> None:
+    async with _master(broker) as master, vehicle(version=V3):
+        await master.online()
+        master.instant(action("stateRequest", "ask"), action("fly", "no"))
+        state = await master.wait_state(lambda state: len(state["instantActionStates"]) == 2)
+        state = await master.wait_state(
+            lambda state: state["instantActionStates"][0]["actionStatus"] == "FINISHED"
+        )
+        assert state["actionStates"] == []
+        assert state["instantActionStates"][1]["actionStatus"] == "FAILED"
+        assert error_types(state) == ["INVALID_INSTANT_ACTION"]
+
+        master.order([node("a", 0, *START)], [])
+        state = await master.wait_state(lambda state: state["orderId"] == "order")
+        assert [each["actionId"] for each in state["instantActionStates"]] == ["ask", "no"]
+        assert state["errors"] == []
+
+
+@aio
+async def test_the_option_chooses_the_version(
+    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
+) -> None:
+    arguments = ["--ip", "127.0.0.1", "--port", str(chassis.port), "--broker", broker.url]
+    async with _master(broker) as master:
+        with subprocess.Popen(
+            [sys.executable, "-m", "woosh_robot_agent.vda5050", *arguments, "--version", "3.0"],
+            env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
+        ) as program:
+            try:
+                await master.online()
+                assert master.state["version"] == "3.0.0"
+            finally:
+                program.terminate()
+    assert program.returncode == 0
+
+
+def test_the_schemas_are_those_of_the_topics() -> None:
+    names = {"order", "instantActions", "zoneSet", "responses"} | {
+        topic.value for topic in PUBLISHED
+    }
+    folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/protocol/schemas/3.0.0"
+    assert {path.stem for path in folder.iterdir()} == names
+    assert PUBLISHED[Topic.CONNECTION] == (1, True)
+
+
+@BOTH
+def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> None:
+    nodes = [node("a", 0.0, 0.0, 0.0), node("b", 2.0, 1.0, 0.0)]  # type: ignore[arg-type]
+    points = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}]
+    line = {"degree": 1.0, "knotVector": [0, 0, 1, 1], "controlPoints": points}
+    edges = _edges(nodes) if version.number == V3.number else plain_edges(nodes)
+    edges[0]["trajectory"] = line
+    content = {"orderId": "order", "orderUpdateId": 1.0, "nodes": nodes, "edges": edges}
+    order = read_order(json.dumps(_full(version, content)).encode(), version, VEHICLE)
+    assert order.edges[0].trajectory is not None
+    numbers = [order.update_id, order.edges[0].trajectory.degree]
+    numbers += [each.sequence_id for each in (*order.nodes, *order.edges)]
+    assert [type(each) for each in numbers] == [int] * 5
+
+
+@aio
+async def test_an_order_is_cleared_when_the_robot_loses_its_position(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with _master(broker) as master, vehicle(version=V3):
+        await master.online()
+        nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
+        master.order(nodes, _edges(nodes))
+        await master.wait_state(lambda state: state["nodeStates"])
+        chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
+        state = await master.wait_state(lambda state: not state["nodeStates"])
+        assert state["orderId"] == "order"
+        assert {"INTERRUPTED_ERROR", "LOCALIZATION_ERROR"} <= set(error_types(state))

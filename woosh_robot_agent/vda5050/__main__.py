@@ -1,0 +1,29 @@
+"""Starts the connector: `python3 -m woosh_robot_agent.vda5050`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+_LIBRARIES = ("aiomqtt", "jsonschema", "paho")
+"""Libraries that are installed only for this program."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the connector; see `program.main`. Without its libraries, tell how to install them."""
+    try:
+        from woosh_robot_agent.vda5050.program import main as run
+    except ModuleNotFoundError as error:
+        if error.name not in _LIBRARIES:
+            raise
+        print(
+            f"error: vda5050 needs {error.name}, which is not installed here; install it with "
+            "pip install 'woosh_robot_agent[vda5050]'",
+            file=sys.stderr,
+        )
+        return 1
+    return run(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

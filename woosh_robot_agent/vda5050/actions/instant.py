@@ -1,0 +1,202 @@
+"""Instant actions and their states."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+from woosh_robot_agent.recent_dict import RecentDict
+from woosh_robot_agent.vda5050.actions.errors import Objection
+from woosh_robot_agent.vda5050.actions.performer import VehicleControls
+from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.actions.runner import ActionRunner
+from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
+from woosh_robot_agent.vda5050.model.factsheet import ActionType, Scope
+from woosh_robot_agent.vda5050.model.order import Action, BlockingType
+from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
+
+_MAX_STATES = 200
+"""Maximum number of instant actions in the state. Beyond it, ended ones are forgotten, and new ones
+fail if none has ended."""
+_MAX_KNOWN = 500
+"""Number of the last instant actions that are not performed again."""
+_MAX_ERRORS = 20
+"""Maximum number of errors of actions; the oldest ones are forgotten."""
+
+_HOLD = "action "
+"""Begin of the names of what holds the vehicle."""
+
+
+class InstantActions:
+    """Instant actions since the last order.
+
+    Args:
+        registry: the actions of the vehicle.
+        runner: performs them.
+        vehicle: is held while an action forbids driving.
+
+    Attributes:
+        errors: errors of actions that failed.
+        last_motion: id of the last instant action that moves something; empty without one.
+    """
+
+    def __init__(self, registry: Registry, runner: ActionRunner, vehicle: VehicleControls) -> None:
+        self._registry = registry
+        self._runner = runner
+        self._vehicle = vehicle
+        self._states: dict[str, ActionState] = {}
+        self._known: RecentDict[str, None] = RecentDict(_MAX_KNOWN)
+        """Ids of the last instant actions."""
+        self.last_motion = ""
+        self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
+
+    @property
+    def states(self) -> tuple[ActionState, ...]:
+        """States of the instant actions since the last order."""
+        return tuple(self._states.values())
+
+    @property
+    def known_ids(self) -> tuple[str, ...]:
+        """Ids of the last instant actions, which are not performed again."""
+        return tuple(self._known)
+
+    def ids_in_state(self, *, ended: bool) -> set[str]:
+        """Return the ids of the actions in the state.
+
+        Args:
+            ended: include those that have ended.
+        """
+        return {key for key, state in self._states.items() if ended or not state.status.ended}
+
+    def receive(self, actions: Sequence[Action]) -> None:
+        """Perform instant actions, but none with a known id.
+
+        Without a state of the same action, the master control may mean another one: it gets an
+        error, because e.g. a `startPause` must not be ignored without a word.
+        """
+        for action in actions:
+            state = self._states.get(action.id)
+            if state is not None and state.type == action.type:
+                continue
+            if state is not None or action.id in self._known:
+                self._refuse(action, "an instant action with this id was received before")
+                continue
+            if self._vehicle.order_has_action(action.id):
+                self._refuse(action, "an action of the order has this id")
+                continue
+            self._known[action.id] = None
+            self._states[action.id] = ActionState(
+                action.id,
+                action.type,
+                ActionStatus.WAITING,
+                description=action.description,
+                instant=True,
+            )
+            objection = self._registry.objection(action, Scope.INSTANT)
+            if sum(not state.status.ended for state in self._states.values()) > _MAX_STATES:
+                objection = Objection(f"more than {_MAX_STATES} instant actions run")
+            if objection is not None:
+                self.errors.append(
+                    warning(
+                        ErrorType.INSTANT_ACTION,
+                        objection.reason,
+                        "see the factsheet for the actions of the vehicle",
+                        actionId=action.id,
+                        actionType=action.type,
+                        **objection.references,
+                    )
+                )
+                self.changed(action.id, ActionStatus.FAILED, objection.reason)
+            else:
+                self._start(action, self._registry.get(action.type).type)
+        self._forget_oldest()
+
+    def restore(
+        self,
+        states: Sequence[ActionState],
+        known_ids: Sequence[str],
+        holds: Sequence[str],
+        *,
+        again: str,
+    ) -> list[str]:
+        """Restore the states after a restart. Actions that ran have failed.
+
+        Args:
+            states: the states, which may be a second old.
+            known_ids: ids of the last instant actions.
+            holds: names of the holds that kept the vehicle from driving.
+            again: type of the actions that are performed again; they must be harmless.
+
+        Returns:
+            The ids of the actions that forbade driving; the robot may go on with them.
+        """
+        self._known.update(dict.fromkeys(known_ids))
+        for state in states:
+            self._states[state.id] = state
+            if state.status.ended:
+                continue
+            if state.type == again:
+                action = Action(state.id, state.type, description=state.description)
+                self._runner.start(action, at_once=True)
+            else:
+                self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
+        interrupted = [hold for hold in holds if hold.startswith(_HOLD)]
+        for hold in interrupted:
+            self._vehicle.release(hold)
+        return [hold.removeprefix(_HOLD) for hold in interrupted]
+
+    def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
+        """Take the new status of an action; return False if it is not an instant action."""
+        state = self._states.get(action_id)
+        if state is None:
+            return False
+        self._states[action_id] = replace(state, status=status, result=result)
+        if status.ended:
+            self._vehicle.release(_hold_of(action_id))
+        return True
+
+    def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        """Store the error of an action that failed, be it an instant action or not."""
+        self.errors.append(warning(kind, reason, actionId=action.id, actionType=action.type))
+
+    def forget_ended(self) -> None:
+        """Forget the actions that have ended, and all errors."""
+        self._states = {key: state for key, state in self._states.items() if not state.status.ended}
+        self.errors.clear()
+
+    def _start(self, action: Action, kind: ActionType) -> None:
+        if kind.scopes == {Scope.INSTANT}:
+            # it controls the vehicle, so it waits for nothing, whatever its blockingType
+            self._runner.start(action, at_once=True)
+            return
+        if kind.pausable:
+            self.last_motion = action.id
+        if action.blocking not in kind.blocking:
+            action = replace(action, blocking=BlockingType.HARD)
+        if action.blocking.stops:
+            self._vehicle.hold(_hold_of(action.id))
+        self._runner.start(action)
+
+    def _refuse(self, action: Action, reason: str) -> None:
+        """Report once that an action is not performed because of its id."""
+        error = warning(
+            ErrorType.INSTANT_ACTION,
+            reason,
+            "use each actionId once",
+            actionId=action.id,
+            actionType=action.type,
+        )
+        if error not in self.errors:
+            self.errors.append(error)
+
+    def _forget_oldest(self) -> None:
+        """Forget the oldest actions that have ended, if there are too many."""
+        surplus = len(self._states) - _MAX_STATES
+        ended = [key for key, state in self._states.items() if state.status.ended]
+        for key in ended[: max(0, surplus)]:
+            del self._states[key]
+
+
+def _hold_of(action_id: str) -> str:
+    return f"{_HOLD}{action_id}"

@@ -1,0 +1,191 @@
+"""The interface of actions, and the objects that they share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import Answer, ChassisClient
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.actions.conditions import Conditions
+from woosh_robot_agent.vda5050.actions.errors import ActionFailedError, Objection
+from woosh_robot_agent.vda5050.actions.pause import Pause
+from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
+from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
+from woosh_robot_agent.vda5050.model.factsheet import ActionType
+from woosh_robot_agent.vda5050.model.order import Action
+from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary
+from woosh_robot_agent.vda5050.robot.marks import RobotMarks
+
+REACH = 3.0
+"""Maximum distance of a mark at which an action docks, in metres; the master control has released
+no way to a farther one."""
+Report: TypeAlias = Callable[[ActionStatus], None]
+"""Function that reports the status of an action while it is performed."""
+
+
+class VehicleControls(Protocol):
+    """Controls of the vehicle for actions."""
+
+    @property
+    def has_leg(self) -> bool:
+        """True while the robot has a task to drive along the order, also while it is paused."""
+
+    @property
+    def paused(self) -> bool:
+        """True while the vehicle is paused."""
+
+    def order_has_action(self, action_id: str) -> bool:
+        """Return True if an action of the order has this id."""
+
+    def hold(self, name: str) -> None:
+        """Stop the vehicle until the `release` of the same name."""
+
+    def release(self, name: str) -> None:
+        """End a hold; idempotent."""
+
+    def resume(self) -> None:
+        """Resume the drive that the robot, or another client, has paused."""
+
+    def set_last_node(self, node_id: str) -> None:
+        """Set the node on which the vehicle stands."""
+
+    async def cancel_order(self, order_id: str) -> None:
+        """Cancel the current order, and wait until everything has stopped.
+
+        Args:
+            order_id: id that the order must have; empty for any order.
+
+        Raises:
+            ActionFailedError: there is no such order.
+        """
+
+    def publish_state(self) -> None:
+        """Publish the state soon."""
+
+    def publish_factsheet(self) -> None:
+        """Publish the factsheet."""
+
+    def clear_instant_actions(self) -> None:
+        """Forget the instant actions that have ended."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """Objects that all actions share.
+
+    Attributes:
+        chassis: the link; for requests that move nothing.
+        gate: sends requests that move the robot.
+        requests: addresses the requests.
+        facts: what the robot reports.
+        maps: maps on the robot.
+        marks: marks of the robot's scene.
+        pause: the pause of the vehicle.
+        conditions: waits for conditions of the vehicle.
+        calls: executes the robot's own actions.
+        tasks: executes tasks of the robot.
+        vehicle: the vehicle itself.
+    """
+
+    chassis: ChassisClient
+    gate: MotionGate
+    requests: RequestMaker
+    facts: RobotFacts
+    maps: MapLibrary
+    marks: RobotMarks
+    pause: Pause
+    conditions: Conditions
+    calls: RobotCalls
+    tasks: RobotTasks
+    vehicle: VehicleControls
+
+    async def request(self, message: Message) -> Answer:
+        """Send a request that moves nothing, and return the answer.
+
+        Raises:
+            ActionFailedError: the robot refused it.
+            LinkError: it was not sent or not answered.
+        """
+        answer = await self.chassis.request(self.requests.address(message))
+        if not answer.ok:
+            raise ActionFailedError(f"the robot refused {full_name(message)}: {answer.msg}")
+        return answer
+
+    def require_near(self, mark: str) -> None:
+        """Check that the robot stands at a mark, or so near that it only has to dock.
+
+        Raises:
+            ActionFailedError: it does not, or the map has no such mark.
+        """
+        status = self.facts.status
+        here = status.position if status is not None else None
+        place = self.marks.find(mark, here.map_id) if here is not None else None
+        if here is None or place is None:
+            raise ActionFailedError(f"the robot knows no mark {mark} on its map")
+        distance = math.hypot(place.x - here.x, place.y - here.y)
+        if distance > REACH:
+            raise ActionFailedError(
+                f"mark {mark} is {distance:.1f} m away, more than {REACH:g} m: drive to it first"
+            )
+
+    def require_no_leg(self) -> None:
+        """Check that the robot does not drive along an order.
+
+        Raises:
+            ActionFailedError: it does.
+        """
+        if self.vehicle.has_leg:
+            raise ActionFailedError(
+                "the vehicle drives along an order: wait until it stands on a node, or cancel it"
+            )
+
+
+class Performer(Protocol):
+    """An action that the vehicle can perform.
+
+    Attributes:
+        type: name, scopes and parameters, for the factsheet and for the check of orders.
+    """
+
+    @property
+    def type(self) -> ActionType: ...
+
+    def check(self, action: Action) -> Objection | None:
+        """Return why an action with these parameters is impossible; None if it is possible.
+
+        The types of the parameters have been checked already.
+        """
+
+    async def perform(self, action: Action, report: Report) -> str:
+        """Perform an action, and return its result; the result may be empty.
+
+        When it is cancelled, it ends what it has begun at the robot.
+
+        Args:
+            action: the action.
+            report: called with each change of the status between its start and its end.
+
+        Raises:
+            ActionFailedError: the action failed.
+            LinkError: the robot could not be reached.
+        """
+
+
+class PlainPerformer:
+    """Base of actions whose parameters need no check beyond their types."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def check(self, action: Action) -> Objection | None:
+        """Return None: the types of the parameters have been checked."""
+        return None

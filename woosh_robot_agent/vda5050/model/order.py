@@ -1,0 +1,179 @@
+"""An order: nodes, edges and their actions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+
+class BlockingType(Enum):
+    """Activities that are permitted while an action runs."""
+
+    NONE = "NONE"
+    """Driving and other actions."""
+    SINGLE = "SINGLE"
+    """Driving, but no other action."""
+    SOFT = "SOFT"
+    """Other actions, but no driving."""
+    HARD = "HARD"
+    """Nothing else."""
+
+    @property
+    def stops(self) -> bool:
+        """True if the vehicle must not drive while the action runs."""
+        return self in (BlockingType.SOFT, BlockingType.HARD)
+
+    @property
+    def excludes_actions(self) -> bool:
+        """True if no other action may run at the same time."""
+        return self in (BlockingType.SINGLE, BlockingType.HARD)
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action of a node, of an edge or of an instantActions message.
+
+    Attributes:
+        id: unique id.
+        type: name of the action, e.g. `pick`.
+        blocking: what may happen while it runs.
+        parameters: values by key.
+        description: further information; may be empty.
+    """
+
+    id: str
+    type: str
+    blocking: BlockingType = BlockingType.HARD
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Shape of the permitted deviation from a node: semi-axes in metres, angle in radians."""
+
+    a: float
+    b: float
+    theta: float
+
+
+@dataclass(frozen=True)
+class NodePosition:
+    """Position of a node.
+
+    Attributes:
+        x: position in the map frame, in metres.
+        y: position in the map frame, in metres.
+        map_id: id of the map.
+        theta: heading that the vehicle must have on the node, in radians; None for any.
+        deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
+            for the normal tolerance of the robot.
+        deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
+        ellipse: permitted deviation, if it is no circle; `deviation_xy` is its smaller semi-axis.
+    """
+
+    x: float
+    y: float
+    map_id: str
+    theta: float | None = None
+    deviation_xy: float = 0.0
+    deviation_theta: float = 0.0
+    ellipse: Ellipse | None = None
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of an order.
+
+    Attributes:
+        id: id of the node; several nodes of an order may have the same one.
+        sequence_id: position among the nodes and edges of the order.
+        released: True if the node belongs to the base, False if to the horizon.
+        position: position; None if the order has none.
+        actions: actions to perform on the node.
+        description: further information; may be empty.
+        mark: number of the mark by which the robot drives to the node; empty if it drives to the
+            position.
+    """
+
+    id: str
+    sequence_id: int
+    released: bool = True
+    position: NodePosition | None = None
+    actions: tuple[Action, ...] = ()
+    description: str = ""
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class ControlPoint:
+    """A control point of a trajectory: position in metres, and weight."""
+
+    x: float
+    y: float
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A curve as a NURBS.
+
+    Attributes:
+        degree: degree of the curve.
+        knots: knot vector, from 0 to 1.
+        points: control points.
+    """
+
+    degree: int
+    knots: tuple[float, ...]
+    points: tuple[ControlPoint, ...]
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of an order.
+
+    Attributes:
+        id: id of the edge.
+        sequence_id: position among the nodes and edges of the order.
+        start_node_id: id of the node at its start.
+        end_node_id: id of the node at its end.
+        released: True if the edge belongs to the base, False if to the horizon.
+        max_speed: maximum speed on the edge, in m/s; None without a limit.
+        trajectory: curve to drive along; None if the robot plans its path.
+        actions: actions to perform on the edge.
+        description: further information; may be empty.
+        unsupported: names of the fields that are set although the robot cannot obey them.
+    """
+
+    id: str
+    sequence_id: int
+    start_node_id: str
+    end_node_id: str
+    released: bool = True
+    max_speed: float | None = None
+    trajectory: Trajectory | None = None
+    actions: tuple[Action, ...] = ()
+    description: str = ""
+    unsupported: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Order:
+    """An order or an update of an order.
+
+    Attributes:
+        id: id of the order.
+        update_id: number of the update.
+        nodes: nodes in the order of traversal.
+        edges: edges between them.
+        unsupported: names of the fields that are set although the robot cannot obey them.
+    """
+
+    id: str
+    update_id: int
+    nodes: tuple[Node, ...]
+    edges: tuple[Edge, ...]
+    unsupported: tuple[str, ...] = ()

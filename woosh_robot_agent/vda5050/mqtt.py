@@ -1,0 +1,318 @@
+"""The connection to the MQTT broker."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import ssl
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+from urllib.parse import unquote, urlsplit
+
+import aiomqtt
+
+from woosh_robot_agent.link.backoff import Backoff
+from woosh_robot_agent.link.log_once import LogOnce
+
+_LOG = logging.getLogger(__name__)
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_BACKOFF_MIN = 0.5
+"""First pause between attempts to connect, in seconds; it doubles with each attempt."""
+_BACKOFF_MAX = 15.0
+"""Longest pause between attempts to connect, in seconds."""
+_STABLE_AFTER = 5.0
+"""Duration after which a connection counts as stable, in seconds."""
+_MAX_OUTBOX = 1000
+"""Maximum number of messages that wait to be sent; the oldest ones are dropped."""
+_MAX_RECEIVED = 200
+"""Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
+_MAX_RECEIVED_SIZE = 16 * 2**20
+"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single one may be
+larger."""
+_REFUSED = 0x80
+"""Lowest result code of a subscription that the broker has refused."""
+_HINTS = (
+    (
+        ssl.SSLCertVerificationError,
+        "check the host name, and that the certificate of the broker's authority is trusted here",
+    ),
+    (ssl.SSLError, "check that the broker speaks TLS on this port"),
+    (ConnectionRefusedError, "check that the broker runs, and listens on this port"),
+)
+"""Hints for errors, by type; the first match is used."""
+_LOGIN_REFUSED = frozenset({4, 5, 134, 135})
+"""Reason codes of MQTT 3.1.1 and 5 for a wrong user name or password, or a missing right."""
+
+
+@dataclass(frozen=True)
+class BrokerConfig:
+    """Address of the broker, and how to log in.
+
+    Attributes:
+        host: address or host name.
+        port: port.
+        tls: TLS settings; None for a connection without TLS.
+        username: user name; None without one.
+        password: password; None without one.
+        keepalive: interval of the MQTT keep-alive, in seconds. The broker publishes the last will
+            if nothing arrives for 1.5 times as long.
+    """
+
+    host: str
+    port: int
+    tls: ssl.SSLContext | None = field(default=None, repr=False, compare=False)
+    username: str | None = None
+    password: str | None = field(default=None, repr=False)
+    keepalive: int = 15
+
+    @classmethod
+    def from_url(cls, url: str) -> BrokerConfig:
+        """Return the configuration for a URL such as `mqtt://user:password@host:1883`.
+
+        Raises:
+            ValueError: the URL is not valid; the text gives the reason.
+        """
+        parts = urlsplit(url)
+        if parts.scheme not in _PORTS:
+            raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {url!r}")
+        if not parts.hostname or parts.path.strip("/") or parts.query:
+            raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {url!r}")
+        return cls(
+            host=parts.hostname,
+            port=parts.port or _PORTS[parts.scheme],
+            tls=ssl.create_default_context() if parts.scheme == "mqtts" else None,
+            username=None if parts.username is None else unquote(parts.username),
+            password=None if parts.password is None else unquote(parts.password),
+        )
+
+
+class Publication(NamedTuple):
+    """A message to publish.
+
+    Attributes:
+        topic: full topic.
+        payload: content.
+        qos: QoS level.
+        retain: the broker keeps it for new subscribers.
+    """
+
+    topic: str
+    payload: str
+    qos: int = 0
+    retain: bool = False
+
+
+class MqttConnection:
+    """A connection to a broker that reconnects by itself. Used in one asyncio event loop.
+
+    Messages that are published without a connection are dropped, not queued.
+
+    Args:
+        broker: address of the broker.
+        client_id: id of the client; unique at the broker.
+        last_will: returns the message that the broker publishes when the connection breaks.
+        handlers: functions by topic, called with the payload of each message and its retain flag.
+        on_connected: called after each connection, once messages can be published.
+    """
+
+    def __init__(
+        self,
+        broker: BrokerConfig,
+        client_id: str,
+        last_will: Callable[[], Publication],
+        handlers: Mapping[str, Callable[[bytes, bool], None]],
+        on_connected: Callable[[], None],
+    ) -> None:
+        self._broker = broker
+        self._client_id = client_id
+        self._last_will = last_will
+        self._handlers = handlers
+        self._on_connected = on_connected
+        self._log = LogOnce(_LOG)
+        self._outbox: deque[Publication] = deque(maxlen=_MAX_OUTBOX)
+        self._wake = asyncio.Event()
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self.connected = False
+        """True while messages can be published."""
+        self._connected_at = math.inf
+        """Loop time at which the connection began; infinite without one."""
+
+    def publish(self, publication: Publication) -> None:
+        """Queue a message for publication; drop it if there is no connection."""
+        if self.connected:
+            self._outbox.append(publication)
+            self._idle.clear()
+            self._wake.set()
+
+    async def flush(self, timeout: float) -> None:
+        """Wait until everything is published, at most `timeout` seconds."""
+        try:
+            await asyncio.wait_for(self._idle.wait(), timeout)
+        except asyncio.TimeoutError:
+            _LOG.warning("the broker did not take the last messages within %g s", timeout)
+
+    async def run(self) -> None:
+        """Stay connected until cancelled."""
+        backoff = Backoff(_BACKOFF_MIN, _BACKOFF_MAX)
+        clock = asyncio.get_running_loop().time
+        while True:
+            self._connected_at = math.inf
+            try:
+                await self._connect()
+                reason = "the broker closed it"
+            except (aiomqtt.MqttError, OSError) as error:
+                reason = _explained(error)
+            except Exception as error:  # the loop must survive whatever a library raises
+                _LOG.debug("the connection to the broker failed", exc_info=True)
+                reason = f"internal error: {error!r}"
+            finally:
+                self.connected = False
+            if clock() - self._connected_at >= _STABLE_AFTER:
+                backoff.reset()
+                self._log.clear()
+            self._log.warn(
+                reason,
+                f"no connection to the broker at {self._broker.host}:{self._broker.port}: {reason}",
+            )
+            await asyncio.sleep(backoff.next())
+
+    async def _connect(self) -> None:
+        """Serve one connection until it breaks.
+
+        Raises:
+            MqttError: the connection failed.
+        """
+        will = self._last_will()
+        broker = self._broker
+        async with aiomqtt.Client(
+            broker.host,
+            broker.port,
+            username=broker.username,
+            password=broker.password,
+            identifier=self._client_id,
+            will=aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
+            clean_session=True,
+            keepalive=broker.keepalive,
+            tls_context=broker.tls,
+            queue_type=_ReceiveQueue,
+        ) as client:
+            granted = await client.subscribe([(topic, 0) for topic in self._handlers])
+            if refused := refused_topics(self._handlers, granted):
+                self._log.warn(
+                    "subscription",
+                    f"the broker refused the subscription to {', '.join(refused)}; give the "
+                    "vehicle the right to read there",
+                )
+            self._outbox.clear()
+            self.connected = True
+            self._connected_at = asyncio.get_running_loop().time()
+            _LOG.info("connected to the broker at %s:%d", broker.host, broker.port)
+            self._on_connected()
+            work = [
+                asyncio.create_task(self._read(client), name="mqtt reader"),
+                asyncio.create_task(self._send(client), name="mqtt sender"),
+            ]
+            try:
+                done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+                for each in done:
+                    each.result()
+            finally:
+                for each in work:
+                    each.cancel()
+                await asyncio.gather(*work, return_exceptions=True)
+
+    async def _read(self, client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            self._handle(message)
+            await asyncio.sleep(0)  # a flood of messages must not stop everything else
+
+    def _handle(self, message: aiomqtt.Message) -> None:
+        topic = message.topic.value
+        handler = self._handlers.get(topic)
+        if handler is None or not isinstance(message.payload, bytes | bytearray):
+            return
+        try:
+            handler(bytes(message.payload), message.retain)
+        except Exception:  # a message must not end the connection
+            _LOG.exception(
+                "an error of the program prevented the handling of a message on %s", topic
+            )
+
+    async def _send(self, client: aiomqtt.Client) -> None:
+        """Publish the messages in the outbox."""
+        while True:
+            while self._outbox:
+                publication = self._outbox.popleft()
+                await client.publish(*publication)
+            self._idle.set()
+            self._wake.clear()
+            await self._wake.wait()
+
+
+class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
+    """Received messages that wait to be handled; drops new ones of a topic that has too many.
+
+    Each topic has its own limit, so that a flood of orders does not take the place of a pause.
+    """
+
+    def __init__(self, maxsize: int = 0) -> None:
+        super().__init__(maxsize)
+        self._counts = Counter[str]()
+        """Number of messages, by topic."""
+        self._sizes = Counter[str]()
+        """Length of all payloads, in bytes, by topic."""
+        self._log = LogOnce(_LOG)
+
+    def put_nowait(self, item: aiomqtt.Message) -> None:
+        topic, length = item.topic.value, _length(item)
+        size = self._sizes[topic]
+        if self._counts[topic] >= _MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
+            self._log.warn(
+                topic,
+                f"messages on {topic} come faster than they can be handled, and some were dropped",
+            )
+            return
+        self._counts[topic] += 1
+        self._sizes[topic] += length
+        super().put_nowait(item)
+
+    def get_nowait(self) -> aiomqtt.Message:
+        item = super().get_nowait()
+        topic = item.topic.value
+        self._counts[topic] -= 1
+        self._sizes[topic] -= _length(item)
+        if not self._counts[topic]:
+            self._log.clear(topic)
+        return item
+
+
+def refused_topics(topics: Iterable[str], granted: Iterable[Any]) -> list[str]:
+    """Return the topics that the broker does not let the vehicle read.
+
+    Args:
+        topics: the topics.
+        granted: result code of the subscription to each of them.
+    """
+    codes = (getattr(each, "value", each) for each in granted)
+    return [topic for topic, code in zip(topics, codes, strict=False) if code >= _REFUSED]
+
+
+def _length(message: aiomqtt.Message) -> int:
+    return len(message.payload) if isinstance(message.payload, bytes | bytearray) else 0
+
+
+def _explained(error: Exception) -> str:
+    """Return the reason of a failed connection, and what to do."""
+    cause = error.__context__ if isinstance(error, aiomqtt.MqttError) else error
+    hint = next((hint for kind, hint in _HINTS if isinstance(cause, kind)), "")
+    if isinstance(error, aiomqtt.MqttCodeError) and _rejects_login(error):
+        hint = "check the user name and the password, and that the broker permits them"
+    return f"{error}; {hint}" if hint else str(error)
+
+
+def _rejects_login(error: aiomqtt.MqttCodeError) -> bool:
+    return getattr(error.rc, "value", error.rc) in _LOGIN_REFUSED

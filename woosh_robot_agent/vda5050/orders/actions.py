@@ -1,0 +1,153 @@
+"""The actions of the current order, and their states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
+from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
+from woosh_robot_agent.vda5050.orders.blocking import startable
+from woosh_robot_agent.vda5050.orders.commands import EndAction, Perform
+from woosh_robot_agent.vda5050.orders.legs import stops
+from woosh_robot_agent.vda5050.orders.memory import ActionMemory
+
+
+class OrderActions:
+    """The actions of the current order.
+
+    An action is triggered when its node is reached or its edge entered, and starts when its
+    blocking type permits it.
+    """
+
+    def __init__(self) -> None:
+        self._states: dict[str, ActionState] = {}
+        """States of all actions, by id."""
+        self._triggered: list[Action] = []
+        """Triggered actions that have not started, in the order in which they must start."""
+        self._running: dict[str, Action] = {}
+        """Actions that have started and not ended, by id."""
+        self._of_edge: tuple[Action, ...] = ()
+        """Actions of the edge that the vehicle is on."""
+
+    @property
+    def states(self) -> tuple[ActionState, ...]:
+        """States of all actions."""
+        return tuple(self._states.values())
+
+    @property
+    def are_running(self) -> bool:
+        """True while an action runs."""
+        return bool(self._running)
+
+    @property
+    def are_open(self) -> bool:
+        """True while an action runs, or is triggered."""
+        return bool(self._running or self._triggered)
+
+    @property
+    def are_triggered(self) -> bool:
+        """True while an action is triggered and has not started."""
+        return bool(self._triggered)
+
+    def forbid_driving(self) -> bool:
+        """Return True if the vehicle must not drive because of a running or triggered action."""
+        return stops((*self._triggered, *self._running.values()))
+
+    @property
+    def memory(self) -> ActionMemory:
+        """State that must survive a restart of the program."""
+        return ActionMemory(
+            states=self.states,
+            triggered=tuple(self._triggered),
+            running=tuple(self._running.values()),
+            of_edge=self._of_edge,
+        )
+
+    def restore(self, memory: ActionMemory) -> None:
+        """Restore the actions after a restart; those that ran count as running."""
+        self._states = {state.id: state for state in memory.states}
+        self._triggered = list(memory.triggered)
+        self._running = {action.id: action for action in memory.running}
+        self._of_edge = memory.of_edge
+
+    def ids_without(self, parts: Iterable[Node | Edge]) -> set[str]:
+        """Return the ids of all actions except those of some nodes and edges."""
+        return self._states.keys() - {action.id for part in parts for action in part.actions}
+
+    def clear(self) -> None:
+        """Forget all actions."""
+        self._states.clear()
+        self._of_edge = ()
+
+    def add(self, parts: Iterable[Node | Edge]) -> None:
+        """Add the actions of nodes and edges."""
+        for part in parts:
+            for action in part.actions:
+                self._states[action.id] = ActionState(
+                    action.id, action.type, ActionStatus.WAITING, description=action.description
+                )
+
+    def remove(self, parts: Iterable[Node | Edge]) -> None:
+        """Forget the actions of nodes and edges."""
+        for part in parts:
+            for action in part.actions:
+                self._states.pop(action.id, None)
+
+    def reach(self, node: Node) -> None:
+        """Trigger the actions of a node."""
+        self._triggered += node.actions
+
+    def enter(self, edge: Edge) -> None:
+        """Trigger the actions of an edge."""
+        self._of_edge = edge.actions
+        self._triggered += edge.actions
+
+    def leave_edge(self) -> list[EndAction]:
+        """Return the commands that end the actions of the edge that the vehicle leaves."""
+        commands = []
+        for action in self._of_edge:
+            if action in self._triggered:
+                self._triggered.remove(action)
+                self.changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
+            elif action.id in self._running:
+                commands.append(EndAction(action))
+        self._of_edge = ()
+        return commands
+
+    def start(self, *, driving: bool) -> list[Perform]:
+        """Return the commands that start the actions that may start now.
+
+        Args:
+            driving: True if the vehicle drives.
+        """
+        count = startable(self._triggered, self._running.values(), driving=driving)
+        started, self._triggered = self._triggered[:count], self._triggered[count:]
+        for action in started:
+            self._running[action.id] = action
+            self.changed(action.id, ActionStatus.INITIALIZING)
+        return [Perform(action) for action in started]
+
+    def changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
+        """Take the new status of an action."""
+        state = self._states.get(action_id)
+        if state is None or state.status.ended:
+            return
+        self._states[action_id] = replace(state, status=status, result=result)
+        if status.ended:
+            self._running.pop(action_id, None)
+
+    def interrupt(self, reason: str) -> Sequence[Action]:
+        """Let running actions fail, and return them."""
+        interrupted = tuple(self._running.values())
+        for action in interrupted:
+            self.changed(action.id, ActionStatus.FAILED, reason)
+        return interrupted
+
+    def cancel(self, reason: str) -> list[EndAction]:
+        """Let waiting actions fail, and return the commands that end running ones."""
+        for action_id, state in self._states.items():
+            if action_id not in self._running and not state.status.ended:
+                self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
+        self._triggered.clear()
+        return [EndAction(action) for action in self._running.values()]

@@ -1,0 +1,477 @@
+"""The state machine of the current order."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from woosh_robot_agent.vda5050.model.errors import (
+    ErrorLevel,
+    ErrorType,
+    Reference,
+    VehicleError,
+    warning,
+)
+from woosh_robot_agent.vda5050.model.order import Edge, Node, Order
+from woosh_robot_agent.vda5050.model.state import (
+    ActionStatus,
+    OrderStatus,
+    Position,
+)
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict, judge
+from woosh_robot_agent.vda5050.orders.actions import OrderActions
+from woosh_robot_agent.vda5050.orders.commands import (
+    CancelDrive,
+    Command,
+    Drive,
+    PauseDrive,
+    ResumeDrive,
+)
+from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
+from woosh_robot_agent.vda5050.orders.memory import Memory
+from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
+from woosh_robot_agent.vda5050.orders.reach import Tolerance
+from woosh_robot_agent.vda5050.orders.structure import check_action_ids
+from woosh_robot_agent.vda5050.orders.whereabouts import Whereabouts
+
+_RESTARTED = "the connector was restarted while the action ran"
+_MAX_APPROACH = 0.5
+"""Maximum distance of the begin of a trajectory at which the vehicle drives to it, in metres."""
+
+
+class OrderMachine:
+    """The current order: its state, and what to do next.
+
+    Call a method for each event, and then `poll` for the commands.
+
+    Args:
+        tolerance: minimum tolerance at nodes.
+
+    Attributes:
+        error: why the order cannot go on until it is cancelled; None if it can.
+    """
+
+    def __init__(self, tolerance: Tolerance | None = None) -> None:
+        self._place = Whereabouts(tolerance or Tolerance())
+        self.error: VehicleError | None = None
+        self._order: Order | None = None
+        """The order or update that was taken last."""
+        self._last_node: Node | None = None
+        """The node that was reached last."""
+        self._nodes: deque[Node] = deque()
+        """Nodes still to be reached."""
+        self._edges: deque[Edge] = deque()
+        """Edges still to be left; the vehicle is on the first one if `_on_edge`."""
+        self._on_edge = False
+        self._actions = OrderActions()
+        self._leg: Leg | None = None
+        """The leg that the vehicle drives."""
+        self._commands: list[Command] = []
+        """Commands that `poll` has not returned yet."""
+        self._canceling = False
+        self._cancelled = False
+        """True if the order was cancelled."""
+        self._holds: set[str] = set()
+        """Names of the holds that keep the vehicle from driving."""
+        self._is_held: bool | None = False
+        """True if the drive was paused because of `held`; None if that is unknown."""
+
+    # What the order is
+
+    @property
+    def held(self) -> bool:
+        """True while a hold keeps the vehicle from driving, or the order was interrupted."""
+        interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
+        return bool(self._holds) or interrupted
+
+    @property
+    def busy(self) -> bool:
+        """True if the vehicle executes an order, or waits for an update of it."""
+        return bool(self._nodes or self._edges or self._leg or self._actions.are_open)
+
+    @property
+    def driving(self) -> bool:
+        """True if the vehicle drives a leg."""
+        return self._leg is not None
+
+    @property
+    def acting(self) -> bool:
+        """True while an action of the order runs."""
+        return self._actions.are_running
+
+    @property
+    def errors(self) -> tuple[VehicleError, ...]:
+        """Why the order does not go on; empty while it does."""
+        if self.error is not None:
+            return (self.error,)
+        node = self._nodes[0] if self._nodes and self._nodes[0].released else None
+        here = self._place.position
+        if node is None or here is None or self._place.is_on_map_of(node):
+            return ()
+        if self._actions.forbid_driving():
+            return ()  # an action may bring the vehicle to the other map
+        return (
+            warning(
+                ErrorType.DRIVING,
+                f"the vehicle waits before node {node.id}: it is on map {here.map_id}",
+                "enable the map of the node, or cancel the order with cancelOrder",
+                orderId=self._order.id if self._order else "",
+                nodeId=node.id,
+                mapId=node.position.map_id if node.position else "",
+            ),
+        )
+
+    @property
+    def canceling(self) -> bool:
+        """True from the cancellation of the order until everything has stopped."""
+        return self._canceling
+
+    @property
+    def status(self) -> OrderStatus:
+        """Progress of the order."""
+        order, last = self._order, self._last_node
+        return OrderStatus(
+            order_id=order.id if order else "",
+            update_id=order.update_id if order else 0,
+            last_node_id=last.id if last else "",
+            last_node_sequence_id=last.sequence_id if last else 0,
+            nodes=tuple(self._nodes),
+            edges=tuple(self._edges),
+            actions=self._actions.states,
+            new_base_request=not self._canceling and needs_base(self._nodes, self._place.position),
+            distance_since_last_node=None if last is None else self._place.driven,
+        )
+
+    @property
+    def speed_limit(self) -> float | None:
+        """Maximum speed now, in m/s; infinite without a limit, None while no leg is driven."""
+        if self._leg is None:
+            return None
+        rest = self._leg.edges.index(self._edges[0])
+        return speed_limit(self._leg.edges[rest:], self._leg.nodes[rest:], self._place.position)
+
+    @property
+    def _decision_point(self) -> Node | None:
+        """Last node of the base, or the last one that was reached."""
+        released = [node for node in self._nodes if node.released]
+        return released[-1] if released else self._last_node
+
+    # Events
+
+    def receive(self, order: Order, check: Callable[[Order], None] = lambda order: None) -> Verdict:
+        """Take an order or an update.
+
+        Args:
+            order: the order.
+            check: raises a RejectedError if the vehicle cannot perform the order.
+
+        Raises:
+            RejectedError: the vehicle cannot take it; nothing has changed.
+        """
+        verdict = judge(
+            order,
+            self._order,
+            busy=self.busy,
+            cancelled=self._cancelled,
+            decision_point=self._decision_point,
+            in_reach=self._place.stands_on,
+        )
+        if verdict is Verdict.KNOWN:
+            return verdict
+        if verdict is Verdict.UPDATE:
+            horizon = [part for part in _parts_of(self._nodes, self._edges) if not part.released]
+            check_action_ids(order, self._actions.ids_without(horizon))
+        check(order)
+        if verdict is Verdict.NEW:
+            self._take(order)
+        else:
+            self._append(order)
+        self._order = order
+        return verdict
+
+    def placed(self, node_id: str) -> None:
+        """Take a new last node: the vehicle was told that it stands there.
+
+        Args:
+            node_id: id of the node; empty if the vehicle stands on none.
+        """
+        number = self._last_node.sequence_id if self._last_node and self.busy else 0
+        self._last_node = Node(node_id, number) if node_id else None
+        self._place.driven = 0.0
+
+    def forget_left_node(self) -> None:
+        """Forget the last node, unless the vehicle stands on it; not during an order."""
+        last = self._last_node
+        if last is not None and not self.busy and not self._place.stands_on(last):
+            self.placed("")
+
+    def moved(self, position: Position, *, by_itself: bool = False) -> None:
+        """Take a new position, and find the nodes of the leg that the vehicle has passed.
+
+        Args:
+            position: the position.
+            by_itself: neither people nor other programs have moved the vehicle.
+        """
+        is_own = by_itself or self._leg is not None or self._actions.are_running
+        self._place.moved(position, by_itself=is_own)
+        leg = self._leg
+        if leg is None or self._canceling:
+            return
+        while self._nodes and self._nodes[0] is not leg.goal:
+            node = self._nodes[0]
+            if node.position is None or not self._place.has_passed(node.position):
+                return
+            self._reach()
+            self._enter_edge()
+
+    def drive_ended(self, reason: str = "") -> None:
+        """Take the end of the drive.
+
+        Args:
+            reason: why it did not reach the goal of the leg; empty if it did.
+        """
+        leg, self._leg = self._leg, None
+        if leg is None or self._canceling:
+            return
+        if reason:
+            node = self._nodes[0]
+            self.error = self._stuck(
+                ErrorType.DRIVING,
+                f"the robot did not reach node {node.id}: {reason}",
+                Reference("nodeId", node.id),
+                Reference("edgeId", self._edges[0].id),
+            )
+            return
+        while self._last_node is not leg.goal:
+            self._reach()
+            if self._last_node is not leg.goal:
+                self._enter_edge()
+
+    def drive_unsent(self) -> None:
+        """The command to drive was not sent: command it again when the vehicle may drive."""
+        self._leg = None
+        self._place.doubtful = True
+
+    def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
+        """Take the new status of an action that was started by a `Perform` command."""
+        self._actions.changed(action_id, status, result)
+
+    def hold(self, name: str) -> None:
+        """Pause the drive, and start none, until each `hold` has its `release`.
+
+        Args:
+            name: name of the hold.
+        """
+        self._holds.add(name)
+
+    def release(self, name: str) -> None:
+        """End a hold; idempotent."""
+        self._holds.discard(name)
+
+    def cancel(self, reason: str = "the order was cancelled") -> None:
+        """Cancel the order. It is cancelled when `canceling` is False again.
+
+        Args:
+            reason: result of the actions that fail because of it.
+        """
+        self._canceling = self._cancelled = True
+        self.error = None
+        self._commands = [*self._actions.cancel(reason)]
+        if self._leg is not None:
+            self._commands.append(CancelDrive())
+
+    def poll(self, *, may_drive: bool = True) -> list[Command]:
+        """Return the commands that follow from the events so far.
+
+        Args:
+            may_drive: the vehicle may start to drive.
+        """
+        if self._canceling:
+            self._finish_cancel()
+        elif self._is_in_place(may_drive=may_drive):
+            self._start_actions()
+            self._hold_drive()
+            if may_drive and not self.held:
+                while self._start_drive():
+                    self._start_actions()
+        commands, self._commands = self._commands, []
+        return commands
+
+    def doubt_place(self) -> None:
+        """Check the position of the vehicle before the order goes on: it may have been moved."""
+        self._place.doubtful = True
+
+    # Memory
+
+    @property
+    def memory(self) -> Memory:
+        """State that must survive a restart of the program."""
+        order, leg = self._order, self._leg
+        ends = (leg is not None and node is leg.goal for node in self._nodes)
+        return Memory(
+            order_id=order.id if order else "",
+            update_id=order.update_id if order else 0,
+            last_node=self._last_node,
+            nodes=tuple(self._nodes),
+            edges=tuple(self._edges),
+            on_edge=self._on_edge,
+            leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
+            actions=self._actions.memory,
+            canceling=self._canceling,
+            cancelled=self._cancelled,
+            holds=tuple(sorted(self._holds)),
+            error=self.error,
+        )
+
+    def restore(self, memory: Memory) -> None:
+        """Go on with an order after a restart. Actions that ran have failed.
+
+        If there is a leg, report its end with `drive_ended`, as if it had just been started.
+        """
+        if not memory.order_id:
+            return
+        self._order = Order(memory.order_id, memory.update_id, (), ())
+        self._last_node = memory.last_node
+        self._nodes, self._edges = deque(memory.nodes), deque(memory.edges)
+        self._on_edge = memory.on_edge
+        self._actions.restore(memory.actions)
+        if length := memory.leg_length:
+            self._leg = Leg(memory.edges[:length], memory.nodes[:length])
+        self._cancelled = memory.cancelled
+        self._holds = set(memory.holds)
+        self.error = memory.error
+        self._is_held = None if self.held else False
+        self._place.driven = None
+        self._place.doubtful = True
+        for action in self._actions.interrupt(_RESTARTED):
+            if stops((action,)):
+                self.interrupt(action.id)
+        if memory.canceling:
+            self.cancel()
+
+    def interrupt(self, action_id: str) -> None:
+        """Let the order not go on after a restart: an action may run that forbids driving."""
+        if self.busy and self.error is None:
+            self.error = self._stuck(
+                ErrorType.INTERRUPTED, _RESTARTED, Reference("actionId", action_id)
+            )
+
+    # Steps
+
+    def _is_in_place(self, *, may_drive: bool) -> bool:
+        """Return True unless the order must wait until the position is known and was checked."""
+        last = self._last_node
+        goes_on = self._actions.are_triggered or (self._edges and self._edges[0].released)
+        if not self._place.doubtful or self._leg is not None or not goes_on:
+            return True
+        if last is not None and last.position is not None:
+            if self._place.position is None or not may_drive:
+                return False
+            if (
+                not (self._place.stands_on(last) or self._place.is_where_it_stood())
+                and self.error is None
+            ):
+                self.error = self._stuck(
+                    ErrorType.INTERRUPTED,
+                    f"the robot was moved away from node {last.id}",
+                    Reference("nodeId", last.id),
+                )
+        self._place.doubtful = False
+        return True
+
+    def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
+        """Return the error of an order that cannot go on."""
+        return VehicleError(
+            kind.value,
+            ErrorLevel.FATAL,
+            reason,
+            "remove the cause, then cancel the order with cancelOrder and send a new one",
+            (Reference("orderId", self._order.id if self._order else ""), *references),
+        )
+
+    def _take(self, order: Order) -> None:
+        self.error = None
+        self._cancelled = False
+        self._actions.clear()
+        self._actions.add(_parts_of(order.nodes, order.edges))
+        self._on_edge = False
+        self._nodes = deque(order.nodes)
+        self._edges = deque(order.edges)
+        self._reach()
+
+    def _append(self, order: Order) -> None:
+        """Replace the horizon by the nodes and edges of an update."""
+        parts = _parts_of(self._nodes, self._edges)
+        self._actions.remove(part for part in parts if not part.released)
+        self._nodes = deque(node for node in self._nodes if node.released)
+        self._edges = deque(edge for edge in self._edges if edge.released)
+        nodes = order.nodes[1:]
+        self._nodes += nodes
+        self._edges += order.edges
+        self._actions.add(_parts_of(nodes, order.edges))
+
+    def _reach(self) -> None:
+        """Leave the current edge, if any, and reach the next node."""
+        if self._on_edge:
+            self._on_edge = False
+            self._edges.popleft()
+            self._commands += self._actions.leave_edge()
+        self._last_node = self._nodes.popleft()
+        self._place.driven = 0.0
+        self._actions.reach(self._last_node)
+
+    def _enter_edge(self) -> None:
+        self._on_edge = True
+        self._actions.enter(self._edges[0])
+
+    def _start_actions(self) -> None:
+        if self.error is None:
+            self._commands += self._actions.start(driving=self.driving)
+
+    def _hold_drive(self) -> None:
+        """Pause or resume the drive."""
+        if self._leg is not None and self._is_held != self.held:
+            self._is_held = self.held
+            self._commands.append(PauseDrive() if self.held else ResumeDrive())
+
+    def _start_drive(self) -> bool:
+        """Start the next leg; return True if the next node was reached without driving."""
+        if self._leg is not None or self.error is not None or self._actions.forbid_driving():
+            return False
+        leg = next_leg(self._edges, self._nodes)
+        if leg is None or not self._place.is_on_map_of(leg.nodes[0]):
+            return False
+        if not self._on_edge:
+            self._enter_edge()
+            self._start_actions()
+            if self._actions.forbid_driving():
+                return False
+        last = self._last_node
+        if last is not None and self._place.stands_on_both(last, leg.nodes[0]):
+            self._reach()
+            return True
+        if (distance := self._place.distance_to_way(leg)) > _MAX_APPROACH:
+            self.error = self._stuck(
+                ErrorType.DRIVING,
+                f"the trajectory of edge {leg.edges[0].id} begins {distance:.1f} m away",
+                Reference("nodeId", leg.nodes[0].id),
+                Reference("edgeId", leg.edges[0].id),
+            )
+            return False
+        self._leg = leg
+        self._is_held = False
+        self._commands.append(Drive(leg))
+        return False
+
+    def _finish_cancel(self) -> None:
+        if self._leg is None and not self._actions.are_running:
+            self._canceling = False
+            self._on_edge = False
+            self._nodes.clear()
+            self._edges.clear()
+
+
+def _parts_of(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:
+    """Return nodes and edges in the order of traversal."""
+    parts: list[Node | Edge] = [*nodes, *edges]
+    return sorted(parts, key=lambda part: part.sequence_id)

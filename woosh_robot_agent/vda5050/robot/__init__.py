@@ -1,0 +1,1 @@
+"""What the robot reports, as values of the model."""

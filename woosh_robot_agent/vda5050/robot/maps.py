@@ -1,0 +1,131 @@
+"""The maps on the robot."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneDataEasy, SceneList
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
+from woosh_robot_agent.vda5050.model.state import Map
+
+_LOG = logging.getLogger(__name__)
+_READY_TIMEOUT = 5.0
+"""Maximum time from a snapshot until the link is ready, in seconds."""
+
+
+@dataclass(frozen=True)
+class StoredMap:
+    """A map on the robot.
+
+    Attributes:
+        scene: name of its scene.
+        name: name of the map, unique in its scene; the standard's mapId.
+        version: version of the map, as a string; empty if the robot does not report it.
+    """
+
+    scene: str
+    name: str
+    version: str
+
+
+class MapLibrary:
+    """The maps on the robot. They are read at each connection, and when the map changes.
+
+    Args:
+        chassis: the link; used in its event loop only.
+        on_changed: called when the list has changed.
+    """
+
+    def __init__(self, chassis: ChassisClient, on_changed: Callable[[], None]) -> None:
+        self._chassis = chassis
+        self._on_changed = on_changed
+        self._maps: tuple[StoredMap, ...] | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._log = LogOnce(_LOG)
+        chassis.on_snapshot(lambda info: self._refresh())
+        chassis.subscribe_raw(Scene, lambda body: self._refresh())
+        chassis.on_robot_changed(self._forget)
+
+    def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
+        """Return the maps for the state; None if they are unknown.
+
+        Args:
+            info: reports of the robot, with the current map.
+        """
+        if self._maps is None:
+            return None
+        current = (info.scene.scene_name, info.scene.map_name)
+        return tuple(
+            Map(each.name, each.version, (each.scene, each.name) == current) for each in self._maps
+        )
+
+    def find(self, name: str, version: str | None = None) -> list[StoredMap]:
+        """Return the maps with a name and version.
+
+        Args:
+            name: name of the map.
+            version: version of the map; None for any. A map of unknown version matches all.
+        """
+        return [
+            each
+            for each in self._maps or ()
+            if each.name == name and (version is None or each.version in (version, ""))
+        ]
+
+    def of_scene(self, scene: str) -> list[StoredMap]:
+        """Return the maps of a scene."""
+        return [each for each in self._maps or () if each.scene == scene]
+
+    async def read(self) -> None:
+        """Read the list from the robot.
+
+        Raises:
+            LinkError: the robot did not answer.
+        """
+        answer = await self._chassis.request(SceneList())
+        if not isinstance(answer.body, SceneList) or not answer.ok:
+            reason = answer.msg or answer.defect
+            self._log.warn("list", f"the robot did not send the list of its maps: {reason}")
+            return
+        self._log.clear()
+        maps: list[StoredMap] = []
+        for scene in answer.body.scenes:
+            versions = await self._versions(scene.name)
+            maps += [StoredMap(scene.name, name, versions.get(name, "")) for name in scene.maps]
+        if tuple(maps) != self._maps:
+            self._maps = tuple(maps)
+            self._on_changed()
+
+    async def close(self) -> None:
+        """Stop reading."""
+        if self._reading is not None:
+            self._reading.cancel()
+            await asyncio.gather(self._reading, return_exceptions=True)
+
+    async def _versions(self, scene: str) -> dict[str, str]:
+        """Return the versions of the maps of a scene, by their names."""
+        answer = await self._chassis.request(SceneDataEasy(name=scene))
+        if not isinstance(answer.body, SceneDataEasy):
+            return {}
+        return {each.name: str(each.version) for each in answer.body.maps}
+
+    def _refresh(self) -> None:
+        if self._reading is not None:
+            self._reading.cancel()
+        work = self._read_when_ready()
+        self._reading = asyncio.get_running_loop().create_task(work, name="vda5050 maps")
+
+    async def _read_when_ready(self) -> None:
+        try:
+            await self._chassis.wait_ready(_READY_TIMEOUT)  # the snapshot comes shortly before
+            await self.read()
+        except LinkError as error:
+            _LOG.debug("the list of maps was not read: %s", error)  # a reconnect reads it again
+
+    def _forget(self) -> None:
+        self._maps = None

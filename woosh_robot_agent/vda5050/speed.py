@@ -1,0 +1,129 @@
+"""The speed limit of the task that drives a leg."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import navigation_pb2 as navigation
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.background import BackgroundTasks
+
+_LOG = logging.getLogger(__name__)
+_UNKNOWN = math.nan
+"""Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
+
+
+class SpeedLimiter:
+    """Limits the speed of the robot's navigation. Used in the event loop of the link.
+
+    The robot takes a limit only while it navigates, so a limit is sent once it reports that.
+
+    Args:
+        chassis: the link.
+        gate: sends the commands.
+        requests: addresses the requests.
+        max_speed: maximum speed of the robot, in m/s; higher limits have no effect.
+        on_limited: called when `is_limited` has changed, before the robot gets the limit.
+        on_refused: called with the reason if the robot does not take a limit.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        requests: RequestMaker,
+        max_speed: float,
+        on_limited: Callable[[], None],
+        on_refused: Callable[[str], None],
+    ) -> None:
+        self._gate = gate
+        self._requests = requests
+        self._max_speed = max_speed
+        self._on_limited = on_limited
+        self._on_refused = on_refused
+        self._limit: float | None = None
+        """Limit of the leg; infinite without one, None while no leg is driven."""
+        self._sent = math.inf
+        """Limit that was sent last."""
+        self._task_id = 0
+        """Id of the task that the robot executes."""
+        self._navigates = False
+        self._tasks = BackgroundTasks("vda5050 speed limit")
+        chassis.subscribe(TaskProc, self._reported)
+        chassis.on_snapshot(self._connected)
+
+    @property
+    def is_limited(self) -> bool:
+        """True if the robot has a limit from here, or may have one."""
+        return self._sent != math.inf
+
+    def restore(self, is_limited: bool) -> None:
+        """Take what was remembered over a restart.
+
+        Args:
+            is_limited: the robot may have a limit.
+        """
+        self._sent = _UNKNOWN if is_limited else math.inf
+
+    def limit(self, limit: float | None) -> None:
+        """Set the speed limit.
+
+        Args:
+            limit: maximum speed, in m/s; infinite without a limit, None while no leg is driven.
+        """
+        self._limit = math.inf if limit is not None and limit >= self._max_speed else limit
+        self._send()
+
+    async def close(self) -> None:
+        """Stop waiting for answers."""
+        await self._tasks.close()
+
+    def _connected(self, info: RobotInfo) -> None:
+        self._reported(info.task_proc)
+
+    def _reported(self, report: TaskProc) -> None:
+        if report.robot_task_id != self._task_id:
+            self._task_id = report.robot_task_id
+            if self._sent != math.inf:
+                self._sent = _UNKNOWN  # it is unknown whether the robot keeps a limit
+        self._navigates = (
+            report.state == task.kExecuting
+            and report.action.type == action.kNav
+            and report.action.state == action.kRosExecuting
+        )
+        self._send()
+
+    def _send(self) -> None:
+        if self._limit is None or not self._navigates or self._limit == self._sent:
+            return
+        was_limited, self._sent = self.is_limited, self._limit
+        if self.is_limited != was_limited:
+            self._on_limited()
+        self._tasks.start(self._request(self._task_id, self._limit))
+
+    async def _request(self, task_id: int, limit: float) -> None:
+        mode = navigation.ModeSetting(
+            type=navigation.kAccurate,
+            mode=navigation.kAvoid,
+            max_speed=limit if math.isfinite(limit) else 0.0,
+        )
+        request = self._requests.address(ChangeNavMode(nav_mode=mode))
+        try:
+            answer = await self._gate.request(request)
+        except LinkError as error:
+            _LOG.warning("the speed limit was not sent or not answered: %s", error)
+            self._sent = _UNKNOWN  # sent again with the next report
+            return
+        if answer.ok or task_id != self._task_id or not self._navigates:
+            return
+        self._sent = _UNKNOWN
+        if math.isfinite(limit):
+            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {answer.msg}")

@@ -1,0 +1,232 @@
+"""The state file, which keeps the order and the header ids of a vehicle over a restart."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import IO
+from urllib.parse import quote
+
+from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
+from woosh_robot_agent.vda5050.model.plain import from_plain, to_plain
+from woosh_robot_agent.vda5050.model.state import ActionState
+from woosh_robot_agent.vda5050.orders.memory import Memory
+
+_LOG = logging.getLogger(__name__)
+_FORMAT = 1
+"""Version of the file format."""
+_MAX_SIZE = 16 * 2**20
+"""Maximum size of a file that is read, in bytes."""
+_MAX_NAME = 200
+"""Maximum length of a file's name without its suffix, in characters."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Content of the state file.
+
+    Attributes:
+        robot_id: number of the robot.
+        serial_number: serial number that the robot reports.
+        task_id: id of the robot's task that drives the current leg; 0 without one.
+        order: state of the order.
+        instant_actions: states of the instant actions.
+        known_ids: ids of the last instant actions.
+        last_motion: id of the last instant action that moves something; empty without one.
+        speed_is_limited: True if the robot may have a speed limit of the connector.
+        header_ids: next header id of each topic.
+        format: version of the file format.
+    """
+
+    robot_id: int = 0
+    serial_number: int = 0
+    task_id: int = 0
+    order: Memory = field(default_factory=Memory)
+    instant_actions: tuple[ActionState, ...] = ()
+    known_ids: tuple[str, ...] = ()
+    last_motion: str = ""
+    speed_is_limited: bool = False
+    header_ids: Mapping[str, int] = field(default_factory=dict)
+    format: int = _FORMAT
+
+
+class StoreInUseError(Exception):
+    """Another process uses the state file."""
+
+
+def state_folder() -> Path:
+    """Return the default folder of state files, in the XDG state folder of the user."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    folder = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state"
+    return folder / "woosh_robot_agent" / "vda5050"
+
+
+class Store:
+    """State file of one vehicle, which is replaced as a whole.
+
+    The last saved record survives a crash at any moment, and a loss of power.
+
+    Args:
+        folder: folder of the file, which is created; None for no file.
+        name: name of the vehicle, unique in the folder.
+
+    Attributes:
+        error: why the last record was not saved; None if it was.
+    """
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        self._path = None if folder is None else folder / f"{quote(name, safe='')[:_MAX_NAME]}.json"
+        self._lock: IO[bytes] | None = None
+        self._record = Record()
+        """The record that was saved last."""
+        self._log = LogOnce(_LOG)
+        self.error: VehicleError | None = None
+
+    def open(self) -> tuple[Record, VehicleError | None]:
+        """Lock the file for this process, and read it.
+
+        A damaged file is renamed.
+
+        Returns:
+            The record, and an error if the file was damaged. Without a usable file, the record is
+            empty.
+
+        Raises:
+            StoreInUseError: another process uses the file.
+            OSError: the folder or the file cannot be used.
+        """
+        if self._path is None:
+            return self._record, None
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        lock = self._path.with_suffix(".lock").open("ab")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            raise StoreInUseError(
+                f"another connector uses {self._path}, or another robot has this serial number; "
+                "each robot needs one connector and a serial number of its own"
+            ) from None
+        self._lock = lock
+        try:
+            return self._load(self._path)
+        except OSError:
+            self.close()
+            raise
+
+    def can_wait(self, record: Record) -> bool:
+        """Return True if a record may be saved later, because without it nothing is done twice.
+
+        It may if it differs from the saved one only in the progress of the order and of the instant
+        actions.
+        """
+        saved, order = self._record, self._record.order
+        progress = replace(
+            record.order,
+            last_node=order.last_node,
+            nodes=order.nodes,
+            edges=order.edges,
+            on_edge=order.on_edge,
+            leg_length=order.leg_length,
+        )
+        same = replace(
+            record,
+            order=progress,
+            instant_actions=saved.instant_actions,
+            known_ids=saved.known_ids,
+            header_ids=saved.header_ids,
+        )
+        return self.error is None and same == saved
+
+    def save(self, record: Record) -> None:
+        """Save a record, but keep the saved header ids.
+
+        If that fails, the file is removed, because an old record could make the vehicle repeat what
+        it has done.
+        """
+        self._save(replace(record, header_ids=self._record.header_ids))
+
+    def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
+        """Save the header id of each topic with which to continue after a restart."""
+        self._save(replace(self._record, header_ids=dict(header_ids)))
+
+    def close(self) -> None:
+        """Unlock the file for other processes."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _save(self, record: Record) -> None:
+        if record == self._record and self.error is None:
+            return
+        self._record = record
+        if self._path is None or self._lock is None:
+            return
+        try:
+            _replace(self._path, json.dumps(to_plain(record), separators=(",", ":")).encode())
+        except OSError as error:
+            self._failed(self._path, error)
+        else:
+            self.error = None
+            self._log.clear()
+
+    def _failed(self, path: Path, error: OSError) -> None:
+        reason = f"the order does not survive a restart of the connector: {error}"
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:
+            reason = f"{reason}; remove {path}, which is out of date, before a restart"
+        self._log.warn("save", reason)
+        self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
+
+    def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
+        try:
+            self._record = self._read(path)
+        except FileNotFoundError:
+            pass
+        except (ValueError, RecursionError) as error:
+            return self._record, self._put_aside(path, error)
+        return self._record, None
+
+    def _read(self, path: Path) -> Record:
+        with path.open("rb") as file:
+            data = file.read(_MAX_SIZE + 1)
+        if len(data) > _MAX_SIZE:
+            raise ValueError(f"it has more than {_MAX_SIZE} bytes")
+        record = from_plain(Record, json.loads(data))
+        if record.format != _FORMAT:
+            raise ValueError(f"its format is {record.format}, not {_FORMAT}")
+        order = record.order
+        if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
+            raise ValueError("the parts of its order do not fit together")
+        return record
+
+    def _put_aside(self, path: Path, error: Exception) -> VehicleError:
+        aside = path.with_suffix(".damaged")
+        path.replace(aside)
+        reason = f"the last order is unknown, because {path} was damaged ({error})"
+        _LOG.error("%s; it was renamed to %s", reason, aside)
+        return warning(
+            ErrorType.STATE_FILE, reason, "check where the robot stands, and send a new order"
+        )
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file atomically: at any moment it has either its old or its new content."""
+    new = path.with_suffix(".new")
+    with new.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
