@@ -355,11 +355,11 @@ async def test_speed_limits_are_sent_on_entering_an_edge(
         await master.online()
         nodes = [node("a", 0, *START), node("b", 2, X + 3, Y), node("c", 4, X + 6, Y)]
         master.order(
-            nodes, [edge(nodes[0], nodes[1], maxSpeed=0.3), edge(nodes[1], nodes[2], maxSpeed=0.6)]
+            nodes, [edge(nodes[0], nodes[1], maxSpeed=0.3), edge(nodes[1], nodes[2], maxSpeed=1.2)]
         )
         await master.wait_state(lambda state: state["lastNodeId"] == "c")
     modes = [each.nav_mode for each in requests(chassis, ChangeNavMode)]
-    assert [mode.max_speed for mode in modes] == pytest.approx([0.3, 0.6])
+    assert [mode.max_speed for mode in modes] == pytest.approx([0.3, 1.2])
 
 
 @SLOW

@@ -96,6 +96,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         (["--broker", "mqtt://host"], "either --ip or --robots"),
         (["--broker", "mqtt://host", "--ip", "a", "--robots", "f"], "either --ip or --robots"),
         (["--broker", "host", "--ip", "a"], "begins with mqtt"),
+        (["--broker", "http://me:secret@host", "--ip", "a"], "'http://...@host'"),
         (
             ["--broker", "mqtt://host", "--ip", "a", "--serial-number", "a/b"],
             "the serial number is a part of the topics and cannot have /: 'a/b'",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import re
 import ssl
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
@@ -76,10 +77,11 @@ class BrokerConfig:
             ValueError: the URL is not valid; the text gives the reason.
         """
         parts = urlsplit(url)
+        shown = re.sub("//.*@", "//...@", url)  # a password must not get into a log
         if parts.scheme not in _PORTS:
-            raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {url!r}")
+            raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {shown!r}")
         if not parts.hostname or parts.path.strip("/") or parts.query:
-            raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {url!r}")
+            raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {shown!r}")
         return cls(
             host=parts.hostname,
             port=parts.port or _PORTS[parts.scheme],

@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 
-from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.link import ChassisClient, LinkError, NotConnectedError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
@@ -30,7 +30,6 @@ class SpeedLimiter:
         chassis: the link.
         gate: sends the commands.
         requests: addresses the requests.
-        max_speed: maximum speed of the robot, in m/s; higher limits have no effect.
         on_limited: called when `is_limited` has changed, before the robot gets the limit.
         on_refused: called with the reason if the robot does not take a limit.
     """
@@ -40,13 +39,11 @@ class SpeedLimiter:
         chassis: ChassisClient,
         gate: MotionGate,
         requests: RequestMaker,
-        max_speed: float,
         on_limited: Callable[[], None],
         on_refused: Callable[[str], None],
     ) -> None:
         self._gate = gate
         self._requests = requests
-        self._max_speed = max_speed
         self._on_limited = on_limited
         self._on_refused = on_refused
         self._limit: float | None = None
@@ -79,7 +76,7 @@ class SpeedLimiter:
         Args:
             limit: maximum speed, in m/s; infinite without a limit, None while no leg is driven.
         """
-        self._limit = math.inf if limit is not None and limit >= self._max_speed else limit
+        self._limit = limit
         self._send()
 
     async def close(self) -> None:
@@ -119,7 +116,8 @@ class SpeedLimiter:
         try:
             answer = await self._gate.request(request)
         except LinkError as error:
-            _LOG.warning("the speed limit was not sent or not answered: %s", error)
+            if not isinstance(error, NotConnectedError):  # the link says so itself
+                _LOG.warning("the speed limit was not sent or not answered: %s", error)
             self._sent = _UNKNOWN  # sent again with the next report
             return
         if answer.ok or task_id != self._task_id or not self._navigates:

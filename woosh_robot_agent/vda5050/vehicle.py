@@ -99,7 +99,6 @@ class Vehicle:
             self._chassis,
             self._gate,
             requests,
-            config.limits.max_speed,
             self._remember,
             self._speed_refused,
         )
