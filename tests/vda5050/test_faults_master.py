@@ -155,6 +155,11 @@ async def test_retained_messages_of_the_master_control_are_ignored(
             await master.online()
             await eventually(lambda: "a retained message on order was ignored" in caplog.text)
             assert master.state["orderId"] == ""
+            # removed from the broker, as the log asks for
+            publish.single("uagv/v2/Woosh/30001/order", b"", hostname="127.0.0.1", port=broker.port)
+            master.instant(action("stateRequest", "after it"))
+            state = await master.wait_state(lambda state: "after it" in str(state["actionStates"]))
+            assert not state["errors"]
 
 
 @aio

@@ -381,6 +381,7 @@ async def test_a_refused_speed_limit_ends_the_drive(
         assert references(error)["orderId"] == "order"
         state = await master.wait_state(lambda state: not state["driving"])
         assert state["nodeStates"]
+    assert len(requests(chassis, ChangeNavMode)) == 1
 
 
 @SLOW

@@ -237,6 +237,8 @@ class MqttConnection:
         handler = self._handlers.get(topic)
         if handler is None or not isinstance(message.payload, bytes | bytearray):
             return
+        if not message.payload:  # a retained message was removed from the broker
+            return
         try:
             handler(bytes(message.payload), message.retain)
         except Exception:  # a message must not end the connection

@@ -50,6 +50,8 @@ class SpeedLimiter:
         """Limit of the leg; infinite without one, None while no leg is driven."""
         self._sent = math.inf
         """Limit that was sent last."""
+        self._refused: float | None = None
+        """Limit that the robot has refused in this task."""
         self._task_id = 0
         """Id of the task that the robot executes."""
         self._navigates = False
@@ -89,6 +91,7 @@ class SpeedLimiter:
     def _reported(self, report: TaskProc) -> None:
         if report.robot_task_id != self._task_id:
             self._task_id = report.robot_task_id
+            self._refused = None
             if self._sent != math.inf:
                 self._sent = _UNKNOWN  # it is unknown whether the robot keeps a limit
         self._navigates = (
@@ -99,7 +102,9 @@ class SpeedLimiter:
         self._send()
 
     def _send(self) -> None:
-        if self._limit is None or not self._navigates or self._limit == self._sent:
+        if self._limit is None or not self._navigates:
+            return
+        if self._limit in (self._sent, self._refused):
             return
         was_limited, self._sent = self.is_limited, self._limit
         if self.is_limited != was_limited:
@@ -123,5 +128,6 @@ class SpeedLimiter:
         if answer.ok or task_id != self._task_id or not self._navigates:
             return
         self._sent = _UNKNOWN
+        self._refused = limit
         if math.isfinite(limit):
             self._on_refused(f"the robot refused the speed limit of {limit} m/s: {answer.msg}")
