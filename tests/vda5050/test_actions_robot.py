@@ -198,6 +198,27 @@ async def test_an_action_whose_end_is_unknown_fails(
 
 
 @aio
+async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unknown(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    chassis.refuse("woosh.ros.Feedbacks", "unknown request")
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        step = action("step", "step", distance=0.6, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
+        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        chassis.drop()
+        state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+        assert status_of(state, "step") == "FAILED"
+        (error,) = [each for each in state["errors"] if each["errorType"] == "interruptedError"]
+        assert error["errorLevel"] == "FATAL"
+        assert "does not tell how it ended" in error["errorDescription"]
+        master.instant(action("cancelOrder", "cancel"))
+        await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+    assert chassis.counts[full_name(ExecTask)] == 0
+
+
+@aio
 async def test_a_log_report_is_stored(
     vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
 ) -> None:

@@ -39,6 +39,8 @@ _ENDED = {
     task.kFailed: "the task failed",
 }
 """Reasons why a leg was not driven to its end, by the state of its task; empty if it was."""
+UNKNOWN_TASK = "the robot does not know the task"
+"""Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 
 
 class Driver:
@@ -229,7 +231,7 @@ class Driver:
                 deadline = math.inf
             else:
                 if clock() > deadline:
-                    self._end_task(task_id, "the robot does not know the task")
+                    self._end_task(task_id, UNKNOWN_TASK)
                     return
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)

@@ -51,6 +51,7 @@ from woosh_robot_agent.vda5050.orders.commands import (
     Perform,
     ResumeDrive,
 )
+from woosh_robot_agent.vda5050.orders.legs import stops
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.protocol.header import Identity
 from woosh_robot_agent.vda5050.protocol.topics import Topic
@@ -465,6 +466,10 @@ class Vehicle:
         self._step()
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        if kind is ErrorType.INTERRUPTED:
+            kind = ErrorType.ACTION
+            if stops((action,)):
+                self._machine.interrupt(action.id, reason)
         self._instant.failed(action, reason, kind)
 
     def _apply_pause(self, pause: bool) -> None:

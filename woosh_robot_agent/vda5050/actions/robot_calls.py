@@ -30,6 +30,7 @@ from woosh_robot_agent.vda5050.actions.conditions import Conditions
 from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
 from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.background import BackgroundTasks
+from woosh_robot_agent.vda5050.model.errors import ErrorType
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
 _LOG = logging.getLogger(__name__)
@@ -71,6 +72,7 @@ class _Run:
         insisting: sends `wanted` until the robot has obeyed; None if that was never needed.
         inquiry: asks the robot about the action; None if that was never needed.
         ended: future of the reason of the failure; empty after a success.
+        unknown: the robot does not tell how the action ended.
         result: text of the last report.
     """
 
@@ -82,6 +84,7 @@ class _Run:
         self.paused = False
         self.resuming = False
         self.cannot_pause = False
+        self.unknown = False
         self.wanted: action_pb2.ControlAction | None = None
         self.wake = asyncio.Event()
         self.insisting: asyncio.Task[None] | None = None
@@ -173,7 +176,7 @@ class RobotCalls:
             report: called when the robot accepts, pauses or resumes the action.
 
         Raises:
-            ActionFailedError: the action failed.
+            ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown.
         """
         name = full_name(command)
         if name in self._runs:
@@ -192,7 +195,9 @@ class RobotCalls:
             run.end("it is not followed any more")
             del self._runs[name]
         if reason:
-            raise ActionFailedError(reason)
+            raise ActionFailedError(
+                reason, ErrorType.INTERRUPTED if run.unknown else ErrorType.ACTION
+            )
         return run.result
 
     async def close(self) -> None:
@@ -330,6 +335,7 @@ class RobotCalls:
                 self._judge(run, mine[-1])
             is_known = run.accepted or run.heard
             if not mine or not is_known:
+                run.unknown = True
                 run.end("the link was lost, and the robot does not tell how it ended")
 
         while not run.ended.done():

@@ -12,7 +12,8 @@ from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.vda5050.actions.conditions import Conditions
 from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
 from woosh_robot_agent.vda5050.actions.pause import Pause
-from woosh_robot_agent.vda5050.driving import Driver
+from woosh_robot_agent.vda5050.driving import UNKNOWN_TASK, Driver
+from woosh_robot_agent.vda5050.model.errors import ErrorType
 from woosh_robot_agent.vda5050.model.state import ActionStatus
 
 
@@ -69,7 +70,7 @@ class RobotTasks:
             is_done: returns True if the action is finished before the end of the task.
 
         Raises:
-            ActionFailedError: the task failed.
+            ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
         """
         if self._end is not None:
             raise ActionFailedError("the robot executes the task of another action")
@@ -87,7 +88,10 @@ class RobotTasks:
         finally:
             self._end = None
         if end.done() and end.result():
-            raise ActionFailedError(end.result())
+            is_unknown = end.result() == UNKNOWN_TASK
+            raise ActionFailedError(
+                end.result(), ErrorType.INTERRUPTED if is_unknown else ErrorType.ACTION
+            )
 
     async def close(self) -> None:
         """Stop waiting for answers; the robot goes on with its task."""

@@ -349,11 +349,16 @@ class OrderMachine:
         if memory.canceling:
             self.cancel()
 
-    def interrupt(self, action_id: str) -> None:
-        """Let the order not go on after a restart: an action may run that forbids driving."""
+    def interrupt(self, action_id: str, reason: str = _RESTARTED) -> None:
+        """Let the order not go on: an action that forbids driving may still run, or be half done.
+
+        Args:
+            action_id: id of the action.
+            reason: why that is not known.
+        """
         if self.busy and self.error is None:
             self.error = self._stuck(
-                ErrorType.INTERRUPTED, _RESTARTED, Reference("actionId", action_id)
+                ErrorType.INTERRUPTED, reason, Reference("actionId", action_id)
             )
 
     # Steps
