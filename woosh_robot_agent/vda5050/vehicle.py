@@ -467,7 +467,7 @@ class Vehicle:
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         if kind is ErrorType.INTERRUPTED:
-            kind = ErrorType.ACTION
+            kind = ErrorType.ACTION  # the order is interrupted; the action has failed
             if stops((action,)):
                 self._machine.interrupt(action.id, reason)
         self._instant.failed(action, reason, kind)

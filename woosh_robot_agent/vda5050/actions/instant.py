@@ -17,15 +17,15 @@ from woosh_robot_agent.vda5050.model.order import Action, BlockingType
 from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
 
 _MAX_STATES = 200
-"""Maximum number of instant actions in the state. Beyond it, ended ones are forgotten, and new ones
-fail if none has ended."""
+"""Maximum number of instant actions in the state. If there are more, the oldest ended ones are
+forgotten; a new one fails if as many still run."""
 _MAX_KNOWN = 500
 """Number of the last instant actions that are not performed again."""
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD = "action "
-"""Begin of the names of what holds the vehicle."""
+"""Prefix of the names of the holds by which actions keep the vehicle from driving."""
 
 
 class InstantActions:
