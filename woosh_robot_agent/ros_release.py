@@ -1,14 +1,14 @@
 """The differences between the supported releases of ROS: Humble, Jazzy and Kilted.
 
 Each name here works alike on all of them. Its description tells which release lacks what, so that
-it can be dropped together with the support of that release.
+it can be dropped together with the support of that release. What differs in the classes of messages
+is in `ros_types.extra_slots`, because conversion does not know rclpy.
 """
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from functools import cache
 from typing import Any
 
 from rclpy.node import Node, NodeNameNonExistentError
@@ -33,7 +33,6 @@ __all__ = [
     "WithMessageInfo",
     "count_services",
     "events_executor",
-    "extra_slots",
     "on_parameters_set",
     "subscriber_event_handlers",
     "this_computer_only",
@@ -142,25 +141,6 @@ class WithMessageInfo:
             arguments = arguments[0]
         message, info = arguments if len(arguments) == 2 else (arguments[0], {})
         self._callback(message, info)
-
-
-@cache
-def extra_slots(ros_class: Any) -> Mapping[str, Any] | None:
-    """Return the values of the slots that a message has besides those of its fields.
-
-    The classes of Jazzy and Kilted have the slot `_check_fields`, and those of Humble have none.
-
-    Returns:
-        Values by name, for messages whose slots are set directly; None if that is not possible,
-        because ROS checks fields (`ROS_PYTHON_CHECK_FIELDS=1`) or the class has unexpected slots.
-    """
-    fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
-    extra = set(ros_class.__slots__) - fields
-    if not extra:
-        return {} if fields == set(ros_class.__slots__) else None
-    if extra != {"_check_fields"} or ros_class()._check_fields:
-        return None
-    return {"_check_fields": False}
 
 
 def this_computer_only() -> dict[str, str]:

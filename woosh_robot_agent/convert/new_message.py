@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.ros_release import extra_slots
+from woosh_robot_agent.ros_types import extra_slots
 
 
 def filled(ros_class: Any, **fields: Any) -> Any:
