@@ -3,9 +3,18 @@
 find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
 
-# PyPI has no rclcpp, so nothing could use the C++ code of the messages.
+# PyPI has no rclcpp, so nothing could use the C++ code of the messages. With a sourced ROS, C++ nodes and
+# `ros2 bag` do.
 if(WOOSH_WITHOUT_CPP)
   list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
+endif()
+
+# Fast DDS and Zenoh do not use the introspection type support; Cyclone DDS and Connext do.
+ament_index_get_resources(woosh_middleware rmw_typesupport)
+list(REMOVE_ITEM woosh_middleware
+  rmw_implementation rmw_fastrtps_cpp rmw_fastrtps_dynamic_cpp rmw_zenoh_cpp)
+if(NOT woosh_middleware)
+  list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_introspection_")
 endif()
 
 # These libraries consist of many small files with the same headers: compile twelve at a time. The other
@@ -19,6 +28,6 @@ function(woosh_unity_build)
     endif()
   endforeach()
 endfunction()
-if("$ENV{ROS_DISTRO}" STREQUAL "jazzy") # its generated code is known to allow it
+if("$ENV{ROS_DISTRO}" MATCHES "^(humble|jazzy|kilted)$") # their generated code is known to allow it
   cmake_language(DEFER CALL woosh_unity_build)
 endif()
