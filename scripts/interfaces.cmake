@@ -17,6 +17,9 @@ if(NOT woosh_middleware)
   list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_introspection_")
 endif()
 
+# The packages may be copied to another checkout; scripts/env tells where the libraries are.
+set(CMAKE_SKIP_RPATH ON)
+
 # Most of this code calls Python and Fast CDR, which -O3 does not make faster, and takes a third longer to compile.
 set(CMAKE_C_FLAGS_RELEASE "-O1 -DNDEBUG")
 set(CMAKE_CXX_FLAGS_RELEASE "-O1 -DNDEBUG")
