@@ -26,6 +26,7 @@ from woosh_robot_agent.testing import AgentInProcess as RunningAgent
 from woosh_robot_agent.testing.agents import NAMESPACE
 
 __all__ = [
+    "HUMBLE",
     "NAMESPACE",
     "TIMEOUT",
     "Client",
@@ -38,6 +39,9 @@ __all__ = [
     "wait_future",
     "wait_until",
 ]
+
+HUMBLE = os.environ.get("ROS_DISTRO") == "humble"
+"""True on ROS 2 Humble, which lacks some of what the agent uses; see `ros_release`."""
 
 for _name, _value in this_computer_only().items():
     os.environ.setdefault(_name, _value)

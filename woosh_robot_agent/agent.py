@@ -69,6 +69,11 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     )
 
     disable_collection()
+    from woosh_robot_agent.library_versions import outdated_libraries
+
+    if outdated := outdated_libraries():
+        print("agent:", outdated, file=sys.stderr)
+        return 2
     import rclpy
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.signals import SignalHandlerOptions
