@@ -20,10 +20,6 @@ endif()
 # The packages may be copied to another checkout; scripts/env tells where the libraries are.
 set(CMAKE_SKIP_RPATH ON)
 
-# Most of this code calls Python and Fast CDR, which -O3 does not make faster, and takes a third longer to compile.
-set(CMAKE_C_FLAGS_RELEASE "-O1 -DNDEBUG")
-set(CMAKE_CXX_FLAGS_RELEASE "-O1 -DNDEBUG")
-
 # These libraries consist of many small files with the same headers: compile many at a time. The other
 # libraries define the same names in several files, and so do the descriptions of types.
 function(woosh_unity_build)
