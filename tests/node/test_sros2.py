@@ -141,7 +141,7 @@ def secured(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @needs_sros2
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)
 def test_agent_and_clients_work_under_sros2(domain: int, client: Client, secured: None) -> None:
     """`client` is started without security, so it must not see the agent."""
     from woosh_robot_msgs.srv import PoseSpeed
@@ -204,7 +204,7 @@ def run(role: str) -> list[str]:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
