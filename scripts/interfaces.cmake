@@ -9,14 +9,6 @@ if(WOOSH_WITHOUT_CPP)
   list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 endif()
 
-# Fast DDS and Zenoh do not use the introspection type support; Cyclone DDS and Connext do.
-ament_index_get_resources(woosh_middleware rmw_typesupport)
-list(REMOVE_ITEM woosh_middleware
-  rmw_implementation rmw_fastrtps_cpp rmw_fastrtps_dynamic_cpp rmw_zenoh_cpp)
-if(NOT woosh_middleware)
-  list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_introspection_")
-endif()
-
 # The packages may be copied to another checkout; scripts/env tells where the libraries are.
 set(CMAKE_SKIP_RPATH ON)
 
