@@ -192,7 +192,17 @@ def test_a_long_step_tells_how_far_it_is(tmp_path: Path) -> None:
     assert step.returncode == 0
 
 
-def test_the_build_tells_package_and_time_left(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("steps", "seconds", "left"),
+    [
+        ("[1/10] first\n[5/10] second\nsomething\n", 2000, r" about 20\d\d s left,"),
+        ("[9/10] install\n", 100, r" about 4\d s left,"),
+        ("[10/10] install\n", 15, ""),
+    ],
+)
+def test_the_build_tells_package_and_time_left(
+    tmp_path: Path, steps: str, seconds: int, left: str
+) -> None:
     for name, count in (("woosh_a_msgs", 10), ("woosh_b_msgs", 20), ("tests/ros/c_msgs", 10)):
         for number in range(count):
             message = tmp_path / name / "msg" / f"M{number}.msg"
@@ -200,15 +210,13 @@ def test_the_build_tells_package_and_time_left(tmp_path: Path) -> None:
             message.touch()
     log = tmp_path / "log" / "latest_build" / "woosh_b_msgs" / "stdout.log"
     log.parent.mkdir(parents=True)
-    log.write_text("[1/10] first\n[5/10] second\nsomething\n")
+    log.write_text(steps)
     (tmp_path / "colcon").write_text(
         "Starting >>> woosh_a_msgs\nStarting >>> woosh_b_msgs\nFinished <<< woosh_a_msgs\n"
     )
-    script = f". {SCRIPTS}/progress; SECONDS=2000; progress_packages colcon"
+    script = f". {SCRIPTS}/progress; SECONDS={seconds}; progress_packages colcon"
     done = subprocess.run(
         ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     # bash goes on counting the seconds.
-    assert re.fullmatch(
-        r"1 of 3 message packages, at woosh_b_msgs, about 20\d\d s left,\n", done.stdout
-    )
+    assert re.fullmatch(rf"1 of 3 message packages, at woosh_b_msgs,{left}\n", done.stdout)
