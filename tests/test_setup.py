@@ -158,19 +158,17 @@ global.index-url='https://global/simple'
 install.index-url="https://it's/simple"
 """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("UV_")}
-    script = (
-        f'eval "$({sys.executable} {SCRIPTS}/uv_settings)"; '
-        'printf "%s\\n" "$UV_DEFAULT_INDEX" "$UV_INDEX"'
-    )
     done = subprocess.run(
-        ["bash", "-c", script],
+        [sys.executable, SCRIPTS / "uv_settings"],
         env=environment,
         input=settings,
         capture_output=True,
         text=True,
         check=True,
     )
-    assert done.stdout.splitlines() == ["https://it's/simple", "https://one/simple file:///two"]
+    variables = dict(line.split("=", 1) for line in done.stdout.splitlines())
+    assert variables["UV_DEFAULT_INDEX"] == "https://it's/simple"
+    assert variables["UV_INDEX"] == "https://one/simple file:///two"
 
 
 def test_a_long_step_tells_how_far_it_is(tmp_path: Path) -> None:
