@@ -1,11 +1,11 @@
 """Requirements of the Debian package, for scripts/deb.
 
-    requirements.py installed VENV
-        print the Python distributions in the environment
-    requirements.py needed VENV INSTALL
-        print those that the installed workspace needs at run time, and all of ROS 2
-    requirements.py debian VENV INSTALL PACKAGE_XML...
-        print the Debian packages that own the other requirements, as a value of Depends
+requirements.py installed VENV
+    print the Python distributions in the environment
+requirements.py needed VENV INSTALL
+    print those that the installed workspace needs at run time, and all of ROS 2
+requirements.py debian VENV INSTALL PACKAGE_XML...
+    print the Debian packages that own the other requirements, as a value of Depends
 """
 
 from __future__ import annotations
@@ -76,14 +76,12 @@ def needed(venv: Path, install: Path) -> dict[str, metadata.Distribution]:
 
 def owner(path: Path) -> str | None:
     """Return the Debian package that owns a file."""
-    result = subprocess.run(
-        ["dpkg", "-S", str(path)], capture_output=True, text=True, check=False
-    )
+    result = subprocess.run(["dpkg", "-S", str(path)], capture_output=True, text=True, check=False)
     return result.stdout.split(":")[0] if result.returncode == 0 else None
 
 
 def files_outside(venv: Path, install: Path, manifests: list[str]) -> Iterator[tuple[str, Path]]:
-    """Yield name and a file of each requirement that is neither in the environment nor built here."""
+    """Yield name and a file of each requirement outside the environment and the workspace."""
     here = installed(venv)
     for name, distribution in needed(venv, install).items():
         if name not in here:
