@@ -55,7 +55,7 @@ def test_only_clients_of_the_discovery_server_find_the_agent(
         with_server = Client(domain)
         clients.append(with_server)
         setting = with_server.call(Setting, "robot/Setting").info
-        assert setting.robot_id == simulator.call(lambda chassis: chassis.robot_id)
+        assert setting.identity.name == str(simulator.call(lambda chassis: chassis.robot_id))
 
         monkeypatch.delenv("ROS_DISCOVERY_SERVER")
         clients += [Client(domain, name="alone"), Client(domain, name="other")]
