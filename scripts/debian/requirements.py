@@ -28,10 +28,14 @@ def site(prefix: Path) -> list[str]:
 
 
 def installed(prefix: Path) -> dict[str, metadata.Distribution]:
-    """Return the distributions in a prefix, by name."""
+    """Return the distributions that pip installed in a prefix, by name.
+
+    The wheels of ROS contain further ones, without a list of their files.
+    """
     return {
         canonicalize_name(distribution.metadata["Name"]): distribution
         for distribution in metadata.distributions(path=site(prefix))
+        if distribution.read_text("RECORD") is not None
     }
 
 
