@@ -1,11 +1,10 @@
 """Requirements of the Debian package, for scripts/deb.
 
-requirements.py installed VENV
-    print the Python distributions in the environment
-requirements.py needed VENV INSTALL
-    print those that the installed workspace needs at run time, and all of ROS 2
+requirements.py unused VENV INSTALL
+    print the Python distributions in the environment that the installed workspace can run without;
+    all of ROS 2 is needed
 requirements.py debian VENV INSTALL PACKAGE_XML...
-    print the Debian packages that own the other requirements, as a value of Depends
+    print the Debian packages of the requirements outside the environment, as a value of Depends
 """
 
 from __future__ import annotations
@@ -84,12 +83,21 @@ def owner(path: Path) -> str | None:
     return result.stdout.split(":")[0] if result.returncode == 0 else None
 
 
+def info_folder(name: str, distribution: metadata.Distribution) -> Path:
+    """Return the folder or file with the metadata of a distribution."""
+    folder = Path(str(distribution.locate_file("")))
+    for path in folder.glob("*.*-info"):
+        if canonicalize_name(path.name.split("-")[0]) == name:
+            return path
+    return folder / name
+
+
 def files_outside(venv: Path, install: Path, manifests: list[str]) -> Iterator[tuple[str, Path]]:
     """Yield name and a file of each requirement outside the environment and the workspace."""
     here = installed(venv)
     for name, distribution in needed(venv, install).items():
         if name not in here:
-            yield name, Path(str(distribution.locate_file(""))) / distribution.metadata["Name"]
+            yield name, info_folder(name, distribution)
     trees = [ElementTree.parse(manifest).getroot() for manifest in manifests]
     own = {tree.findtext("name") for tree in trees}
     names = {
@@ -109,14 +117,12 @@ def files_outside(venv: Path, install: Path, manifests: list[str]) -> Iterator[t
 
 def main() -> None:
     """Run one of the commands."""
-    command, venv = sys.argv[1], Path(sys.argv[2])
-    if command == "installed":
-        print(*installed(venv), sep="\n")
-    elif command == "needed":
-        print(*needed(venv, Path(sys.argv[3])), sep="\n")
+    command, venv, install = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+    if command == "unused":
+        print(*sorted(installed(venv).keys() - needed(venv, install).keys()), sep="\n")
     else:
         owners = set()
-        for name, path in files_outside(venv, Path(sys.argv[3]), sys.argv[4:]):
+        for name, path in files_outside(venv, install, sys.argv[4:]):
             package = owner(path)
             if package:
                 owners.add(package)
