@@ -4,12 +4,14 @@ requirements.py unused VENV INSTALL
     print the Python distributions in the environment that the installed workspace can run without;
     all of ROS 2 is needed
 requirements.py debian VENV INSTALL PACKAGE_XML...
-    print the Debian packages of the requirements outside the environment, as a value of Depends
+    print the Debian packages of the requirements outside the environment, and of the shared libraries
+    that the package loads, as a value of Depends
 """
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -79,8 +81,41 @@ def needed(venv: Path, install: Path) -> dict[str, metadata.Distribution]:
 
 def owner(path: Path) -> str | None:
     """Return the Debian package that owns a file."""
-    result = subprocess.run(["dpkg", "-S", str(path)], capture_output=True, text=True, check=False)
-    return result.stdout.split(":")[0] if result.returncode == 0 else None
+    # Where /lib is a link to /usr/lib, packages list either.
+    for name in {str(path), str(path.resolve()), str(path.resolve()).removeprefix("/usr")}:
+        result = subprocess.run(["dpkg", "-S", name], capture_output=True, text=True, check=False)
+        if result.returncode == 0:
+            return result.stdout.split(":")[0]
+    return None
+
+
+def libraries_outside(install: Path) -> Iterator[tuple[str, Path]]:
+    """Yield name and path of each shared library that the package loads and does not contain.
+
+    dpkg-shlibdeps needs minutes for it, and does not find libraries that a wheel contains.
+    """
+    files = [path for path in install.rglob("*") if path.is_file() and not path.is_symlink()]
+    files = [path for path in files if is_elf(path)]
+    output = subprocess.run(
+        ["readelf", "--dynamic", "--wide", *files], capture_output=True, text=True, check=True
+    ).stdout
+    wanted = set(re.findall(r"\(NEEDED\).*\[(.+)\]", output)) - {
+        path.name for path in install.rglob("*.so*")
+    }
+    cache = subprocess.run(
+        ["/sbin/ldconfig", "-p"], capture_output=True, text=True, check=True
+    ).stdout
+    system = dict(reversed(re.findall(r"^\s+(\S+) \(.* => (.+)$", cache, re.MULTILINE)))
+    folders = [Path(path) for path in os.environ.get("LD_LIBRARY_PATH", "").split(":") if path]
+    for name in sorted(wanted):
+        found = next((folder / name for folder in folders if (folder / name).exists()), None)
+        yield name, found or Path(system.get(name, name))
+
+
+def is_elf(path: Path) -> bool:
+    """Return True for a program or a shared library."""
+    with path.open("rb") as file:
+        return file.read(4) == b"\x7fELF"
 
 
 def info_folder(name: str, distribution: metadata.Distribution) -> Path:
@@ -122,7 +157,10 @@ def main() -> None:
         print(*sorted(installed(venv).keys() - needed(venv, install).keys()), sep="\n")
     else:
         owners = set()
-        for name, path in files_outside(venv, install, sys.argv[4:]):
+        for name, path in (
+            *files_outside(venv, install, sys.argv[4:]),
+            *libraries_outside(install),
+        ):
             package = owner(path)
             if package:
                 owners.add(package)
