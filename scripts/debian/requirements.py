@@ -4,7 +4,7 @@ requirements.py unused VENV INSTALL
     print the Python distributions in the environment that the installed workspace can run without;
     all of ROS 2 is needed
 requirements.py debian VENV INSTALL PACKAGE_XML...
-    print the Debian packages of the requirements outside the environment, and of the shared libraries
+    print the Debian packages of the requirements outside the environment, and of the libraries
     that the package loads, as a value of Depends
 """
 
