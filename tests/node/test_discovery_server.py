@@ -8,17 +8,17 @@ import shlex
 import shutil
 import socket
 import subprocess
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.harness import NAMESPACE, Client, Program, wait_until
+from tests.harness import Program
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import PoseSpeed, Setting
 
-PAGE = Path(__file__).parents[2] / "docs/deployment.md"
-SETTING = f"{NAMESPACE}/robot/Setting"
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs/deployment.md"
 
 pytestmark = pytest.mark.skipif(
     not shutil.which("fast-discovery-server")
@@ -44,64 +44,58 @@ def documented_server(port: int) -> list[str]:
 
 
 @pytest.fixture
-def discovery_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A discovery server, which all nodes and programs that start from now on use."""
+def server() -> Iterator[str]:
+    """Start a discovery server; return its address."""
     port = free_port()
-    monkeypatch.setenv("ROS_DISCOVERY_SERVER", f"127.0.0.1:{port}")
-    server = subprocess.Popen(documented_server(port), stdout=subprocess.DEVNULL)
-    yield
-    server.kill()
-    server.wait()
+    process = subprocess.Popen(documented_server(port), stdout=subprocess.DEVNULL)
+    yield f"127.0.0.1:{port}"
+    process.kill()
+    process.wait()
 
 
 @pytest.fixture
-def agent(discovery_server: None, domain: int, simulator: SimulatorThread) -> Iterator[Program]:
-    program = Program(domain, "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+def agent(
+    server: str, domain: int, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """Start an agent that uses the discovery server."""
+    with monkeypatch.context() as environment:
+        environment.setenv("ROS_DISCOVERY_SERVER", server)
+        program = Program(domain, "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
     try:
         program.wait_says("connected to")
-        yield program
+        yield
     finally:
         program.process.kill()
         program.process.wait()
 
 
-@pytest.fixture
-def start_client(domain: int) -> Iterator[Callable[[str], Client]]:
-    """Function that starts a node with the environment of its moment."""
-    clients: list[Client] = []
+def found(role: str, domain: int, **environment: str) -> list[str]:
+    """Return what nodes with this environment find."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.node.discovery_client", role, str(domain)],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
 
-    def start(name: str) -> Client:
-        clients.append(Client(domain, name=name))
-        return clients[-1]
 
-    yield start
-    for client in clients:
-        client.close()
-
-
-def test_a_client_of_the_discovery_server_uses_the_agent(
-    agent: Program, start_client: Callable[[str], Client], simulator: SimulatorThread
+@pytest.mark.usefixtures("agent")
+def test_a_node_with_the_server_uses_the_agent_and_is_told_of_nothing_else(
+    server: str, domain: int, simulator: SimulatorThread
 ) -> None:
-    setting = start_client("client").call(Setting, "robot/Setting").info
-    assert setting.identity.name == str(simulator.call(lambda server: server.chassis.robot_id))
+    robot, others = found("use", domain, ROS_DISCOVERY_SERVER=server)
+    assert robot == str(simulator.call(lambda inner: inner.chassis.robot_id))
+    assert others == "0"
 
 
-def test_a_node_without_the_discovery_server_does_not_find_the_agent(
-    agent: Program, start_client: Callable[[str], Client], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("ROS_DISCOVERY_SERVER")
-    alone, _other = start_client("alone"), start_client("other")
-    # The two nodes find each other, so they would have found the agent too.
-    wait_until(lambda: "other" in alone.node.get_node_names(), "the node")
-    assert not alone.node.count_services(SETTING)
+@pytest.mark.usefixtures("agent")
+def test_a_super_client_sees_everything(server: str, domain: int) -> None:
+    assert found("look", domain, ROS_DISCOVERY_SERVER=server, ROS_SUPER_CLIENT="TRUE") == ["1"]
 
 
-def test_only_a_super_client_sees_what_it_does_not_use(
-    agent: Program, start_client: Callable[[str], Client], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    usual = start_client("usual")
-    usual.call(PoseSpeed, "robot/PoseSpeed")
-    monkeypatch.setenv("ROS_SUPER_CLIENT", "TRUE")
-    onlooker = start_client("onlooker")
-    wait_until(lambda: onlooker.node.count_services(SETTING), "the service")
-    assert not usual.node.count_services(SETTING)
+@pytest.mark.usefixtures("agent")
+def test_nodes_without_the_server_do_not_find_the_agent(domain: int) -> None:
+    assert found("look_after_other_nodes", domain) == ["0"]
