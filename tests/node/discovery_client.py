@@ -6,6 +6,7 @@ without one afterwards, so the tests do not use one in their own process.
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
 from tests.harness import NAMESPACE, Client, wait_until
@@ -31,19 +32,26 @@ def look(domain: int) -> None:
     client.close()
 
 
-def look_after_other_nodes(domain: int) -> None:
-    """Print the number of services seen, once two nodes of this process see each other.
+def look_for_later_node(domain: int) -> None:
+    """Print the number of services seen, once a node that started after this one is seen."""
+    client = Client(domain)
+    later = subprocess.Popen(
+        [sys.executable, "-m", "tests.node.discovery_client", "stay", str(domain)],
+        stdin=subprocess.PIPE,
+    )
+    wait_until(lambda: "later" in client.node.get_node_names(), "the later node")
+    print(client.node.count_services(USED))
+    client.close()
+    later.communicate()
 
-    By then they would have found the agent, too.
-    """
-    one, other = Client(domain, name="one"), Client(domain, name="other")
-    wait_until(lambda: "other" in one.node.get_node_names(), "the other node")
-    print(one.node.count_services(USED))
-    one.close()
-    other.close()
+
+def stay(domain: int) -> None:
+    """Run a node until stdin is closed."""
+    client = Client(domain, name="later")
+    sys.stdin.read()
+    client.close()
 
 
 if __name__ == "__main__":
-    {"use": use, "look": look, "look_after_other_nodes": look_after_other_nodes}[sys.argv[1]](
-        int(sys.argv[2])
-    )
+    roles = {function.__name__: function for function in (use, look, look_for_later_node, stay)}
+    roles[sys.argv[1]](int(sys.argv[2]))
