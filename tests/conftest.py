@@ -1,4 +1,4 @@
-"""Fixtures of the tests that need ROS, the order of all tests, and garbage collection."""
+"""Fixtures of the tests that need ROS, strict warnings, the order of all tests, and garbage."""
 
 from __future__ import annotations
 
@@ -11,8 +11,18 @@ from typing import Any
 
 import pytest
 
+_WARNINGS_ARE_ERRORS = ("tests/link/", "tests/motion/", "tests/watch/")
+"""Folders of tests in which each warning is an error, e.g. about unclosed sockets."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.nodeid.startswith(_WARNINGS_ARE_ERRORS):
+            item.add_marker(pytest.mark.filterwarnings("error"))
+    _begin_with_the_longest(items)
+
+
+def _begin_with_the_longest(items: list[pytest.Item]) -> None:
     """Let each process begin with some of the longest tests, so that none runs alone at the end.
 
     Tests with a timeout of their own count as long. pytest-xdist gives each process a section of

@@ -20,11 +20,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from woosh_robot_agent.ros_release import this_computer_only
 from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
 from woosh_robot_agent.testing.agents import NAMESPACE
 
 __all__ = [
+    "HUMBLE",
     "NAMESPACE",
     "TIMEOUT",
     "Client",
@@ -38,7 +40,11 @@ __all__ = [
     "wait_until",
 ]
 
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+HUMBLE = os.environ.get("ROS_DISTRO") == "humble"
+"""True on ROS 2 Humble, which lacks some of what the agent uses; see `ros_release`."""
+
+for _name, _value in this_computer_only().items():
+    os.environ.setdefault(_name, _value)
 
 
 class Collector:

@@ -11,6 +11,7 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from ament_index_python.resources import get_resource
 
+from tests.harness import HUMBLE
 from tests.interface_facts import HASHES, KINDS, PACKAGES, facts_of, parts_of
 from woosh_robot_agent.interfaces import interface_files
 
@@ -62,6 +63,7 @@ class TestPackage:
             name for name in files if name.startswith(package + "/")
         }
 
+    @pytest.mark.skipif(HUMBLE, reason="types have no hashes on Humble")
     def test_type_hashes_match_the_facts(self, package: str):
         wanted = {name: text for name, text in HASHES.items() if name.startswith(package + "/")}
         assert {name: built_hash(name) for name in wanted} == wanted

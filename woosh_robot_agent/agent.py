@@ -30,12 +30,11 @@ def make_executor(name: str, context: Any = None) -> Any:
         context: rclpy context; by default the global one.
     """
     if name == "events":
-        try:
-            from rclpy.experimental import EventsExecutor
-        except ImportError:
-            _warn_no_events_executor()
-        else:
-            return EventsExecutor(context=context)
+        from woosh_robot_agent.ros_release import events_executor
+
+        if (executor := events_executor(context)) is not None:
+            return executor
+        _warn_no_events_executor()
     from rclpy.executors import SingleThreadedExecutor
 
     return SingleThreadedExecutor(context=context)
@@ -70,6 +69,11 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     )
 
     disable_collection()
+    from woosh_robot_agent.library_versions import outdated_libraries
+
+    if outdated := outdated_libraries():
+        print("agent:", outdated, file=sys.stderr)
+        return 2
     import rclpy
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.signals import SignalHandlerOptions

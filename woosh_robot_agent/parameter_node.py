@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter as RosParameter
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.parameter import Parameter
 from woosh_robot_agent.parameters import PARAMETERS, Settings, check
+from woosh_robot_agent.ros_release import on_parameters_set
 
 
 class ParameterNode(Node):
@@ -47,8 +48,7 @@ class ParameterNode(Node):
             callback: called after each change with the previous settings.
         """
         self._callback = callback
-        self.add_on_set_parameters_callback(self._check_change)
-        self.add_post_set_parameters_callback(self._apply_change)
+        on_parameters_set(self, self._check_change, self._apply_change)
 
     def _values(self, changed: list[RosParameter] | None = None) -> dict[str, Any]:
         values = {p.name: self._value(p) for p in PARAMETERS}

@@ -6,7 +6,6 @@ is checked in one place. Ruff (TID251) forbids `rclpy.impl` everywhere else.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -130,24 +129,3 @@ class _NodeWithOwnClock:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._node, name)
-
-
-class WithMessageInfo:
-    """A subscription callback that gets each message together with rclpy's information about it.
-
-    rclpy recognises such a callback by its signature. The EventsExecutor of rclpy up to 7.1.11
-    nevertheless passes both in one tuple.
-
-    Replaceable by: a function with two parameters, once the EventsExecutor calls it correctly.
-
-    Args:
-        callback: called with the message and its information.
-    """
-
-    def __init__(self, callback: Callable[[Any, dict[str, Any]], object]) -> None:
-        self._callback = callback
-        self.__signature__ = inspect.signature(callback)
-
-    def __call__(self, *arguments: Any) -> None:
-        message, info = arguments if len(arguments) == 2 else arguments[0]
-        self._callback(message, info)

@@ -21,6 +21,7 @@ from woosh_robot_agent.participants import (
     place_of,
     process_of,
 )
+from woosh_robot_agent.ros_release import count_services
 
 _LOG = logging.getLogger(__name__)
 
@@ -62,7 +63,7 @@ class SecondAgent:
         before, self.warning = self.warning, ""
         # these counts are cheap; naming the nodes is not
         publishers = self._node.count_publishers(self._topic)
-        if max(publishers, self._node.count_services(self._service)) < 2:
+        if max(publishers, count_services(self._node, self._service)) < 2:
             self._seen = 0.0
             return
         self._seen = self._seen or time.monotonic()

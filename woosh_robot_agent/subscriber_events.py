@@ -5,9 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
 from rclpy.qos import QoSProfile
 
+from woosh_robot_agent.ros_release import (
+    PublisherEventCallbacks,
+    UnsupportedEventTypeError,
+    subscriber_event_handlers,
+)
+
+POLL_PERIOD = 0.1
+"""Period of the checks for subscribers if there are no events for them, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 
 
@@ -23,21 +30,18 @@ class SubscriberEvents:
         callback: called in the executor thread whenever a subscriber comes or goes.
 
     Attributes:
-        supported: False if the middleware has no such events. Known once a publisher exists.
+        supported: False if the middleware or this release has no such events. Known once a
+            publisher exists. The owner then checks for subscribers every `POLL_PERIOD`.
     """
 
     def __init__(self, callback: Callable[[], None]) -> None:
-        self._callbacks = PublisherEventCallbacks(
-            matched=lambda _change: callback(), use_default_callbacks=False
-        )
+        self._callback = callback
         self.supported = True
 
     def attach(self, node: Any, publisher: Any) -> None:
         """Call the callback from now on for a publisher of a node."""
         try:
-            handlers = self._callbacks.create_event_handlers(
-                node.default_callback_group, publisher.handle, publisher.topic
-            )
+            handlers = subscriber_event_handlers(node, publisher, self._callback)
         except UnsupportedEventTypeError:
             self.supported = False
             return

@@ -5,6 +5,7 @@ They are published directly from the link thread.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -21,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.subscriber_events import SubscriberEvents
+from woosh_robot_agent.subscriber_events import POLL_PERIOD, SubscriberEvents
 
 
 class Topics:
@@ -84,7 +85,12 @@ class _OnDemand:
         events = SubscriberEvents(lambda: thread.call(self._update))
         self._publisher = publishers.create(msg, topic.name, topic.depth, events)
         if not events.supported:
-            self._subscribe()
+            thread.spawn(self._poll)
+
+    async def _poll(self) -> None:
+        while True:
+            self._update()
+            await asyncio.sleep(POLL_PERIOD)
 
     def _update(self) -> None:
         """Subscribe or unsubscribe at the chassis; in the link thread."""

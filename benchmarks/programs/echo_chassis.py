@@ -25,6 +25,7 @@ import os
 import sys
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from functools import cache, partial
 
 from google.protobuf.message import Message
@@ -177,7 +178,8 @@ class EchoChassis:
         for i in range(len(messages)):
             sent.append(time.monotonic())
             for transport, prepared in outgoing:
-                await transport.send_raw(prepared[i])
+                with suppress(TransportClosedError):  # a subscriber has left
+                    await transport.send_raw(prepared[i])
             due = max(due + 1 / rate, time.monotonic() - _CATCH_UP)
             await asyncio.sleep(max(0.0, due - time.monotonic() - _BUSY_WAIT))
             time.sleep(max(0.0, due - time.monotonic()))

@@ -1,10 +1,10 @@
-"""Measure scripts/setup in new checkouts: with empty compiler caches, then with filled ones.
+"""Measure scripts/setup in new checkouts: with empty caches, then with filled ones.
 
 scripts/bench --setup                 print the table; takes some minutes
 scripts/bench --setup --docs          also write it to docs/speed.md
 
-The checkouts have the last commit, and are removed at the end. Packages from PyPI come from pip's
-cache if it has them; system packages are those of this machine.
+The checkouts have the last commit, and are removed at the end. The first one downloads the packages
+from PyPI; system packages are those of this machine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from benchmarks.report.results import Results, Target, results_table
 _STDERR = 2
 """File descriptor of stderr."""
 TARGETS = {
-    "setup": Target(240.0, 180.0, "seconds of `scripts/setup`, with empty compiler caches"),
+    "setup": Target(240.0, 180.0, "seconds of `scripts/setup`, with empty caches"),
     "setup_again": Target(60.0, 45.0, "the same for a second checkout on the same machine"),
 }
 
@@ -41,12 +41,12 @@ def measure(repository: Path) -> dict[str, float]:
 def _set_up(repository: Path, checkout: Path, caches: Path) -> float:
     """Make a checkout; return the time of its set-up, in seconds."""
     subprocess.run(["git", "clone", "--quiet", repository, checkout], check=True)
-    home_cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     environment = {
         **os.environ,
         "CCACHE_DIR": str(caches / "ccache"),
+        "PIP_CACHE_DIR": str(caches / "pip"),
+        "UV_CACHE_DIR": str(caches / "uv"),
         "XDG_CACHE_HOME": str(caches),
-        "PIP_CACHE_DIR": os.environ.get("PIP_CACHE_DIR", f"{home_cache}/pip"),
     }
     begun = time.monotonic()
     subprocess.run(

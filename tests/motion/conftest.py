@@ -1,19 +1,10 @@
-"""Fixtures of the motion tests. Every warning is an error, e.g. about unclosed sockets."""
+"""Fixtures of the motion tests."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import pytest
 
 from woosh_robot_agent.motion import gate
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    here = Path(__file__).parent
-    for item in items:
-        if here in item.path.parents:
-            item.add_marker(pytest.mark.filterwarnings("error"))
 
 
 @pytest.fixture

@@ -115,7 +115,9 @@ def test_goals_are_refused_and_replaced(client: Client, simulator: SimulatorThre
     assert new.result()[0] == SUCCEEDED
 
 
-def test_goal_is_aborted_by_a_lost_link(client: Client, simulator: SimulatorThread) -> None:
+def test_goal_is_aborted_by_a_lost_link(
+    client: Client, simulator: SimulatorThread, agent: RunningAgent
+) -> None:
     slow_down(simulator)
     goal = task(client, mark="A23")
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -124,7 +126,8 @@ def test_goal_is_aborted_by_a_lost_link(client: Client, simulator: SimulatorThre
     assert (status, "link was lost" in ret.msg) == (ABORTED, True)
     simulator.listen()
     hurry(simulator)
-    wait_until(lambda: "not connected" not in step(client, 0.1).result()[1].msg)
+    agent.wait_connected(times=2)
+    assert step(client, 0.1).result()[0] == SUCCEEDED
 
 
 def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> None:

@@ -21,7 +21,6 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.context import Context
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -29,9 +28,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from tests.harness import wait_until
+from tests.harness import HUMBLE, wait_until
 from tests.interface_facts import HASHES
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.ros_release import PublisherEventCallbacks
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.recording.errors import RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
@@ -109,7 +109,8 @@ def test_ros_topics_are_recorded(
     assert "MSG: woosh_robot_msgs/ControlMode" in schema.data.decode()
     (offered,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
     assert (offered["reliability"], offered["durability"]) == ("reliable", "transient_local")
-    assert channel.metadata["topic_type_hash"] == HASHES["woosh_robot_msgs/msg/Mode"]
+    type_hash = "" if HUMBLE else HASHES["woosh_robot_msgs/msg/Mode"]
+    assert channel.metadata["topic_type_hash"] == type_hash
     odometry = found[f"{namespace}/odom"][0].data.decode()
     for name in ("std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Quaternion"):
         assert f"\n{'=' * 80}\nMSG: {name}\n" in odometry
@@ -179,6 +180,9 @@ def test_lost_ros_messages_fail_the_recording(
     assert "error: messages on /fake/large that the middleware lost: " in err
 
 
+@pytest.mark.skipif(
+    HUMBLE, reason="Humble has no matched events, with which the test replaces them"
+)
 def test_latched_messages_replaced_while_the_recorder_subscribes_are_not_lost(
     tmp_path: Path, simulator: Any, publisher_node: Node
 ) -> None:

@@ -22,9 +22,14 @@ from woosh_robot_agent.testing.domains import domain_variables
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
 
-def checkout(folder: Path) -> Path:
-    """Return `scripts/run` in a folder where everything is set up, with the programs under test."""
-    programs = folder / "install/woosh_robot_agent/lib/woosh_robot_agent"
+def checkout(folder: Path, release: str = "") -> Path:
+    """Return `scripts/run` in a folder where everything is set up, with the programs under test.
+
+    Args:
+        folder: an empty folder.
+        release: suffix of the folders of a release that `WOOSH_ROS` selects.
+    """
+    programs = folder / f"install{release}/woosh_robot_agent/lib/woosh_robot_agent"
     programs.mkdir(parents=True)
     modules = {
         "agent": "agent",
@@ -37,9 +42,10 @@ def checkout(folder: Path) -> Path:
             f"import sys\nfrom woosh_robot_agent.{module} import main\nsys.exit(main())\n"
         )
     (folder / "scripts").mkdir()
-    for name in ("setup", "env"):
+    environment = f"WOOSH_ROBOT_AGENT_VENV={folder}/.venv{release}\n"
+    for name, text in (("setup", ""), ("env", environment)):
         script = folder / "scripts" / name
-        script.write_text("#!/usr/bin/env bash\n")
+        script.write_text(f"#!/usr/bin/env bash\n{text}")
         script.chmod(0o755)
     for path in ("scripts/run", "scripts/run_fleet", "docs", "woosh_robot_agent"):
         (folder / path).symlink_to(SCRIPTS.parent / path)
@@ -71,8 +77,11 @@ def running(
             process.terminate()  # stops its programs, too
 
 
-def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
-    script = checkout(tmp_path)
+@pytest.mark.parametrize("release", ["", "-kilted"])
+def test_the_address_of_the_page_comes_before_the_commands(
+    tmp_path: Path, domain: int, release: str
+) -> None:
+    script = checkout(tmp_path, release)
     while True:
         with running(script, domain) as (process, output):
             if "address already in use" in output:

@@ -10,14 +10,15 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from nav_msgs.msg import Odometry
-from rclpy.event_handler import PublisherEventCallbacks, UnsupportedEventTypeError
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
+from woosh_robot_agent import subscriber_events
 from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent.ros_release import UnsupportedEventTypeError
 from woosh_robot_agent.simulator import SimulatorThread
 
 NO_EVENTS = "a middleware without matched events"
@@ -46,14 +47,11 @@ def start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[..., RunningAgent]:
     if request.param == NO_EVENTS:
-        create = PublisherEventCallbacks.create_event_handlers
 
-        def refuse(callbacks: Any, *arguments: Any) -> Any:
-            if callbacks.matched:
-                raise UnsupportedEventTypeError("no such event")
-            return create(callbacks, *arguments)
+        def refuse(*_arguments: Any) -> Any:
+            raise UnsupportedEventTypeError("no such event")
 
-        monkeypatch.setattr(PublisherEventCallbacks, "create_event_handlers", refuse)
+        monkeypatch.setattr(subscriber_events, "subscriber_event_handlers", refuse)
     executor = EXECUTORS[0] if request.param == NO_EVENTS else request.param
 
     def start(**parameters: Any) -> RunningAgent:

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 import rclpy
 
+from woosh_robot_agent.ros_release import this_computer_only
 from woosh_robot_agent.testing import (
     RunningAgent,
     own_domain,
@@ -163,13 +164,14 @@ def test_two_robots_can_share_a_domain() -> None:
 
 def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
-    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    ((variable, value),) = this_computer_only().items()
+    monkeypatch.delenv(variable, raising=False)
     with own_domain() as one, own_domain() as two:
         assert one != two
         assert os.environ["ROS_DOMAIN_ID"] == str(two)
-        assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+        assert os.environ[variable] == value
     assert os.environ["ROS_DOMAIN_ID"] == "77"
-    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
+    assert variable not in os.environ
 
 
 def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain() -> None:

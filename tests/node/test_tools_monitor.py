@@ -64,7 +64,10 @@ class Watching:
         wait_until(lambda: source.link().good and source.is_complete(), "first values", TIMEOUT)
 
     def wait_link(self, condition: Callable[[LinkReport], Any]) -> LinkReport:
-        wait_until(lambda: condition(self.source.link()), "the link's state", TIMEOUT)
+        try:
+            wait_until(lambda: condition(self.source.link()), "the link's state", TIMEOUT)
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {self.source.link()}") from None
         return self.source.link()
 
     def close(self) -> None:

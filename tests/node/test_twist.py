@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
-from tests.node.goals import EXECUTING, task
+from tests.node.goals import EXECUTING, slow_down, task
 from woosh_robot_agent.motion import gate, latest_wins
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -146,6 +146,7 @@ def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(
     client: Client, simulator: SimulatorThread, agent: RunningAgent
 ) -> None:
     assert wait_future(drive(client, 0.1)).ok
+    slow_down(simulator)
     client_goal = task(client)
     simulator.wait_received("woosh.robot.ExecTask")
     client_goal.feedback.wait_count(1)

@@ -16,7 +16,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tests.harness import Client, Collector, Program, RunningAgent, wait_until
+from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
 from woosh_robot_agent import second_agent
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -108,6 +108,7 @@ def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
     logs.wait(lambda record: "cmd_vel and robot/Twist command" in record.getMessage())
 
 
+@pytest.mark.skipif(HUMBLE, reason="rclpy of Humble does not tell the numbers of messages")
 @pytest.mark.parametrize("executor", ["events", "single"])
 def test_two_publishers_of_cmd_vel_are_named(
     simulator, start_agent, client, arrays, publish, executor

@@ -46,12 +46,14 @@ from tests.simulator.recorded_chassis import (
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.world import growing_grid
+from woosh_robot_agent.testing import wait_until
 
 FACTS = real_robot()
 TIMES, RATES = FACTS["times"], FACTS["rates"]
 UNINIT, IDLE, FAULT, MAPPING = 1, 2, 6, 9
 FREE = 254
 SCENE_LIST = "woosh.map.SceneList"
+PAUSED = 4
 
 
 @pytest.fixture
@@ -256,6 +258,7 @@ def manual_mapping(client: JsonClient) -> None:
 def task_paused(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "markNo": "A23"})
     deployment(client)
+    wait_until(lambda: client.ask("woosh.robot.TaskProc")["state"] == PAUSED)
 
 
 def of(scene: str, name: str, kind: int = ADD) -> Json:

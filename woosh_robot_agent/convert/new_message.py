@@ -8,18 +8,20 @@ class has unexpected slots.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from woosh_robot_agent.convert.source import Source
+from woosh_robot_agent.ros_types import extra_slots
 
 
 def filled(ros_class: Any, **fields: Any) -> Any:
     """Return a new message. `fields` must name all fields of its class."""
-    if not has_known_slots(ros_class):
+    extra = extra_slots(ros_class)
+    if extra is None:
         return ros_class(**fields)
     message = object.__new__(ros_class)
-    message._check_fields = False
+    for name, value in extra.items():
+        setattr(message, name, value)
     for name, value in fields.items():
         setattr(message, f"_{name}", value)
     return message
@@ -37,22 +39,16 @@ class NewMessage:
     def __init__(self, source: Source, variable: str, ros_class: Any) -> None:
         self.source = source
         self._variable = variable
-        self._slot = "_" if has_known_slots(ros_class) else ""
+        extra = extra_slots(ros_class)
+        self._slot = "" if extra is None else "_"
         bound = source.bind(ros_class)
-        if self._slot:
-            source.add(f"{variable} = {source.bind(object.__new__)}({bound})")
-            source.add(f"{variable}._check_fields = False")
-        else:
+        if extra is None:
             source.add(f"{variable} = {bound}()")
+            return
+        source.add(f"{variable} = {source.bind(object.__new__)}({bound})")
+        for name, value in extra.items():
+            source.add(f"{variable}.{name} = {value!r}")
 
     def set(self, name: str, expression: str) -> None:
         """Add source that sets a field."""
         self.source.add(f"{self._variable}.{self._slot}{name} = {expression}")
-
-
-@cache
-def has_known_slots(ros_class: Any) -> bool:
-    """Return True if a class has the slots that ROS Jazzy generates, and does not check fields."""
-    fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
-    unchecked = getattr(ros_class(), "_check_fields", None) is False
-    return unchecked and set(ros_class.__slots__) == fields | {"_check_fields"}

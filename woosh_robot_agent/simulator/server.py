@@ -29,6 +29,12 @@ _MIN_STEP = 0.005
 At a higher speed, it advances only by whole steps.
 """
 
+_MIN_SLEEP = 0.01
+"""Minimum real time between two rounds of steps, in seconds; to wake up costs more than a step.
+
+At a high speed, each round has several steps.
+"""
+
 _END_OF_STEP = 0.999 * TIME_STEP
 """Maximum simulated time within a step, in seconds. `Chassis.tick` completes the step."""
 
@@ -339,18 +345,25 @@ class SimulatedChassis:
         loop = asyncio.get_running_loop()
         self._step_start = loop.time()
         while True:
-            due = max(self._step_start + TIME_STEP / self.speed, loop.time() - _MAX_LAG)
+            duration = TIME_STEP / self.speed
+            steps = max(1, int(_MIN_SLEEP / duration))
+            due = max(self._step_start + steps * duration, loop.time() - _MAX_LAG)
             self._wake_for(self.chassis.agenda.next_time)
             await asyncio.sleep(max(0.0, due - loop.time()))
-            try:
-                if not self._frozen:
-                    self.chassis.tick(TIME_STEP)
-                self._injector.advance(TIME_STEP)
-                if not self._frozen:
-                    self.push_changes()
-            except Exception:  # the clock must not stop
-                _LOG.exception("cannot complete a step of the simulation")
+            for _ in range(steps):
+                self._step()
             self._step_start = due
+
+    def _step(self) -> None:
+        """Advance the simulated time by one step, and push what has changed."""
+        try:
+            if not self._frozen:
+                self.chassis.tick(TIME_STEP)
+            self._injector.advance(TIME_STEP)
+            if not self._frozen:
+                self.push_changes()
+        except Exception:  # the clock must not stop
+            _LOG.exception("cannot complete a step of the simulation")
 
     @property
     def _runs_within_steps(self) -> bool:

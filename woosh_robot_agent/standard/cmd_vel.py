@@ -77,7 +77,7 @@ class CmdVel(Part):
     def _drive(self, velocity: Twist, info: Mapping[str, Any]) -> None:
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z)
         now = time.monotonic()
-        alternate = self._publishers.notice(info["publication_sequence_number"], now)
+        alternate = self._publishers.notice(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities
         if alternate and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
             self._reported = now

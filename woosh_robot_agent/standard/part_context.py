@@ -11,8 +11,8 @@ from woosh_robot_agent.bridge import DeferredService, Reply
 from woosh_robot_agent.latched import LatchedPublishers
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.qos import latched, reliable
-from woosh_robot_agent.rclpy_private import WithMessageInfo
 from woosh_robot_agent.robot_context import RobotContext
+from woosh_robot_agent.ros_release import WithMessageInfo
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.second_agent import SecondAgent
 from woosh_robot_agent.standard.endpoints import BY_NAME, Kind

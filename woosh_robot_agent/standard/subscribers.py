@@ -7,10 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from woosh_robot_agent.standard.part_context import PartContext
-from woosh_robot_agent.subscriber_events import SubscriberEvents
-
-_POLL_PERIOD = 0.1
-"""Period of the checks for subscribers if the middleware has no events for them, in seconds."""
+from woosh_robot_agent.subscriber_events import POLL_PERIOD, SubscriberEvents
 
 
 class Subscribers:
@@ -65,4 +62,4 @@ class Subscribers:
             self._changed.clear()
             if self.present:
                 return
-            await (self._changed.wait() if self._events.supported else asyncio.sleep(_POLL_PERIOD))
+            await (self._changed.wait() if self._events.supported else asyncio.sleep(POLL_PERIOD))

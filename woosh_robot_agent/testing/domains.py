@@ -8,6 +8,8 @@ import os
 import socket
 from collections.abc import Iterator, Mapping
 
+from woosh_robot_agent.ros_release import this_computer_only
+
 _LOCK_PORT = 21000
 """Base of the TCP ports that lock a domain for all processes of this machine.
 
@@ -57,7 +59,7 @@ def inherited_lock(domain: int) -> tuple[int, ...]:
 
 def domain_variables(domain: int) -> dict[str, str]:
     """Return the environment variables of a process in a domain, limited to this machine."""
-    return {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    return {"ROS_DOMAIN_ID": str(domain), **this_computer_only()}
 
 
 @contextlib.contextmanager

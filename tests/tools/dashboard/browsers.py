@@ -99,7 +99,7 @@ class SimulatedPage:
 
 @contextmanager
 def chromium(width: int = 1280, height: int = 800) -> Iterator[Any]:
-    """Start a browser; yield its driver."""
+    """Start a browser of its own; yield its driver."""
     webdriver = skip_without_browser()
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
@@ -116,6 +116,52 @@ def chromium(width: int = 1280, height: int = 800) -> Iterator[Any]:
         with contextlib.suppress(Exception):  # a killed browser cannot be asked to quit
             driver.quit()
         service.stop()
+
+
+class SharedBrowser:
+    """A browser that is started once, for many tests; each gets a window of its own."""
+
+    def __init__(self) -> None:
+        self._running = contextlib.ExitStack()
+        self._driver: Any = None
+
+    @contextmanager
+    def window(self, width: int = 1280, height: int = 800) -> Iterator[Any]:
+        """Open a window; yield the driver.
+
+        Its size is in pixels. All windows that the caller opens are closed at the end.
+        """
+        if self._driver is None:
+            self._driver = self._running.enter_context(chromium())
+        driver = self._driver
+        first = driver.current_window_handle
+        driver.switch_to.new_window("window")
+        driver.set_window_size(width, height)
+        for log in ("browser", "performance"):
+            driver.get_log(log)
+        try:
+            yield driver
+        finally:
+            if driver.service.process.poll() is not None:  # it was killed
+                self.close()
+            else:
+                _release_keys_and_pointers(driver)
+                for handle in driver.window_handles:
+                    if handle != first:
+                        driver.switch_to.window(handle)
+                        driver.close()
+                driver.switch_to.window(first)
+
+    def close(self) -> None:
+        """End the browser, if it runs."""
+        self._driver = None
+        self._running.close()
+
+
+def _release_keys_and_pointers(driver: Any) -> None:
+    from selenium.webdriver.common.actions.action_builder import ActionBuilder
+
+    ActionBuilder(driver).clear_actions()
 
 
 def eventually(condition: Callable[[], Any], what: str) -> Any:

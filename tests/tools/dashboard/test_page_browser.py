@@ -18,6 +18,7 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.browsers import (
+    SharedBrowser,
     SimulatedPage,
     chromium,
     eventually,
@@ -46,9 +47,9 @@ def robot() -> Iterator[SimulatedPage]:
 
 
 @pytest.fixture
-def browser(robot: SimulatedPage) -> Iterator[Any]:
+def browser(robot: SimulatedPage, shared_browser: SharedBrowser) -> Iterator[Any]:
     """A browser that shows the page; at the end, its console and its requests are checked."""
-    with chromium() as driver:
+    with shared_browser.window() as driver:
         driver.get(robot.url)
         eventually(lambda: script(driver, "mapView.image !== null && mapView.scan !== null"), "map")
         yield driver
@@ -384,12 +385,14 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
     assert text(browser, "#message") == ""
 
 
-def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> None:
+def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown(
+    shared_browser: SharedBrowser,
+) -> None:
     with (
         SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=7)) as first,
         SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as second,
         program(first, second) as (_, running),
-        chromium() as browser,
+        shared_browser.window() as browser,
     ):
         browser.get(running.url)
         eventually(lambda: element(browser, "#tools").is_displayed(), "the tools")
@@ -425,7 +428,7 @@ def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown() -> Non
         eventually(lambda: "executing" in text(browser, "#state"), "its task, which goes on")
 
 
-def test_names_are_shown_as_text(tmp_path: Path) -> None:
+def test_names_are_shown_as_text(shared_browser: SharedBrowser, tmp_path: Path) -> None:
     evil = "<img src=x onerror=hacked=1>"
     (tmp_path / "scene.yaml").write_text(
         f"name: {evil!r}\nmaps:\n  - name: {evil!r}\n"
@@ -440,7 +443,7 @@ def test_names_are_shown_as_text(tmp_path: Path) -> None:
 
     robot.call(rename)
     try:
-        with chromium() as browser:
+        with shared_browser.window() as browser:
             browser.get(robot.url)
             eventually(lambda: script(browser, "mapView.marks.length > 0"), "the mark")
             assert script(browser, "mapView.marks[0].number") == evil
@@ -588,8 +591,10 @@ def test_the_stick_lies_over_nothing_that_is_pressed(window: Any, width: int, he
         assert x < stick["x"] or y < stick["y"]
 
 
-def test_the_page_fits_a_phone(robot: SimulatedPage, tmp_path: Path) -> None:
-    with chromium(500, 860) as driver:
+def test_the_page_fits_a_phone(
+    robot: SimulatedPage, shared_browser: SharedBrowser, tmp_path: Path
+) -> None:
+    with shared_browser.window(500, 860) as driver:
         driver.execute_cdp_cmd(
             "Emulation.setDeviceMetricsOverride",
             {"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": True},

@@ -40,7 +40,10 @@ class WebSocketServerTransport(WebSocketTransport):
 
     async def send_raw(self, data: bytes) -> None:
         transport = self._socket.transport
-        transport.write(data)
+        try:
+            transport.write(data)
+        except RuntimeError as error:  # the library has written the end of the stream
+            raise TransportClosedError(f"the connection is being closed: {error}") from None
         # the library's own drain is private, and differs from release to release
         while transport.get_write_buffer_size() > CHUNK and not transport.is_closing():
             await asyncio.sleep(_DRAIN_POLL)

@@ -7,17 +7,17 @@ import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.context import Context
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.ros_release import SubscriptionEventCallbacks, WithMessageInfo, type_hash
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, definition
 from woosh_robot_agent.tools.recording.channel import Channel
@@ -153,7 +153,7 @@ class RosRecorder:
             "cdr",
             {
                 "offered_qos_profiles": "\n".join(map(_to_yaml, profiles)),
-                "topic_type_hash": str(offered[0].topic_type_hash),
+                "topic_type_hash": type_hash(offered[0]),
             },
         )
 
@@ -161,11 +161,11 @@ class RosRecorder:
         # The agent may replace the latched message while it is being sent to the new subscription.
         counts_losses = profile.durability is not DurabilityPolicy.TRANSIENT_LOCAL
 
-        def on_message(data: bytes, info: dict[str, int]) -> None:
+        def on_message(data: bytes, info: Mapping[str, int]) -> None:
             nonlocal counts_losses
             counts_losses = True
-            received = info["received_timestamp"] or time.time_ns()
-            self._files.add(channel, received, data, info["source_timestamp"] or received)
+            received = info.get("received_timestamp") or time.time_ns()
+            self._files.add(channel, received, data, info.get("source_timestamp") or received)
 
         def on_lost(event: Any) -> None:
             if counts_losses:
@@ -174,7 +174,7 @@ class RosRecorder:
         self._node.create_subscription(
             class_of(short),
             topic,
-            on_message,
+            WithMessageInfo(on_message),
             profile,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),

@@ -1,0 +1,153 @@
+"""The differences between the supported releases of ROS: Humble, Jazzy and Kilted.
+
+Each name here works alike on all of them. Its description tells which release lacks what, so that
+it can be dropped together with the support of that release. What differs in the classes of messages
+is in `ros_types.extra_slots`, because conversion does not know rclpy.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.node import Node, NodeNameNonExistentError
+
+try:
+    from rclpy.event_handler import (
+        PublisherEventCallbacks,
+        SubscriptionEventCallbacks,
+        UnsupportedEventTypeError,
+    )
+except ImportError:  # Humble has the same classes under another name
+    from rclpy.qos_event import (
+        PublisherEventCallbacks,
+        SubscriptionEventCallbacks,
+        UnsupportedEventTypeError,
+    )
+
+__all__ = [
+    "PublisherEventCallbacks",
+    "SubscriptionEventCallbacks",
+    "UnsupportedEventTypeError",
+    "WithMessageInfo",
+    "count_services",
+    "events_executor",
+    "on_parameters_set",
+    "subscriber_event_handlers",
+    "this_computer_only",
+    "type_hash",
+]
+
+
+def subscriber_event_handlers(node: Any, publisher: Any, callback: Callable[[], None]) -> Any:
+    """Return new handlers that call `callback` when a subscriber of a publisher comes or goes.
+
+    Humble has no such events, as some middleware on the other releases.
+
+    Raises:
+        UnsupportedEventTypeError: there are no such events.
+    """
+    if "matched" not in inspect.signature(PublisherEventCallbacks).parameters:
+        raise UnsupportedEventTypeError("this release has no matched events")
+    callbacks = PublisherEventCallbacks(
+        matched=lambda _change: callback(), use_default_callbacks=False
+    )
+    return callbacks.create_event_handlers(
+        node.default_callback_group, publisher.handle, publisher.topic
+    )
+
+
+def events_executor(context: Any) -> Any:
+    """Return a new EventsExecutor; None if this rclpy has none.
+
+    Jazzy has it since rclpy 7.1.4, Humble does not have it.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return None
+    return EventsExecutor(context=context)
+
+
+def on_parameters_set(
+    node: Any, check: Callable[[list[Any]], Any], apply: Callable[[list[Any]], None]
+) -> None:
+    """Register callbacks for changes of a node's parameters.
+
+    Humble has no callback for parameters that have been set. There, nothing can prevent a change
+    any more once the last check has succeeded, so `apply` follows `check` right away.
+
+    Args:
+        node: owner of the parameters; it has no other callbacks for them.
+        check: returns the `SetParametersResult` for changed parameters.
+        apply: called with the changed parameters after a successful check.
+    """
+    if hasattr(node, "add_post_set_parameters_callback"):
+        node.add_on_set_parameters_callback(check)
+        node.add_post_set_parameters_callback(apply)
+        return
+
+    def check_and_apply(changed: list[Any]) -> Any:
+        result = check(changed)
+        if result.successful:
+            apply(changed)
+        return result
+
+    node.add_on_set_parameters_callback(check_and_apply)
+
+
+def count_services(node: Any, name: str) -> int:
+    """Return the number of servers of a service.
+
+    Humble cannot count them, so each node is asked for its services.
+
+    Args:
+        node: any node.
+        name: absolute name of the service.
+    """
+    if hasattr(node, "count_services"):
+        return int(node.count_services(name))
+    count = 0
+    for each in node.get_node_names_and_namespaces():
+        try:
+            count += name in dict(node.get_service_names_and_types_by_node(*each))
+        except NodeNameNonExistentError:  # it has just left the graph
+            continue
+    return count
+
+
+def type_hash(endpoint: Any) -> str:
+    """Return the type hash of a publisher or subscription in the graph; empty on Humble."""
+    return str(getattr(endpoint, "topic_type_hash", ""))
+
+
+class WithMessageInfo:
+    """A subscription callback that gets each message together with rclpy's information about it.
+
+    rclpy recognises such a callback by its signature. The EventsExecutor of rclpy up to 7.1.11
+    nevertheless passes both in one tuple. Humble passes the message alone.
+
+    Args:
+        callback: called with the message and its information, which is empty on Humble.
+    """
+
+    def __init__(self, callback: Callable[[Any, Mapping[str, Any]], object]) -> None:
+        self._callback = callback
+        self.__signature__ = inspect.signature(callback)
+
+    def __call__(self, *arguments: Any) -> None:
+        if len(arguments) == 1 and isinstance(arguments[0], tuple):
+            arguments = arguments[0]
+        message, info = arguments if len(arguments) == 2 else (arguments[0], {})
+        self._callback(message, info)
+
+
+def this_computer_only() -> dict[str, str]:
+    """Return the environment variables that keep ROS nodes on this computer.
+
+    Humble has an older variable, of which later releases warn.
+    """
+    if hasattr(Node, "count_services"):
+        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    return {"ROS_LOCALHOST_ONLY": "1"}
