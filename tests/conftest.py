@@ -1,4 +1,4 @@
-"""Fixtures of the tests that need ROS, strict warnings, the order of all tests, and garbage."""
+"""Fixtures of the tests that need ROS; for all tests: warnings, order and garbage collection."""
 
 from __future__ import annotations
 
