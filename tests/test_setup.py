@@ -295,6 +295,20 @@ def test_a_long_step_tells_how_far_it_is(tmp_path: Path) -> None:
     assert step.returncode == 0
 
 
+def test_nothing_is_left_of_the_progress_of_a_killed_script(tmp_path: Path) -> None:
+    script = f". {SCRIPTS}/progress; progress_start last_line {tmp_path}/log; read -r"
+    with subprocess.Popen(
+        ["bash", "-c", script],
+        env=os.environ | {"WOOSH_PROGRESS_INTERVAL": "0.05"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as step:
+        assert step.stdout
+        step.stdout.readline()
+        step.kill()
+        step.stdout.read()  # ends, although nobody has waited for the script yet
+
+
 @pytest.mark.parametrize(
     ("steps", "seconds", "left"),
     [
