@@ -425,6 +425,18 @@ def test_a_release_is_set_up_in_a_shell_for_another_one(releases: Path, sourced:
     assert f"AMENT_PREFIX_PATH={releases}/.venv{other and '-kilted'}\n" in done.stderr
 
 
+@pytest.mark.parametrize("home", ["HOME=$PWD/scripts/setup", "XDG_CACHE_HOME=/proc"])
+def test_caches_that_cannot_be_written_are_moved(releases: Path, home: str) -> None:
+    script = f"""
+    hash=$(sha256sum scripts/setup scripts/versions.txt | sha256sum)
+    echo "$PWD pypi jazzy  $hash" >build/setup/environment
+    {home} scripts/setup
+    """
+    done = in_bash(script, releases)
+    assert "not writable" in done.stdout
+    assert f"XDG_CACHE_HOME={releases}/build/cache\n" in done.stderr
+
+
 @pytest.mark.parametrize(("ros", "status"), [("humble", 2), ("kilted", 3), ("", 3)])
 def test_tests_of_a_release_need_a_shell_without_another_ros(
     releases: Path, ros: str, status: int
