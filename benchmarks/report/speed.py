@@ -38,10 +38,10 @@ TARGETS = {
     "service_rtt": Target(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
     "service_rtt_p99": Target(3.0, 2.0, "the same at p99"),
     "service_cpu": Target(2.0, 1.3, "agent's CPU per call / (bare server + bare client)"),
-    "concurrent": Target(0.90, 0.95, "10 concurrent calls of 50 ms: throughput / ideal", True),
-    "push_latency": Target(1.3, 1.1, "push to subscriber at 100 Hz / bare publish"),
-    "push_cpu": Target(1.5, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
-    "push_max": Target(0.5, 0.8, "highest rate without loss / bare publish's", True),
+    "concurrent": Target(0.93, 0.96, "10 concurrent calls of 50 ms: throughput / ideal", True),
+    "push_latency": Target(1.1, 1.05, "push to subscriber at 100 Hz / bare publish"),
+    "push_cpu": Target(1.2, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
+    "push_max": Target(0.8, 0.9, "highest rate without loss / bare publish's", True),
     "cmd_vel_latency": Target(1.3, 1.1, "cmd_vel at 20 Hz to the chassis / bare subscriber"),
     "cmd_vel_cpu": Target(1.5, 1.2, "agent's CPU per cmd_vel at 20 Hz / bare subscriber"),
     "stop_latency": Target(
@@ -61,7 +61,7 @@ TARGETS = {
     "idle_rss": Target(1.35, 1.15, "resident memory / a node with the same entities"),
     "idle_cpu": Target(1.0, 0.3, "percent of a core, connected and unused"),
     "startup": Target(
-        2.0, 1.3, "start to connected and discovered / a node with the same entities"
+        1.4, 1.2, "start to connected and discovered / a node with the same entities"
     ),
     "fleet_end": Target(3.0, 1.5, "seconds until a process with 20 robots has ended"),
     "fleet": Target(None, 60, "robots served at 20 Hz each, in the better of two ways", True),

@@ -385,7 +385,7 @@ def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread) -> None:
     third = JsonClient(simulator.port)
     third.ask(BUILD_MAP, {"type": SAVE})
     assert third.ask(SCENE)["mapName"] == "hall"
-    other.socket.transport.abort()
+    other.close()
     third.close()
 
 

@@ -144,7 +144,7 @@ async def test_frames_after_an_unreadable_one_are_not_recorded(tmp_path: Path) -
 
 @aio
 async def test_reads_at_high_rates_are_delayed(monkeypatch: pytest.MonkeyPatch) -> None:
-    server = await asyncio.start_server(lambda _reader, _writer: None, "127.0.0.1", 0)
+    server = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", 0)
     _, stream = await asyncio.open_connection("127.0.0.1", server.sockets[0].getsockname()[1])
     transport = stream.transport
     assert isinstance(transport, asyncio.ReadTransport)

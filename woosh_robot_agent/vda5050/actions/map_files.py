@@ -6,6 +6,7 @@ import hashlib
 import http.client
 import io
 import time
+import urllib.error
 import urllib.request
 import zipfile
 import zlib
@@ -78,6 +79,8 @@ def fetch(link: str, expected: str = "") -> bytes:
                 if time.monotonic() > deadline:
                     raise MapFileError(f"the download of {link} takes too long")
     except (OSError, ValueError, http.client.HTTPException) as error:
+        if isinstance(error, urllib.error.HTTPError):
+            error.close()  # it holds the connection
         raise MapFileError(f"{link} cannot be fetched: {error}") from None
     if len(data) > _MAX_BYTES:
         raise MapFileError(f"{link} has more than {_MAX_BYTES} bytes")

@@ -1,0 +1,102 @@
+"""The agent with the discovery server of Fast DDS, as docs/deployment.md describes it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.harness import Program
+from woosh_robot_agent.simulator import SimulatorThread
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs/deployment.md"
+
+pytestmark = pytest.mark.skipif(
+    not shutil.which("fast-discovery-server")
+    or os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp",
+    reason="needs Fast DDS and its program fast-discovery-server",
+)
+
+
+def free_port() -> int:
+    """Return a UDP port that nothing uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def documented_server(port: int) -> list[str]:
+    """Return the documented command that starts a server, with an address of this machine."""
+    (line,) = re.findall(r"^fast-discovery-server .*$", PAGE.read_text(), re.MULTILINE)
+    words = shlex.split(line)
+    words[words.index("-l") + 1] = "127.0.0.1"
+    words[words.index("-p") + 1] = str(port)
+    return words
+
+
+@pytest.fixture
+def server() -> Iterator[str]:
+    """Start a discovery server; return its address."""
+    port = free_port()
+    process = subprocess.Popen(documented_server(port), stdout=subprocess.DEVNULL)
+    yield f"127.0.0.1:{port}"
+    process.kill()
+    process.wait()
+
+
+@pytest.fixture
+def agent(
+    server: str, domain: int, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """Start an agent that uses the discovery server."""
+    with monkeypatch.context() as environment:
+        environment.setenv("ROS_DISCOVERY_SERVER", server)
+        program = Program(domain, "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+    try:
+        program.wait_says("connected to")
+        yield
+    finally:
+        program.process.kill()
+        program.process.wait()
+
+
+def found(role: str, domain: int, **environment: str) -> list[str]:
+    """Return what nodes with this environment find."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.node.discovery_client", role, str(domain)],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@pytest.mark.usefixtures("agent")
+def test_a_node_with_the_server_uses_the_agent_and_is_told_of_nothing_else(
+    server: str, domain: int, simulator: SimulatorThread
+) -> None:
+    robot, others = found("use", domain, ROS_DISCOVERY_SERVER=server)
+    assert robot == str(simulator.call(lambda inner: inner.chassis.robot_id))
+    assert others == "0"
+
+
+@pytest.mark.usefixtures("agent")
+def test_a_super_client_sees_everything(server: str, domain: int) -> None:
+    assert found("look", domain, ROS_DISCOVERY_SERVER=server, ROS_SUPER_CLIENT="TRUE") == ["1"]
+
+
+@pytest.mark.usefixtures("agent")
+def test_nodes_without_the_server_do_not_find_the_agent(domain: int) -> None:
+    # The agent is older than the later node, so it would have been found before.
+    assert found("look_for_later_node", domain) == ["0"]
