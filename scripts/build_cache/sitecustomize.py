@@ -5,6 +5,7 @@ this name at every start. Each of seven generators parses every interface file w
 which takes most of the time of a build with a warm ccache.
 """
 
+import contextlib
 import hashlib
 import os
 import pickle
@@ -31,9 +32,10 @@ def install():
             return pickle.loads(file.read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
             content = parse(text, png_file=png_file)
-            with tempfile.NamedTemporaryFile(dir=folder, delete=False) as new:
-                pickle.dump(content, new)
-            os.replace(new.name, file)  # atomic, because another generator may write the same file
+            with contextlib.suppress(OSError):  # the build does not need the cache
+                with tempfile.NamedTemporaryFile(dir=folder, delete=False) as new:
+                    pickle.dump(content, new)
+                os.replace(new.name, file)  # atomic: another generator may write the same file
             return content
 
     parser.parse_idl_string = remembered

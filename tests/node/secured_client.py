@@ -84,7 +84,12 @@ def try_to(what: str, create: Callable[[], Any], is_usable: Callable[[Any], bool
     except Exception as error:  # rcl's error if the middleware refuses
         print(what, "refused", type(error).__name__)
     else:
-        print(what, "ALLOWED" if is_usable(created) else "refused")
+        try:
+            wait_until(lambda: is_usable(created), timeout=5.0)  # discovery takes time
+        except AssertionError:
+            print(what, "refused")
+        else:
+            print(what, "ALLOWED")
 
 
 def main() -> None:

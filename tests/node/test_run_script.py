@@ -92,6 +92,7 @@ def test_the_address_of_the_page_comes_before_the_commands(
             assert "/woosh_robot" not in before
             assert "starting the agent" in after
             assert "/woosh_robot/robot/PoseSpeed" in after
+            assert ("export WOOSH_ROS=kilted; source" in after) == bool(release)
             with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
                 assert b"<canvas" in response.read()
             process.send_signal(signal.SIGINT)
