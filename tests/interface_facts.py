@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
-import yaml
+from tests.fact_files import FOLDER, facts
 
-FACTS = Path(__file__).parent / "facts" / "ros"
+FACTS = FOLDER / "ros"
 HASHES: dict[str, str] = json.loads((FACTS / "type_hashes.json").read_text())
-PACKAGES = {path.stem: yaml.safe_load(path.read_text()) for path in FACTS.glob("*.yaml")}
+PACKAGES = {path.stem: facts(f"ros/{path.name}") for path in FACTS.glob("*.yaml")}
 KINDS = {
     "messages": ("msg", [""]),
     "services": ("srv", ["request", "response"]),

@@ -5,17 +5,16 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import re
-from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from google.protobuf.descriptor import FieldDescriptor
 
+from tests.fact_files import facts
 from woosh_robot_agent import pb
 from woosh_robot_agent.protos import message_types
 
-FACTS = yaml.safe_load((Path(__file__).parent / "facts/proto/woosh_proto.yaml").read_text())
+FACTS = facts("proto/woosh_proto.yaml")
 SCALARS = {
     name: getattr(FieldDescriptor, f"TYPE_{name.upper()}")
     for name in ("double", "float", "int64", "uint64", "int32", "uint32", "fixed32", "bool")

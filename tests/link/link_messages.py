@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 from typing import Any
 
-import yaml
 from google.protobuf.any_pb2 import Any as AnyMessage
 from google.protobuf.descriptor import FieldDescriptor as Kind
 from google.protobuf.message import Message
 from hypothesis import strategies as st
 
+from tests.fact_files import facts
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.protos import message_types
 
-ENDPOINTS = yaml.safe_load((Path(__file__).parents[1] / "facts/endpoints.yaml").read_text())
+ENDPOINTS = facts("endpoints.yaml")
 
 
 def table_types() -> list[str]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
+from tests.fact_files import facts
 from tests.harness import Client, wait_until
 from tests.node.further_services import FURTHER
 from tests.node.goals import slow_down
@@ -17,7 +16,7 @@ from tests.ros2_commands import documented
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
 from woosh_robot_msgs.srv import ExecTask, PlanPath, RobotWiFi, SetIdentity, Setting
 
-FACTS = yaml.safe_load((Path(__file__).parents[1] / "facts/endpoints.yaml").read_text())
+FACTS = facts("endpoints.yaml")
 TWICE = "setting/SetIdentity"
 """Second name of setting/Identity; the facts have it only in a comment."""
 

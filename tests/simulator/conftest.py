@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
+from tests.fact_files import facts
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient, TcpClient
 from woosh_robot_agent.simulator import SimulatorThread
@@ -34,5 +33,4 @@ def tcp(simulator: SimulatorThread) -> Iterator[TcpClient]:
 
 @pytest.fixture(scope="session")
 def endpoints() -> Any:
-    # Without resolve(): the folder of the tests may be a symbolic link.
-    return yaml.safe_load((Path(__file__).parents[1] / "facts" / "endpoints.yaml").read_text())
+    return facts("endpoints.yaml")

@@ -5,18 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
+from tests.fact_files import FOLDER, facts
 from tests.simulator.recorded_chassis import Frame, RecordedChassis, wait_frame
 from tests.simulator.sim_wire import Json
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import action_pb2, navigation_pb2, task_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-
-FACTS = Path(__file__).parents[1] / "facts"
 
 EXEC_TASK, EXEC_PRE_TASK = "woosh.robot.ExecTask", "woosh.robot.ExecPreTask"
 ORDER, TASK_PROC, STATE = (
@@ -49,12 +45,12 @@ class Report(NamedTuple):
 
 def real_robot() -> Any:
     """Return the figures about the real robot."""
-    return yaml.safe_load((FACTS / "real_robot.yaml").read_text())
+    return facts("real_robot.yaml")
 
 
 def real_tasks() -> Any:
     """Return the tasks of the real robot, frame by frame."""
-    return json.loads((FACTS / "real_tasks.json").read_text())
+    return json.loads((FOLDER / "real_tasks.json").read_text())
 
 
 def task_id(body: Json) -> int:
