@@ -22,6 +22,7 @@ from tests.ros2_commands import NAMESPACE, parse, set_message_fields
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.body.base import Velocity
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_msgs.srv import Deployment
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "mapping.md"
@@ -119,8 +120,14 @@ class Terminal:
         seen = echo(self._client, options.topic.removeprefix(NAMESPACE))
         seen.wait(lambda m: eval(options.filter, {"m": m}))
 
+    def _odometry(self) -> Pose:
+        return self._simulator.call(lambda inner: inner.chassis.base.odometry)
+
     def _pub(self, words: list[str]) -> None:
-        """Publish at the rate of the command in simulated time."""
+        """Publish at the rate of the command in simulated time, until the robot has come as far.
+
+        On a busy machine it stops now and then, because velocities come too late.
+        """
         parser = argparse.ArgumentParser()
         parser.add_argument("-r", type=float, required=True)
         parser.add_argument("-t", type=int, required=True)
@@ -134,7 +141,13 @@ class Terminal:
         node = self._client.node
         publisher = node.create_publisher(type(message), options.topic, 10)
         wait_until(publisher.get_subscription_count, f"a subscriber of {options.topic}")
-        for _ in range(options.t):
+        start = self._odometry()
+        wanted = options.t / options.r * max(abs(message.linear.x), abs(message.angular.z))
+        for _ in range(20 * options.t):
+            now = self._odometry()
+            gone = math.hypot(now.x - start.x, now.y - start.y) + abs(now.theta - start.theta)
+            if gone >= wanted:
+                break
             publisher.publish(message)
             time.sleep(1.0 / options.r / SPEED)
         self._client.in_executor(lambda: node.destroy_publisher(publisher))

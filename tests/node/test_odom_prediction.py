@@ -6,6 +6,7 @@ the stamps of the messages only.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -81,6 +82,26 @@ def odoms(client: Client) -> Collector:
     collector = client.echo_with(Odometry, "odom", QoSProfile(depth=1000))
     collector.wait_count(1)
     return collector
+
+
+def predicted(
+    reports: Reports,
+    odom: Collector,
+    wanted: Callable[[Any], bool],
+    pose: Pose2D,
+    linear: float,
+    angular: float = 0.0,
+) -> Any:
+    """Push a report, and return the first message that is wanted.
+
+    A busy machine may not come to publish a message before the horizon. Then this begins anew.
+    """
+    for _ in range(20):
+        reports.push(pose, linear, angular)
+        with contextlib.suppress(AssertionError):
+            return odom.wait(wanted, 10 * HORIZON)
+        odom.messages.clear()
+    raise AssertionError("no message is predicted from the reports")
 
 
 def pose_of(message: Any) -> Pose2D:
@@ -170,8 +191,7 @@ def test_the_pose_moves_by_the_velocity(
     """Between two messages, the pose moves along the arc that their stamps give."""
     start(odom_rate=100.0)
     odom = odoms(client)
-    reports.push(Pose2D(), 0.5, 1.0)
-    odom.wait(lambda m: moving(m) and pose_of(m).theta > 0.2)
+    predicted(reports, odom, lambda m: moving(m) and pose_of(m).theta > 0.2, Pose2D(), 0.5, 1.0)
     # after the first blend, in which the pose leaves the standstill
     first = next(stamp(m) for m in odom.messages if moving(m))
     checked = 0
@@ -191,8 +211,7 @@ def test_nothing_is_predicted_beyond_the_horizon(
 ) -> None:
     start()
     odom = odoms(client)
-    reports.push(Pose2D(), 0.5)
-    odom.wait(lambda m: pose_of(m).x > 0.05)
+    predicted(reports, odom, lambda m: pose_of(m).x > 0.05, Pose2D(), 0.5)
     pass_two_seconds(client)
     driven = [m for m in odom.messages if moving(m)]
     assert stamp(driven[-1]) - stamp(driven[0]) <= HORIZON
@@ -216,8 +235,7 @@ def test_a_robot_that_stays_silent_stands(
     """A real robot does not report while it stands, and its last speed may be any."""
     start(odom_prediction=prediction)
     odom = odoms(client)
-    reports.push(Pose2D(0.02), linear, angular)
-    last = odom.wait(moving)
+    last = predicted(reports, odom, moving, Pose2D(0.02), linear, angular)
 
     def stands(message: Any) -> bool:
         return not moving(message) and abs(pose_of(message).x - 0.02) < 1e-6
@@ -226,8 +244,13 @@ def test_a_robot_that_stays_silent_stands(
     odom.wait_count(len(odom.messages) + 20)
     later = [m for m in odom.messages if stamp(m) >= stamp(first)]
     assert all(map(stands, later))
-    reports.push(Pose2D(0.03), 0.1)
-    odom.wait(lambda m: moving(m) and abs(m.twist.twist.linear.x - 0.1) < 1e-6)
+    predicted(
+        reports,
+        odom,
+        lambda m: moving(m) and abs(m.twist.twist.linear.x - 0.1) < 1e-6,
+        Pose2D(0.03),
+        0.1,
+    )
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0])
@@ -237,8 +260,7 @@ def test_the_pose_does_not_jump_back_with_a_late_report(
     """The robot has stopped, but its report comes when odom has paused for 0.2 s."""
     start()
     odom = odoms(client)
-    reports.push(Pose2D(), 0.5, turn)
-    odom.wait(lambda m: pose_of(m).x > 0.08)
+    predicted(reports, odom, lambda m: pose_of(m).x > 0.08, Pose2D(), 0.5, turn)
     clock = client.node.get_clock()
     wait_until(
         lambda: clock.now().nanoseconds / 1e9 - stamp(odom.messages[-1]) > 0.2, "odom pauses"
@@ -261,8 +283,7 @@ def test_the_pose_does_not_jump_back_with_a_report(
     """The robot was slower than predicted: the error disappears within the time of the blend."""
     start()
     odom = odoms(client)
-    reports.push(Pose2D(), 0.5, turn)
-    ahead = pose_of(odom.wait(lambda m: pose_of(m).x > 0.09))
+    ahead = pose_of(predicted(reports, odom, lambda m: pose_of(m).x > 0.09, Pose2D(), 0.5, turn))
     behind = Pose2D.from_arc(0.03, 0.0, 0.06 * turn)
     reports.push(behind)
     odom.wait(lambda m: not moving(m) and pose_of(m).seen_from(behind).distance < 1e-6)
@@ -281,8 +302,7 @@ def test_a_jump_in_the_map_does_not_move_odom(
     start()
     odom = odoms(client)
     transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
-    reports.push(Pose2D(), 0.5)
-    odom.wait(lambda m: pose_of(m).x > 0.05)
+    predicted(reports, odom, lambda m: pose_of(m).x > 0.05, Pose2D(), 0.5)
     elsewhere = Pose2D(1.0, 2.0, 0.5)
     reports.push(elsewhere, 0.5)
     reports.push(elsewhere)
@@ -333,8 +353,7 @@ def test_impossible_speeds_do_not_move_odom(
     odom.wait_count(len(odom.messages) + 10)
     assert not any(moving(m) or pose_of(m).distance for m in odom.messages)
     assert len(warnings_in(logs)) == 1
-    reports.push(Pose2D(), 0.5)
-    odom.wait(moving)
+    predicted(reports, odom, moving, Pose2D(), 0.5)
 
 
 def warnings_in(logs: Any) -> list[str]:
