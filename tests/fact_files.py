@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,13 @@ import yaml
 FOLDER = Path(__file__).parent / "facts"
 
 
-@functools.cache
 def facts(name: str) -> Any:
-    """Return the content of a YAML file; callers must not change it."""
+    """Return the content of a YAML file."""
+    return copy.deepcopy(_content(name))  # some tests change it
+
+
+@functools.cache
+def _content(name: str) -> Any:
     # The loader that is written in Python takes ten times as long.
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     return yaml.load((FOLDER / name).read_text("utf-8"), loader)

@@ -1,5 +1,7 @@
 """A client with SROS2, run as a process. It prints one line for each operation that it tries.
 
+Each line begins with `SAID`, because the middleware writes its errors to the same output.
+
     python3 -m tests.node.secured_client client|display --ros-args --enclave ENCLAVE
 
 The client does what its policy allows; the display also tries what `--read-only` excludes.
@@ -29,7 +31,13 @@ from woosh_robot_msgs.srv import ExecTask as ExecTaskSrv
 from woosh_robot_msgs.srv import PoseSpeed, SwitchControlMode
 
 AGENT = "/woosh_robot"
+SAID = ">"
+"""First word of each line that the client prints."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def say(*words: object) -> None:
+    print(SAID, *words, flush=True)
 
 
 def call(node: Node, srv: Any, name: str) -> Any:
@@ -51,13 +59,13 @@ def echo(node: Node, msg: Any, name: str, qos: QoSProfile) -> Any:
 
 def read(node: Node) -> None:
     call(node, PoseSpeed, "robot/PoseSpeed")
-    print("service")
+    say("service")
     echo(node, ModeMsg, "robot/Mode", LATCHED)
-    print("topic")
-    print("scan", len(echo(node, LaserScan, "scan", QoSProfile(depth=5)).ranges) > 100)
-    print("map", len(echo(node, OccupancyGrid, "map", LATCHED).data) > 10_000)
+    say("topic")
+    say("scan", len(echo(node, LaserScan, "scan", QoSProfile(depth=5)).ranges) > 100)
+    say("map", len(echo(node, OccupancyGrid, "map", LATCHED).data) > 10_000)
     response = call(node, Download, "map/Download")
-    print("download", response.ok, sum(len(file.data) for file in response.ret.file_datas))
+    say("download", response.ok, sum(len(file.data) for file in response.ret.file_datas))
 
 
 def run_task(node: Node) -> None:
@@ -74,7 +82,7 @@ def run_task(node: Node) -> None:
     wait_until(sent.done, "the goal")
     result = sent.result().get_result_async()
     wait_until(result.done, "the result")
-    print("task", result.result().status, bool(states))
+    say("task", result.result().status, bool(states))
 
 
 def try_to(what: str, create: Callable[[], Any], is_usable: Callable[[Any], bool]) -> None:
@@ -82,14 +90,14 @@ def try_to(what: str, create: Callable[[], Any], is_usable: Callable[[Any], bool
     try:
         created = create()
     except Exception as error:  # rcl's error if the middleware refuses
-        print(what, "refused", type(error).__name__)
+        say(what, "refused", type(error).__name__)
     else:
         try:
             wait_until(lambda: is_usable(created), timeout=5.0)  # discovery takes time
         except AssertionError:
-            print(what, "refused")
+            say(what, "refused")
         else:
-            print(what, "ALLOWED")
+            say(what, "ALLOWED")
 
 
 def main() -> None:
@@ -128,4 +136,5 @@ def main() -> None:
     rclpy.shutdown()
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import TIMEOUT, Client, Program, wait_until
+from tests.harness import HUMBLE, TIMEOUT, Client, Program, wait_until
 from tests.node.goals import ABORTED, EXECUTING, lift3, slow_down, step, stop_time, task
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
@@ -25,6 +25,8 @@ from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
 TWIST = "woosh.robot.Twist"
+WITHOUT_WARNING = ["-p", "executor:=single"] if HUMBLE else []
+"""ROS arguments that prevent the warning that Humble has no other executor."""
 LONG = {
     "poll_timeout": 600_000,
     "connect_timeout": 60.0,
@@ -242,7 +244,7 @@ def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
     try:
         assert simulator.stdout is not None
         assert b"ready" in simulator.stdout.readline()
-        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}")
+        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}", *WITHOUT_WARNING)
         program.wait_says("connected to")
         program.process.send_signal(signal.SIGINT)
         simulator.send_signal(signal.SIGINT)

@@ -16,6 +16,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 
 from tests.harness import HUMBLE, Client, RunningAgent, wait_until
+from tests.node.secured_client import SAID
 from woosh_robot_agent import security
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
 from woosh_robot_agent.simulator import SimulatorThread
@@ -207,7 +208,8 @@ def run(role: str) -> list[str]:
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    lines = (line.split(maxsplit=1) for line in done.stdout.splitlines())
+    return [words[1] for words in lines if words[:1] == [SAID]]
 
 
 def refused(lines: list[str]) -> list[str]:
