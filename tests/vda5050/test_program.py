@@ -124,4 +124,4 @@ def test_without_its_libraries_the_program_says_what_to_install(
     monkeypatch.setitem(sys.modules, "woosh_robot_agent.vda5050.broker_options", None)
     monkeypatch.setattr(program, "_LIBRARIES", ("woosh_robot_agent.vda5050.broker_options",))
     assert main(["--help"]) == 1
-    assert "pip install 'woosh_robot_agent[vda5050]'" in capsys.readouterr().err
+    assert "pip install 'aiomqtt>=2.3' 'jsonschema>=4.20'" in capsys.readouterr().err

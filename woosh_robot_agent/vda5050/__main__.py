@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(
             f"error: vda5050 needs {error.name}, which is not installed here; install it with "
-            "pip install 'woosh_robot_agent[vda5050]'",
+            "python3 -m pip install 'aiomqtt>=2.3' 'jsonschema>=4.20'",
             file=sys.stderr,
         )
         return 1
