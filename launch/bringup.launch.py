@@ -4,8 +4,8 @@
 
 Arguments: those of agent.launch.py; frame_prefix, for several robots that share /tf (default: from
 params_file); urdf, your own model. If robot_state_publisher is not installed (apt install
-ros-jazzy-robot-state-publisher), no model is published, and the agent publishes the pose of the
-laser if the robot's firmware reports it.
+ros-$ROS_DISTRO-robot-state-publisher), no model is published, and the agent publishes the pose of
+the laser if the robot's firmware reports it.
 """
 
 import re

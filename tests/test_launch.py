@@ -160,6 +160,11 @@ class TestLaunch:
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
 
+    @pytest.mark.parametrize("name", ["agent", "bringup"])
+    def test_a_port_that_is_no_number_is_refused(self, name: str):
+        with pytest.raises(ValueError, match="port must be a whole number, not '548O'"):
+            Launch(name, port="548O")
+
     def test_bringup_works_without_robot_state_publisher(self):
         (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
         values = check_agent(node)

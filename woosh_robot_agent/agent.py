@@ -80,6 +80,7 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
 
     from woosh_robot_agent.fleet import Fleet
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
+    from woosh_robot_agent.ros_release import error_text
 
     heap = Heap()
     if signals.received:
@@ -94,9 +95,11 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
             ParameterException,
             NameValidationException,
             RCLError,
-            UnknownROSArgsError,
         ) as error:
-            print("agent:", *str(error).split(), file=sys.stderr)
+            print("agent:", *error_text(error).split(), file=sys.stderr)
+            return 2
+        except UnknownROSArgsError as error:  # its text is the list of them
+            print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)
             return 2
         executor = make_executor(fleet.executor)
         for agent in fleet.agents:

@@ -15,6 +15,7 @@ from woosh_robot_agent.bridge import LoopThread
 from woosh_robot_agent.node import Agent, close_all
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
+from woosh_robot_agent.ros_release import error_text
 
 _STOP_TIMEOUT = 0.3
 """Timeout for the end of the link thread, in seconds."""
@@ -127,8 +128,8 @@ def _create_node(name: str, namespace: str, options: dict[str, Any]) -> Paramete
         )
     except (ValueError, ParameterException) as error:
         raise ValueError(
-            f"robot {namespace}: {error} (set its parameters under {namespace}/agent in the "
-            "parameter file)"
+            f"robot {namespace}: {error_text(error)} (set its parameters under {namespace}/agent "
+            "in the parameter file)"
         ) from error
 
 

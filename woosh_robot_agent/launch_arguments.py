@@ -22,8 +22,8 @@ DESCRIPTIONS = {
 }
 """Descriptions of the arguments, by name."""
 
-_PARAMETERS: dict[str, type[str] | type[int]] = {"ip": str, "port": int, "frame_prefix": str}
-"""Types of the arguments that are parameters of the agent. Empty ones are not set."""
+_PARAMETERS = ("ip", "port", "frame_prefix")
+"""Arguments that are parameters of the agent. Empty ones are not set."""
 
 
 def share(*parts: str) -> Path:
@@ -60,10 +60,15 @@ def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
     Args:
         arguments: values of launch arguments; they override the parameter file.
         parameters: further parameters, which override both.
+
+    Raises:
+        ValueError: the port is not a number.
     """
-    values = {
-        name: kind(arguments[name]) for name, kind in _PARAMETERS.items() if arguments.get(name)
+    values: dict[str, object] = {
+        name: arguments[name] for name in _PARAMETERS if arguments.get(name)
     }
+    if port := arguments.get("port"):
+        values["port"] = _port(port)
     return Node(
         package=PACKAGE,
         executable="agent",
@@ -72,3 +77,10 @@ def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
         output="screen",
         emulate_tty=True,
     )
+
+
+def _port(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"port must be a whole number, not {text!r}") from None

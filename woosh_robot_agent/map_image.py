@@ -44,9 +44,9 @@ def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
     Raises:
         MapError: the image cannot be decoded, or is too large.
     """
-    from PIL import Image
+    from PIL import ImageOps
 
-    grey = grey_image(image_file).transpose(Image.Transpose.FLIP_TOP_BOTTOM)
+    grey = ImageOps.flip(grey_image(image_file))
     return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
 
 

@@ -11,6 +11,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node, NodeNameNonExistentError
 
 try:
@@ -32,6 +33,7 @@ __all__ = [
     "UnsupportedEventTypeError",
     "WithMessageInfo",
     "count_services",
+    "error_text",
     "events_executor",
     "on_parameters_set",
     "subscriber_event_handlers",
@@ -115,6 +117,16 @@ def count_services(node: Any, name: str) -> int:
         except NodeNameNonExistentError:  # it has just left the graph
             continue
     return count
+
+
+def error_text(error: Exception) -> str:
+    """Return the text of an error of rclpy.
+
+    Errors of parameters have further arguments on Humble, where `str` returns all of them.
+    """
+    if isinstance(error, ParameterException) and error.args:
+        return str(error.args[0])
+    return str(error)
 
 
 def type_hash(endpoint: Any) -> str:

@@ -272,6 +272,7 @@ def test_bad_parameter_ends_the_program_with_one_line(
     said = start_program("-p", argument).wait_refused()
     assert len(said.strip().splitlines()) == 1, said
     assert re.search(rf"\b{complaint}\b", said), said
+    assert "('" not in said, "a tuple instead of a text"
 
 
 def test_malformed_arguments_end_the_program_with_one_line(
@@ -280,6 +281,11 @@ def test_malformed_arguments_end_the_program_with_one_line(
     said = start_program("-p", "port").wait_refused().splitlines()
     assert [line for line in said if line.startswith("agent: ")] == said[-1:]
     assert len(said) <= 2, "rcl logs an error, too"
+
+
+def test_unknown_arguments_are_named(start_program: Callable[..., Program]) -> None:
+    said = start_program("--parms-file", "my.yaml").wait_refused()
+    assert re.search(r"unknown arguments.*--parms-file", said), said
 
 
 def drive(client: Client, linear: float = 0.2) -> Any:

@@ -17,6 +17,7 @@ import aiomqtt
 
 from woosh_robot_agent.link.backoff import Backoff
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.timeouts import run_with_timeout
 
 _LOG = logging.getLogger(__name__)
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -153,8 +154,8 @@ class MqttConnection:
     async def flush(self, timeout: float) -> None:
         """Wait until everything is published, at most `timeout` seconds."""
         try:
-            await asyncio.wait_for(self._idle.wait(), timeout)
-        except asyncio.TimeoutError:
+            await run_with_timeout(timeout, self._idle.wait())
+        except TimeoutError:
             _LOG.warning("the broker did not take the last messages within %g s", timeout)
 
     async def run(self) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
 from woosh_robot_agent.link.errors import NotConnectedError, TooManyRequestsError
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.util import action_pb2 as action
@@ -135,8 +136,8 @@ class TaskOrders:
                 if order == action.kContinue:
                     self._wanted, self.stands = None, False
                 self._tasks.start(self._send(order, self._task_id))
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._wake.wait(), _REPEAT_AFTER)
+            with contextlib.suppress(TimeoutError):
+                await run_with_timeout(_REPEAT_AFTER, self._wake.wait())
 
     def _due(self) -> action.Order | None:
         """Return the command that the robot has not obeyed; None without one."""

@@ -127,13 +127,13 @@ def prepare_map(picture: Picture, time: int) -> PreparedMap | None:
 
 
 def _view(picture: Picture, time: int) -> View | None:
-    from PIL import Image
+    from PIL import ImageOps
 
     grey = grey_image(picture.image)
     if grey.width * grey.height > _MAX_CELLS:
         _LOG.warning("map %s is too large for a view; it is attached only", picture.name)
         return None
-    colours = grey.transpose(Image.Transpose.FLIP_TOP_BOTTOM).convert("RGBA").tobytes()
+    colours = ImageOps.flip(grey).convert("RGBA").tobytes()
     fields = [
         PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
         for offset, name in enumerate(_COLOURS)

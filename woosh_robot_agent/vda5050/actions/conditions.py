@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from woosh_robot_agent.link.timeouts import run_with_timeout
+
 
 class Conditions:
     """Conditions that actions wait for. Call `check` after each event. Used in one event loop."""
@@ -19,8 +21,8 @@ class Conditions:
         holds = asyncio.get_running_loop().create_future()
         self._waiting[holds] = condition
         try:
-            await asyncio.wait_for(holds, timeout)
-        except asyncio.TimeoutError:
+            await (holds if timeout is None else run_with_timeout(timeout, holds))
+        except TimeoutError:
             return False
         finally:
             del self._waiting[holds]

@@ -20,6 +20,7 @@ from woosh_robot_agent.link import (
     RequestTimeoutError,
 )
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
@@ -242,8 +243,8 @@ class RobotCalls:
             run.wake.clear()
             if self._chassis.state is LinkState.READY:
                 await self._control(run, command)
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(run.wake.wait(), _REPEAT_AFTER)
+            with contextlib.suppress(TimeoutError):
+                await run_with_timeout(_REPEAT_AFTER, run.wake.wait())
 
     async def _control(self, run: _Run, command: action_pb2.ControlAction) -> None:
         """Pause, resume or cancel an action."""
