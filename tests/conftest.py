@@ -43,8 +43,8 @@ def pytest_collection_finish() -> None:
     """Exclude the modules and the thousands of collected tests from garbage collection.
 
     They live until the end, and each complete collection would visit all of them. The tests of the
-    link collect after each test, and would take several times as long. Other tests need fewer
-    collections than Python's default, which take about a tenth of their CPU time.
+    link collect after each test, and would take several times as long. Python's default thresholds
+    cost the other tests about a tenth of their CPU time.
     """
     gc.collect()
     gc.freeze()

@@ -39,8 +39,8 @@ FIGURES = (
 """Names in the output of `--speed --json`, which scripts of users may depend on."""
 
 
-def useless(figures: dict[str, float]) -> dict[str, float]:
-    """Return the figures that are zero, negative or no numbers."""
+def not_positive(figures: dict[str, float]) -> dict[str, float]:
+    """Return the figures that are zero, negative or NaN."""
     return {name: value for name, value in figures.items() if not value > 0}
 
 
@@ -48,7 +48,7 @@ def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert speed.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert tuple(found) == FIGURES
-    assert not useless(found)
+    assert not not_positive(found)
 
 
 def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
@@ -57,7 +57,7 @@ def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(found) == list(links.LINKS)
     for figures in found.values():
         assert list(figures) == list(links.FIGURES)
-        assert not useless(figures)
+        assert not not_positive(figures)
 
 
 def test_maps_are_measured_over_every_link(capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,7 +67,7 @@ def test_maps_are_measured_over_every_link(capsys: pytest.CaptureFixture[str]) -
     for name in links.LINKS:
         assert list(found[name]) == list(maps.FIGURES)
     for figures in found.values():
-        assert all("memory" in name for name in useless(figures)), useless(figures)
+        assert all("memory" in name for name in not_positive(figures)), not_positive(figures)
 
 
 def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,7 +84,7 @@ def test_odom_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(capsys.readouterr().out)
     assert list(found) == [odom.ODOM, odom.REPORTS, odom.LAST, "times"]
     for figures in found.values():
-        assert not useless(figures)
+        assert not not_positive(figures)
 
 
 def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
@@ -94,7 +94,7 @@ def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(found["link"]) == ["alone", "watched", "alone_p99", "watched_p99"]
     for figures in found.values():
         assert figures is found["link"] or list(figures) == ["cpu", "traffic", "scans"]
-        assert not useless(figures)
+        assert not not_positive(figures)
 
 
 def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]) -> None:

@@ -124,9 +124,10 @@ class Terminal:
         return self._simulator.call(lambda inner: inner.chassis.base.odometry)
 
     def _pub(self, words: list[str]) -> None:
-        """Publish at the rate of the command in simulated time, until the robot has come as far.
+        """Publish at the command's rate in simulated time.
 
-        On a busy machine it stops now and then, because velocities come too late.
+        This ends when the robot has driven or turned as far as the command says. On a busy machine
+        that takes more messages, because the robot stops when one comes too late.
         """
         parser = argparse.ArgumentParser()
         parser.add_argument("-r", type=float, required=True)
