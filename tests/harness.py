@@ -180,11 +180,11 @@ class Client:
             wait_until(client.service_is_ready, f"the service {name}")
             parameters = self.path("agent/get_parameters")
             if parameters in dict(self.node.get_service_names_and_types()):
-                self._wait_known(GetParameters, parameters)
+                self.wait_known(GetParameters, parameters)
             self._clients[srv, name] = client
         return self._clients[srv, name]
 
-    def _wait_known(self, srv: Any, path: str) -> None:
+    def wait_known(self, srv: Any, path: str) -> None:
         """Wait until the agent has discovered all endpoints that this node has created so far.
 
         A service is ready when this node has discovered the agent's end. If the agent has not yet
@@ -246,7 +246,7 @@ class Client:
                     feedback_sub_qos_profile=QoSProfile(depth=1000),
                 )
                 client._feedback_callbacks = _Callbacks()
-                self._wait_known(
+                self.wait_known(
                     action.Impl.GetResultService, f"{self.path(name)}/_action/get_result"
                 )
                 wait_until(client.server_is_ready, f"the action {name}")
