@@ -1,8 +1,8 @@
 """Requirements of the Debian package, for scripts/deb.
 
 requirements.py unused VENV INSTALL
-    print the Python distributions in the environment that the installed workspace can run without;
-    all of ROS 2 is needed
+    print the Python distributions in the environment that the installed workspace does not need;
+    it needs all of ROS 2
 requirements.py debian VENV INSTALL PACKAGE_XML...
     print the Debian packages of the requirements outside the environment, and of the libraries
     that the package loads, as a value of Depends
@@ -50,7 +50,7 @@ def required_by(distribution: metadata.Distribution, extras: set[str]) -> Iterat
 
 
 def needed(venv: Path, install: Path) -> dict[str, metadata.Distribution]:
-    """Return the distributions that run the workspace, the system's included, by name."""
+    """Return the distributions that the workspace needs, the system's included, by name."""
     (agent,) = (
         distribution
         for distribution in metadata.distributions(path=site(install))
@@ -74,14 +74,14 @@ def needed(venv: Path, install: Path) -> dict[str, metadata.Distribution]:
         try:
             found[name] = here.get(name) or metadata.distribution(name)
         except metadata.PackageNotFoundError:
-            continue  # wheels of ROS name some tools for building by older names
+            continue  # wheels of ROS name some build tools by older names
         waiting += required_by(found[name], requirement.extras)
     return found
 
 
 def owner(path: Path) -> str | None:
     """Return the Debian package that owns a file."""
-    # Where /lib is a link to /usr/lib, packages list either.
+    # Where /lib is a link to /usr/lib, packages list one or the other path.
     for name in {str(path), str(path.resolve()), str(path.resolve()).removeprefix("/usr")}:
         result = subprocess.run(["dpkg", "-S", name], capture_output=True, text=True, check=False)
         if result.returncode == 0:
@@ -92,7 +92,7 @@ def owner(path: Path) -> str | None:
 def libraries_outside(install: Path) -> Iterator[tuple[str, Path]]:
     """Yield name and path of each shared library that the package loads and does not contain.
 
-    dpkg-shlibdeps needs minutes for it, and does not find libraries that a wheel contains.
+    dpkg-shlibdeps needs minutes for this, and does not find libraries that a wheel contains.
     """
     files = [path for path in install.rglob("*") if path.is_file() and not path.is_symlink()]
     files = [path for path in files if is_elf(path)]
