@@ -156,8 +156,9 @@ class Client:
     def in_executor(self, function: Callable[[], Any]) -> Any:
         """Run `function` in the executor's thread and return its result.
 
-        Action clients must send from that thread. rclpy registers a request only after sending it,
-        so in any other thread the answer may be read first, and is then dropped.
+        Action clients must be created there: Kilted's rclpy shows the executor a client that is not
+        complete yet. They must send from there: rclpy registers a request only after sending it, so
+        in any other thread the answer may be read first, and is then dropped.
         """
         return wait_future(self.executor.create_task(function))
 
@@ -238,12 +239,14 @@ class Client:
         """Return the client of an action, once both ends have discovered each other."""
         with self._lock:
             if (action, name) not in self._clients:
-                client = ActionClient(
-                    self.node,
-                    action,
-                    self.path(name),
-                    # with the default depth of 10, feedback is lost when this process is slow
-                    feedback_sub_qos_profile=QoSProfile(depth=1000),
+                client = self.in_executor(
+                    lambda: ActionClient(
+                        self.node,
+                        action,
+                        self.path(name),
+                        # with the default depth of 10, feedback is lost when this process is slow
+                        feedback_sub_qos_profile=QoSProfile(depth=1000),
+                    )
                 )
                 client._feedback_callbacks = _Callbacks()
                 self.wait_known(

@@ -36,7 +36,8 @@ def free_port() -> int:
 
 def documented_server(port: int) -> list[str]:
     """Return the documented command that starts a server, with an address of this machine."""
-    (line,) = re.findall(r"^fast-discovery-server .*$", PAGE.read_text(), re.MULTILINE)
+    start = "fast-discovery-server" + (" 42" if os.environ.get("ROS_DISTRO") == "kilted" else "")
+    (line,) = re.findall(rf"^`?({start} -i [^`\n]*)", PAGE.read_text(), re.MULTILINE)
     words = shlex.split(line)
     words[words.index("-l") + 1] = "127.0.0.1"
     words[words.index("-p") + 1] = str(port)
