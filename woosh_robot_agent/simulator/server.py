@@ -29,7 +29,7 @@ _MIN_STEP = 0.005
 At a higher speed, it advances only by whole steps.
 """
 
-_MIN_SLEEP = 0.01
+_MIN_SLEEP = 0.02
 """Minimum real time between two rounds of steps, in seconds; to wake up costs more than a step.
 
 At a high speed, each round has several steps.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from typing import TypeVar
 
 from google.protobuf.message import Message
 
@@ -15,11 +17,19 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.scenes.marks import mark_info_of, storages_of
 from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.world.footprints import Outline
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 _Hardware = robot_pb2.HardwareState
 _Bit = robot_pb2.DeviceState
+_Report = TypeVar("_Report", bound=Message)
+
+
+def _copy_of(report: _Report) -> _Report:
+    copy = type(report)()
+    copy.CopyFrom(report)
+    return copy
 
 
 def pose2d(pose: Pose) -> common_pb2.Pose2D:
@@ -51,9 +61,7 @@ def general(chassis: Chassis) -> robot_pb2.General:
 
 def setting(chassis: Chassis) -> robot_pb2.Setting:
     """Return the settings."""
-    copy = robot_pb2.Setting()
-    copy.CopyFrom(chassis.setting)
-    return copy
+    return _copy_of(chassis.setting)
 
 
 def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
@@ -141,10 +149,14 @@ def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
 
 def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
     """Return the health of the devices."""
+    return _copy_of(_hardware_state(chassis.robot_id, chassis.readiness.emergency_stop))
+
+
+@functools.lru_cache(maxsize=64)  # each step of the simulation asks for it
+def _hardware_state(robot_id: int, stopped: bool) -> robot_pb2.HardwareState:
     normal = _Hardware.kNormal
-    stopped = chassis.readiness.emergency_stop
     return robot_pb2.HardwareState(
-        robot_id=chassis.robot_id,
+        robot_id=robot_id,
         esb=_Hardware.kWarn if stopped else normal,
         motor=[normal] * 2,
         lidar=[normal] * 2,
@@ -167,11 +179,13 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
 
 def model(chassis: Chassis) -> robot_pb2.Model:
     """Return the current footprint."""
-    return robot_pb2.Model(
-        robot_id=chassis.robot_id,
-        model=[common_pb2.Point(x=x, y=y) for x, y in chassis.outline],
-        type=chassis.footprint,
-    )
+    return _copy_of(_model(chassis.robot_id, chassis.footprint, chassis.outline))
+
+
+@functools.lru_cache(maxsize=64)  # each step of the simulation asks for it
+def _model(robot_id: int, footprint: util_robot_pb2.FootPrint, outline: Outline) -> robot_pb2.Model:
+    points = [common_pb2.Point(x=x, y=y) for x, y in outline]
+    return robot_pb2.Model(robot_id=robot_id, model=points, type=footprint)
 
 
 def status_codes(chassis: Chassis) -> robot_count_pb2.StatusCodes:
