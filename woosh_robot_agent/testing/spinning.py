@@ -11,8 +11,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from woosh_robot_agent.testing.waiting import TIMEOUT
 
-_SPIN_TIMEOUT = 0.05
-"""Maximum delay before `stop` takes effect, in seconds."""
+_SPIN_TIMEOUT = 1.0
+"""Time after which the executor looks for work although nothing has woken it, in seconds."""
 
 
 class Spinner:
@@ -34,6 +34,7 @@ class Spinner:
     def stop(self) -> None:
         """Stop spinning and wait for the thread; raise the exception of a callback, if any."""
         self._stop.set()
+        self.executor.wake()
         self._thread.join(TIMEOUT)
         if self._error is not None:
             raise self._error
