@@ -24,7 +24,7 @@ TYPES = message_types()
 LARGEST = float.fromhex("0x1.fffffep+127")
 CODECS = [JsonCodec(), JsonCodec(defaults=True), ProtobufCodec()]
 quick = settings(
-    max_examples=25, deadline=None, suppress_health_check=list(HealthCheck), database=None
+    max_examples=10, deadline=None, suppress_health_check=list(HealthCheck), database=None
 )
 
 
@@ -50,7 +50,7 @@ def test_each_type_of_the_table_survives_a_round_trip(name: str) -> None:
     check()
 
 
-@settings(quick, max_examples=250)
+@settings(quick, max_examples=100)
 @given(st.data(), st.sampled_from(sorted(set(TYPES) - set(table_types()))))
 def test_every_other_type_survives_a_round_trip(data: Any, name: str) -> None:
     check_there_and_back(name, data.draw(messages(TYPES[name])))
@@ -101,7 +101,7 @@ def check_told(error: FrameError) -> None:
     str(error).encode()  # an error text that can be logged
 
 
-@settings(quick, max_examples=300)
+@settings(quick, max_examples=150)
 @given(st.binary(max_size=60) | st.text(max_size=60))
 def test_any_bytes_give_a_value_or_a_frame_error(data: str | bytes) -> None:
     for codec in CODECS:
@@ -125,7 +125,7 @@ trees = st.recursive(
 )
 
 
-@settings(quick, max_examples=200)
+@settings(quick, max_examples=100)
 @given(st.dictionaries(st.sampled_from(["type", "body", "ok", "msg", "sn", "timestamp"]), trees))
 def test_any_envelope_gives_a_value_or_a_frame_error(frame: Any) -> None:
     read(CODECS[0], json.dumps(frame))

@@ -32,7 +32,7 @@ CODECS = {
     "json of a chassis": JsonCodec(defaults=True),
     "binary": ProtobufCodec(),
 }
-EXAMPLES = int(os.environ.get("CONVERSION_EXAMPLES", "30"))
+EXAMPLES = int(os.environ.get("CONVERSION_EXAMPLES", "15"))
 
 # hypothesis draws only a seed: messages drawn value by value would be too large for it
 some = settings(

@@ -26,7 +26,7 @@ from woosh_robot_agent.link.codecs.json_reader import from_json
 from woosh_robot_agent.link.codecs.json_writer import to_json
 from woosh_robot_agent.protos import message_type
 
-ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "30"))
+ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "15"))
 ODD = [
     *(None, True, False, 0, 1, -1, 1.0, 0.5, -0.0, 2**31, 2**63, 2**64, 10**40, 10**400, 1e39),
     *(math.nan, math.inf, "NaN", "-Infinity", "12", "-3", "1e3", "1.5", "true", "false", ""),

@@ -10,7 +10,7 @@ from tests.robustness.faults import run_block
 from tests.robustness.rig import KINDS
 from tests.robustness.scenarios import ALONE, BLOCK, COMBINATIONS
 
-SCENARIOS = 9
+SCENARIOS = 6
 """Number of scenarios with each kind of agent."""
 
 
