@@ -328,7 +328,7 @@ class _Simulator(_Loop):
         return await open_transport(where)
 
     async def check(self) -> None:
-        """Check that a new client is answered and that all numbers of the state are finite."""
+        """Check that a client is answered, that time goes on, and that all numbers are finite."""
         transport = await self.open()
         try:
             await transport.send(JsonCodec().encode("woosh.robot.RobotInfo", None, sn=_UNIQUE))
@@ -337,12 +337,19 @@ class _Simulator(_Loop):
             JsonCodec().body(answer, RobotInfo)
         finally:
             await transport.close()
+        await self._within(self._time_goes_on())
         state = self.simulator.state
         for part in (state, state.pose, state.velocity):
             for field in fields(part):
                 value = getattr(part, field.name)
                 assert not isinstance(value, float) or math.isfinite(value), (field.name, value)
-        assert state.elapsed > 0
+
+    async def _time_goes_on(self) -> None:
+        """Wait for the next step of the simulation."""
+        chassis = self.simulator.chassis
+        stepped = chassis.stepped
+        while chassis.stepped == stepped:
+            await asyncio.sleep(0.001)
 
     @staticmethod
     async def _within(work: Any) -> Any:
