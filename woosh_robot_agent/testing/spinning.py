@@ -34,7 +34,7 @@ class Spinner:
     def stop(self) -> None:
         """Stop spinning and wait for the thread; raise the exception of a callback, if any."""
         self._stop.set()
-        self.executor.wake()
+        self.executor.create_task(lambda: None)  # `wake` would not end the turn
         self._thread.join(TIMEOUT)
         if self._error is not None:
             raise self._error
