@@ -148,8 +148,7 @@ def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(
     assert wait_future(drive(client, 0.1)).ok
     slow_down(simulator)
     client_goal = task(client)
-    simulator.wait_received("woosh.robot.ExecTask")
-    client_goal.feedback.wait_count(1)
+    client_goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     agent.close()
     assert speeds(simulator) == [0.1]
     assert simulator.state.info.task_proc.state == EXECUTING
