@@ -1,4 +1,4 @@
-"""Parts of scripts/setup: settings of uv, progress, releases of ROS."""
+"""Parts of scripts/setup: settings of uv, progress, releases of ROS; the help of the scripts."""
 
 import os
 import re
@@ -219,3 +219,13 @@ def test_tests_of_a_release_need_a_shell_without_another_ros(
     done = in_bash(f"ROS_DISTRO={ros} scripts/test --ros kilted", releases)
     assert done.returncode == status
     assert ("humble is not sourced" in done.stderr) == (status == 2)
+
+
+@pytest.mark.parametrize("name", ["deb", "run", "setup"])
+def test_scripts_explain_themselves(name: str) -> None:
+    help_asked = subprocess.run([SCRIPTS / name, "--help"], capture_output=True, text=True)
+    assert help_asked.returncode == 0
+    assert f"scripts/{name}" in help_asked.stdout
+    unknown = subprocess.run([SCRIPTS / name, "--fast"], capture_output=True, text=True)
+    assert unknown.returncode == 2
+    assert unknown.stderr == f"unknown argument: --fast\n{help_asked.stdout}"
