@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
 
@@ -18,6 +19,10 @@ RATE = 20.0
 CMD_VEL = f"{NAMESPACE}/cmd_vel"
 _VELOCITIES = 1000
 """Number of velocities in one repetition."""
+
+
+_TIMEOUT = 10.0
+"""Maximum time from the last velocity until it arrives, in seconds; it may also be lost."""
 
 
 class VelocityPath:
@@ -61,6 +66,9 @@ class VelocityPath:
         self._cpu += self._program.cpu - cpu
         self._sent += count
         arrivals = self._arrivals()
+        deadline = time.monotonic() + _TIMEOUT
+        while (not arrivals or arrivals[-1][0] < count) and time.monotonic() < deadline:
+            arrivals += self._arrivals()
         numbers = [number for number, _ in arrivals]
         latencies = []
         for number, at in enumerate(sent, 1):

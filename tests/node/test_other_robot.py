@@ -353,8 +353,14 @@ class TestDriving:
         assert speeds(simulator) == [0.3, 0.0]
 
     def test_a_robot_that_cannot_be_stopped_is_an_error(
-        self, agent: RunningAgent, client: Client, simulator: SimulatorThread, logs: Collector
+        self,
+        agent: RunningAgent,
+        client: Client,
+        simulator: SimulatorThread,
+        logs: Collector,
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
+        monkeypatch.setattr("woosh_robot_agent.node._ZERO_TIMEOUT", 3600.0)
         answers([drive(client, 0.3)])
         simulator.refuse(TWIST, "no speed control")
         leave(client)
