@@ -18,6 +18,7 @@ from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, Message, action, error_types, node, status_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.actions import map_files
@@ -78,6 +79,21 @@ def maps(state: Message) -> dict[str, tuple[str, str]]:
     return {
         each["mapId"]: (each["mapVersion"], each["mapStatus"]) for each in state.get("maps", [])
     }
+
+
+@aio
+async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    chassis.intercept(
+        lambda out: [] if out.type == full_name(PoseSpeed) and not out.request else [out]
+    )
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        await master.wait_state(maps)
+        master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
+        state = await master.wait_state(lambda state: status_of(state, "e") == "FINISHED")
+        assert state["agvPosition"]["mapId"] == "scenex"
 
 
 @aio

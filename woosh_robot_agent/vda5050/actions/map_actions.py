@@ -6,6 +6,7 @@ import asyncio
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.vda5050.actions.errors import ActionFailedError, Objection
 from woosh_robot_agent.vda5050.actions.map_files import (
@@ -52,6 +53,10 @@ async def switch_map(context: Context, name: str, version: str | None = None) ->
     await context.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
     if not await context.conditions.wait(lambda: _is_current(context, chosen), _TIMEOUT):
         raise ActionFailedError(f"the robot does not report that it uses the map {name}")
+    # a robot that stands does not push its pose, which now belongs to this map
+    answer = await context.chassis.request(context.requests.empty(PoseSpeed))
+    if isinstance(answer.body, PoseSpeed):
+        context.facts.remember_pose(answer.body)
 
 
 class EnableMap(PlainPerformer):

@@ -95,6 +95,11 @@ class RobotFacts:
         self._is_current, self._is_moved = True, False
         return self._status
 
+    def remember_pose(self, pose: PoseSpeed) -> None:
+        """Store a pose that was asked for."""
+        self._values.remember(pose)
+        self._moved()
+
     def _moved(self) -> None:
         self._is_moved = True
         self._on_moved()
