@@ -156,8 +156,8 @@ class Client:
     def in_executor(self, function: Callable[[], Any]) -> Any:
         """Run `function` in the executor's thread and return its result.
 
-        Action clients must be created there: Kilted's rclpy shows the executor a client that is not
-        complete yet. They must send from there: rclpy registers a request only after sending it, so
+        Create action clients in that thread: Kilted's rclpy adds a client to the node before the
+        client is complete. Also send from it: rclpy registers a request only after sending it, so
         in any other thread the answer may be read first, and is then dropped.
         """
         return wait_future(self.executor.create_task(function))

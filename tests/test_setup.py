@@ -223,9 +223,12 @@ def test_tests_of_a_release_need_a_shell_without_another_ros(
 
 @pytest.mark.parametrize("name", ["deb", "run", "setup"])
 def test_scripts_explain_themselves(name: str) -> None:
-    help_asked = subprocess.run([SCRIPTS / name, "--help"], capture_output=True, text=True)
+    def output(option: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([f"./{name}", option], cwd=SCRIPTS, capture_output=True, text=True)
+
+    help_asked = output("--help")
     assert help_asked.returncode == 0
     assert f"scripts/{name}" in help_asked.stdout
-    unknown = subprocess.run([SCRIPTS / name, "--fast"], capture_output=True, text=True)
+    unknown = output("--fast")
     assert unknown.returncode == 2
     assert unknown.stderr == f"unknown argument: --fast\n{help_asked.stdout}"

@@ -20,9 +20,8 @@ def use(domain: int) -> None:
     """Call a service; print the name of the robot, and how many services it sees besides."""
     client = Client(domain)
     client.service(Setting, "robot/Setting")
-    client.wait_known(
-        Setting, USED
-    )  # the server does not tell of the service that `call` would ask
+    # `service` could not do this: the server hides agent/get_parameters, which is not used here
+    client.wait_known(Setting, USED)
     print(client.call(Setting, "robot/Setting").info.identity.name)
     print(client.node.count_services(OTHER))
     client.close()

@@ -37,7 +37,7 @@ def free_port() -> int:
 def documented_server(port: int) -> list[str]:
     """Return the documented command that starts a server, with an address of this machine."""
     start = "fast-discovery-server" + (" 42" if os.environ.get("ROS_DISTRO") == "kilted" else "")
-    (line,) = re.findall(rf"^`?({start} -i [^`\n]*)", PAGE.read_text(), re.MULTILINE)
+    (line,) = re.findall(rf"{start} -i [^`\n]*", PAGE.read_text())
     words = shlex.split(line)
     words[words.index("-l") + 1] = "127.0.0.1"
     words[words.index("-p") + 1] = str(port)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
-from tests.node.goals import EXECUTING, slow_down, task
+from tests.node.goals import EXECUTING, slow_down, stop_time, task
 from woosh_robot_agent.motion import gate, latest_wins
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -143,12 +143,17 @@ def test_no_stale_velocity_is_sent_after_a_half_open_link(
 
 
 def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(
-    client: Client, simulator: SimulatorThread, agent: RunningAgent
+    client: Client,
+    simulator: SimulatorThread,
+    agent: RunningAgent,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(gate, "DRIVING", 3600.0)  # only the task ends the drive
     assert wait_future(drive(client, 0.1)).ok
     slow_down(simulator)
     client_goal = task(client)
     client_goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    stop_time(simulator)
     agent.close()
     assert speeds(simulator) == [0.1]
     assert simulator.state.info.task_proc.state == EXECUTING

@@ -29,10 +29,10 @@ _MIN_STEP = 0.005
 At a higher speed, it advances only by whole steps.
 """
 
-_MIN_SLEEP = 0.02
-"""Minimum real time between two rounds of steps, in seconds; to wake up costs more than a step.
+_ROUND = 0.02
+"""Real duration of a round of steps at a high speed, in seconds.
 
-At a high speed, each round has several steps.
+Waking up costs more than a step, so each round has several steps.
 """
 
 _END_OF_STEP = 0.999 * TIME_STEP
@@ -346,7 +346,7 @@ class SimulatedChassis:
         self._step_start = loop.time()
         while True:
             duration = TIME_STEP / self.speed
-            steps = max(1, int(_MIN_SLEEP / duration))
+            steps = 1 if self._runs_within_steps else max(1, int(_ROUND / duration))
             due = max(self._step_start + steps * duration, loop.time() - _MAX_LAG)
             self._wake_for(self.chassis.agenda.next_time)
             await asyncio.sleep(max(0.0, due - loop.time()))

@@ -12,7 +12,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from woosh_robot_agent.testing.waiting import TIMEOUT
 
 _SPIN_TIMEOUT = 1.0
-"""Time after which the executor looks for work although nothing has woken it, in seconds."""
+"""Maximum duration of a call of `spin_once` without work, in seconds."""
 
 
 class Spinner:
@@ -34,7 +34,7 @@ class Spinner:
     def stop(self) -> None:
         """Stop spinning and wait for the thread; raise the exception of a callback, if any."""
         self._stop.set()
-        self.executor.create_task(lambda: None)  # `wake` would not end the turn
+        self.executor.create_task(lambda: None)  # ends `spin_once`; `wake` would not
         self._thread.join(TIMEOUT)
         if self._error is not None:
             raise self._error

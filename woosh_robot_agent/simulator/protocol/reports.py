@@ -27,6 +27,7 @@ _Report = TypeVar("_Report", bound=Message)
 
 
 def _copy_of(report: _Report) -> _Report:
+    """Return a copy, which the caller may change. Copying is cheaper than building the report."""
     copy = type(report)()
     copy.CopyFrom(report)
     return copy
@@ -152,7 +153,7 @@ def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
     return _copy_of(_hardware_state(chassis.robot_id, chassis.readiness.emergency_stop))
 
 
-@functools.lru_cache(maxsize=64)  # each step of the simulation asks for it
+@functools.lru_cache(maxsize=64)
 def _hardware_state(robot_id: int, stopped: bool) -> robot_pb2.HardwareState:
     normal = _Hardware.kNormal
     return robot_pb2.HardwareState(
@@ -182,7 +183,7 @@ def model(chassis: Chassis) -> robot_pb2.Model:
     return _copy_of(_model(chassis.robot_id, chassis.footprint, chassis.outline))
 
 
-@functools.lru_cache(maxsize=64)  # each step of the simulation asks for it
+@functools.lru_cache(maxsize=64)
 def _model(robot_id: int, footprint: util_robot_pb2.FootPrint, outline: Outline) -> robot_pb2.Model:
     points = [common_pb2.Point(x=x, y=y) for x, y in outline]
     return robot_pb2.Model(robot_id=robot_id, model=points, type=footprint)
