@@ -1,12 +1,18 @@
-"""Options of simulated chassis for tests that are not about the delays of a real robot."""
+"""Simulated chassis for tests that are not about the delays of a real robot: options and speed."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.config import SimulatorConfig
 
 
 def quick_config(**options: Any) -> SimulatorConfig:
     """Return options of a chassis that answers without delay; see `SimulatorConfig`."""
     return SimulatorConfig(**{"profile": "instant", **options})
+
+
+def set_speed(chassis: SimulatorThread, speed: float) -> None:
+    """Change the simulated seconds per real second; it takes effect after the current step."""
+    chassis.call(lambda simulator: setattr(simulator, "speed", speed))

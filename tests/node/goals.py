@@ -11,6 +11,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 
 from tests.harness import Client, GoalClient
+from tests.quick_chassis import set_speed
 from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
@@ -124,12 +125,12 @@ def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
 
 def slow_down(simulator: SimulatorThread) -> None:
     """Simulate in real time, so that a goal still runs during the next step of a test."""
-    simulator.call(lambda sim: setattr(sim, "speed", 1.0))
+    set_speed(simulator, 1.0)
 
 
 def stop_time(simulator: SimulatorThread) -> None:
     """Almost stop simulated time, so that no goal ends: a second takes a quarter of an hour."""
-    simulator.call(lambda sim: setattr(sim, "speed", 0.001))
+    set_speed(simulator, 0.001)
 
 
 def pause_task(simulator: SimulatorThread) -> None:
@@ -139,7 +140,7 @@ def pause_task(simulator: SimulatorThread) -> None:
 
 def hurry(simulator: SimulatorThread) -> None:
     """Simulate at 50 times real time, so that goals end soon."""
-    simulator.call(lambda sim: setattr(sim, "speed", 50.0))
+    set_speed(simulator, 50.0)
 
 
 def set_timing(monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.harness import Client, wait_until
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import quick_config, set_speed
 from tests.ros2_commands import Command, documented, parse
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
@@ -132,7 +132,7 @@ def simulator() -> Any:
 
 def hurry(simulator: SimulatorThread) -> None:
     """Simulate at 50 times real time from now on."""
-    simulator.call(lambda inner: setattr(inner, "speed", 50.0))
+    set_speed(simulator, 50.0)
 
 
 def echo(client: Client, name: str) -> Any:

@@ -21,6 +21,7 @@ from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.goals import ABORTED, EXECUTING, stop_time, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
+from tests.quick_chassis import set_speed
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES, TOPICS
 from woosh_robot_agent.motion import velocity_driver
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -188,7 +189,7 @@ def test_what_others_do_is_observed(
 def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
-    simulator.call(lambda sim: setattr(sim, "speed", 1.0))
+    set_speed(simulator, 1.0)
     goal = task(client, task_id=7)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     assert change(client, observe_only=True) == (True, "")

@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, wait_until
 from tests.node.goals import SUCCEEDED
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import quick_config, set_speed
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.standard.pose2d import Pose2D
@@ -113,7 +113,7 @@ def test_odom_follows_a_square(
     slow_simulator, truth, start, client, prediction, speed, sides, tolerance
 ):
     begin = start_pose(slow_simulator)
-    slow_simulator.call(lambda sim: setattr(sim, "speed", speed))
+    set_speed(slow_simulator, speed)
     start(odom_prediction=prediction)
     odom = odoms(client)
     first = odom.wait_count(1)[0]

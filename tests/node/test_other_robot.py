@@ -33,6 +33,7 @@ from tests.node.test_services_queries import ask
 from tests.node.test_states import diagnostics
 from tests.node.test_topics import subscribed
 from tests.node.test_twist import answers, drive, speeds
+from tests.quick_chassis import set_speed
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -271,7 +272,7 @@ def test_open_goals_end_and_say_why(
 def test_an_accepted_goal_is_not_continued_by_reports_of_the_new_robot(
     agent: RunningAgent, client: Client, simulator: SimulatorThread, other: SimulatorThread
 ) -> None:
-    simulator.call(lambda sim: setattr(sim, "speed", 1.0))
+    set_speed(simulator, 1.0)
     goal = task(client, task_id=7)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     switch(client, other.port)

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, references, result_of, statuses
 from tests.vda5050.conftest import AT_ONCE, VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
-from tests.vda5050.test_faults_chassis import ORDER, drive, set_speed
+from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import left_by_a_kill, other_client
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder

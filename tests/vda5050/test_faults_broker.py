@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import VehicleStarter
@@ -55,14 +56,14 @@ async def test_what_is_released_is_finished_without_the_broker(
     async with vehicle():
         async with Master(broker.port) as master:
             await master.online()
-            chassis.call(lambda simulator: setattr(simulator, "speed", 1.0))
+            set_speed(chassis, 1.0)
             master.order(nodes)
             await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-            chassis.call(lambda simulator: setattr(simulator, "speed", 0.1))
+            set_speed(chassis, 0.1)
             await master.wait_state(lambda state: state["orderId"] == "order")
             before = master.state["headerId"]
         broker.stop()
-        chassis.call(lambda simulator: setattr(simulator, "speed", 20.0))
+        set_speed(chassis, 20.0)
         await eventually(lambda: abs(chassis.state.pose.x - 6.0) < 0.05)
         broker.start()
         async with Master(broker.port) as master:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
 from tests.vda5050.conftest import VehicleStarter
@@ -24,10 +24,6 @@ EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
 """Id, and serial number, of the robot that replaces the other one."""
-
-
-def set_speed(chassis: SimulatorThread, speed: float) -> None:
-    chassis.call(lambda simulator: setattr(simulator, "speed", speed))
 
 
 async def drive(master: Master, chassis: SimulatorThread) -> None:

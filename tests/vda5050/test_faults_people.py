@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
-from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive, set_speed
+from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive
 from tests.vda5050.test_faults_restart import idle, other_client, task_to
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import VehicleStarter
@@ -46,10 +47,6 @@ def saved(folder: Path) -> dict[str, Any]:
     """Content of the file."""
     content: dict[str, Any] = json.loads((folder / FILE).read_bytes())
     return content
-
-
-def set_speed(chassis: SimulatorThread, speed: float) -> None:
-    chassis.call(lambda simulator: setattr(simulator, "speed", speed))
 
 
 @asynccontextmanager

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
 from tests.vda5050.conftest import AT_ONCE, VehicleStarter
@@ -69,11 +69,6 @@ def ids(states: Iterable[Message], key: str) -> str:
 def requests(chassis: SimulatorThread, kind: type[Any]) -> list[Any]:
     """Messages of a type that the chassis has received."""
     return [each.message for each in chassis.received if isinstance(each.message, kind)]
-
-
-def set_speed(chassis: SimulatorThread, speed: float) -> None:
-    """Change the simulated seconds per real second."""
-    chassis.call(lambda sim: setattr(sim, "speed", speed))
 
 
 @aio
