@@ -9,6 +9,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 
 from google.protobuf.message import Message
 
@@ -37,6 +38,9 @@ from woosh_robot_agent.protos import full_name
 _LOG = logging.getLogger(__name__)
 _MAX_SN = 2**31 - 1
 """Largest serial number; the next one is 1."""
+_SMALL_FRAME = 4096
+"""Length up to which a frame is sent without the writer, in characters or bytes. Transports with an
+empty buffer take frames of this size at once."""
 _TIME_SLICE = 0.005
 """Time after which the reader lets other tasks run, in seconds, so that a flood does not starve
 them."""
@@ -108,6 +112,8 @@ class Connection:
         """Frames waiting to be sent and their deadlines (loop time), by serial number; subscribe
         frames have negative keys."""
         self._outbox_filled = asyncio.Event()
+        self._writing = False
+        """True while the writer waits for the transport to take a frame."""
         self._next_sn = 1
         """Serial number of the next request."""
         self._subscribe_frames = 0
@@ -138,7 +144,8 @@ class Connection:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`.
-            first: send it ahead of all other waiting frames.
+            first: send it ahead of all other waiting frames, and of those that are requested in the
+                same iteration of the event loop.
             urgent: send it even if `max_in_flight` requests are in flight, and do not count it as
                 one of them.
             send_within: maximum time that the request may wait to be sent, in seconds.
@@ -165,9 +172,12 @@ class Connection:
         started = self._loop.time()
         timer = self._loop.call_later(wait, self._expire, future, name, wait)
         try:
-            self._put(sn, data, started + send_within)
-            if first:
-                self._outbox.move_to_end(sn, last=False)
+            if self._is_free_for(data) and not first:
+                await self._guard(partial(self._send, data))
+            else:
+                self._put(sn, data, started + send_within)
+                if first:
+                    self._outbox.move_to_end(sn, last=False)
             answer = await future
             self._stats.round_trip = self._loop.time() - started
             return answer
@@ -243,7 +253,7 @@ class Connection:
                 pending.future.set_exception(type(cause)(str(cause)))
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
-        """Run one of the connection's tasks; an error in it ends the whole connection."""
+        """Run a part of the connection's work; an error in it ends the whole connection."""
         try:
             await work()
         except asyncio.CancelledError:
@@ -287,11 +297,28 @@ class Connection:
                 if self._loop.time() > deadline:
                     self._fail_outdated(key)
                     continue
-                await self._transport.send(data)
-                self._sent += 1
-                self._stats.tx += 1
+                self._writing = True
+                await self._send(data)
+                self._writing = False
             self._outbox_filled.clear()
             await self._outbox_filled.wait()
+
+    def _is_free_for(self, data: str | bytes) -> bool:
+        """Return True if nothing waits ahead of a frame and the transport takes it at once.
+
+        Then it does not have to wait for the writer's turn in the event loop.
+        """
+        return (
+            len(data) <= _SMALL_FRAME
+            and not self._outbox
+            and not self._writing
+            and not self._transport.backlog()
+        )
+
+    async def _send(self, data: str | bytes) -> None:
+        await self._transport.send(data)
+        self._sent += 1
+        self._stats.tx += 1
 
     def _fail_outdated(self, sn: int) -> None:
         pending = self._pending.get(sn)
@@ -328,7 +355,10 @@ class Connection:
                     self._answer(envelope)
                 else:
                     self._on_push(envelope, self._transport.waited)
-            if self._loop.time() - slice_started > _TIME_SLICE:
+            now = self._loop.time()
+            if self._transport.waited:  # other tasks have just had their turn
+                slice_started = now
+            elif now - slice_started > _TIME_SLICE:
                 await asyncio.sleep(0)
                 slice_started = self._loop.time()
 

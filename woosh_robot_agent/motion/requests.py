@@ -19,7 +19,7 @@ from woosh_robot_agent.pb.util import action_pb2
 
 TASK_REQUESTS = (ExecTask, ExecPreTask, ExecTaskSet, RepeatTask)
 """Types of the requests that start tasks. RepeatTask can also just edit a task set."""
-_MOTION_TYPES = (Twist, CallAction, ActionOrder, Follow, *TASK_REQUESTS)
+_MOTION_TYPES = frozenset((Twist, CallAction, ActionOrder, Follow, *TASK_REQUESTS))
 _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
 _DRIVING_ORDERS = (action_pb2.kStart, action_pb2.kContinue, action_pb2.kRecover)
 _EDITING_ORDERS = (RepeatTask.kPut, RepeatTask.kDel)
@@ -30,7 +30,7 @@ _DRIVING_MEMBERS = ("step_control", "move_base", "charge_control")
 
 def commands_motion(request: Message) -> bool:
     """Return True if requests of this type start, change or end a motion."""
-    return isinstance(request, _MOTION_TYPES)
+    return type(request) in _MOTION_TYPES
 
 
 def may_move(request: Message) -> bool:
