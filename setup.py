@@ -201,8 +201,8 @@ setup(
             "mcap-protobuf-support>=0.3",
             "foxglove-schemas-protobuf>=0.3",
         ],
-        # without it, large maps in JSON take somewhat longer
-        "fast-maps": ["pybase64>=1.3"],
+        # without them, JSON takes longer to read
+        "fast": ["orjson>=3.6", "pybase64>=1.3"],
         # for vda5050
         "vda5050": ["aiomqtt>=2.3", "jsonschema>=4.20"],
     },

@@ -61,7 +61,7 @@ def needed(venv: Path, install: Path) -> dict[str, metadata.Distribution]:
     waiting = [
         requirement
         for distribution, extras in (
-            (agent, {"recording", "fast-maps", "vda5050"}),
+            (agent, {"recording", "fast", "vda5050"}),
             *((ros, set[str]()) for ros in found.values()),
         )
         for requirement in required_by(distribution, extras)

@@ -20,6 +20,8 @@ _LONG = 256 * 1024
 """Length from which a text is cut out, in characters."""
 _STEP = _LONG // 2
 """Distance between two places of a frame where long texts are looked for, in characters."""
+LONG_FRAME = _STEP
+"""Length from which `cut_out` looks at a frame, in characters or bytes."""
 _TOKEN = secrets.token_hex(16)
 """Start of the short texts that replace long ones; the other end cannot know it."""
 _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
@@ -120,10 +122,9 @@ def _text(frame: str | bytes, begin: int, end: int) -> str | None:
 
 def put_back(value: Any, texts: list[str]) -> None:
     """Put the texts that were cut out of a frame into the frame's parsed value."""
-    if texts:
-        for outer, key, inner in _texts_in(value):
-            if inner.startswith(_TOKEN):
-                outer[key] = texts[int(inner[len(_TOKEN) :])]
+    for outer, key, inner in _texts_in(value):
+        if inner.startswith(_TOKEN):
+            outer[key] = texts[int(inner[len(_TOKEN) :])]
 
 
 def _texts_in(value: Any) -> Iterator[tuple[Any, Any, str]]:

@@ -8,6 +8,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.base64_text import (
+    LONG_FRAME,
     LONG_MESSAGE,
     cut_out,
     insert,
@@ -18,11 +19,13 @@ from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_t
 from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError
 from woosh_robot_agent.link.codecs.json_reader import from_json
 from woosh_robot_agent.link.codecs.json_scalars import LONGEST_NUMBER
+from woosh_robot_agent.link.codecs.json_text import parse
 from woosh_robot_agent.link.codecs.json_writer import to_json
 
 _MAX_PARTS = 1_000_000
 """Maximum number of objects, lists and names in a frame. Two bytes of them on the wire can take a
 hundred bytes of memory."""
+_ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 class JsonCodec:
@@ -58,22 +61,24 @@ class JsonCodec:
             frame["timestamp"] = timestamp
         long = body is not None and body.ByteSize() >= LONG_MESSAGE
         texts = take_out(frame) if long else []
-        text = json.dumps(frame, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        text = _ENCODER.encode(frame)
         return insert(text, texts) if texts else text
 
     def decode(self, data: str | bytes) -> Envelope:
+        texts: list[str] = []
         try:
-            data, texts = cut_out(data)
-            text = data if isinstance(data, str) else data.decode()
-            _check_parts(text)
-            frame = json.loads(text)
+            if len(data) > LONG_FRAME:
+                data, texts = cut_out(data)
+                _check_parts(data)
+            frame = parse(data)
         except UnicodeDecodeError as error:
             raise FrameError("utf-8", f"not UTF-8: {error}") from None
         except (ValueError, RecursionError) as error:
             raise FrameError("json", f"not JSON: {error}") from None
         if not isinstance(frame, dict):
             raise FrameError("envelope", f"not a JSON object but {type(frame).__name__}")
-        put_back(frame, texts)
+        if texts:
+            put_back(frame, texts)
         ok = frame.get("ok")
         try:
             sn = _integer(frame.get("sn")) or 0
@@ -91,7 +96,7 @@ class JsonCodec:
             type=type_name,
             body=frame.get("body"),
             ok=None if ok is None else ok in (True, "true"),
-            msg=_text(frame.get("msg")),
+            msg=_text(frame["msg"]) if "msg" in frame else "",
             sn=sn,
             timestamp=timestamp,
         )
@@ -106,9 +111,10 @@ class JsonCodec:
         return message
 
 
-def _check_parts(text: str) -> None:
+def _check_parts(text: str | bytes) -> None:
     if len(text) > _MAX_PARTS:
-        parts = text.count("{") + text.count("[") + text.count(":")
+        marks: Any = "{[:" if isinstance(text, str) else (b"{", b"[", b":")
+        parts = sum(text.count(mark) for mark in marks)
         if parts > _MAX_PARTS:
             raise FrameError(
                 "oversize", f"{parts} objects, lists and names in one frame, more than {_MAX_PARTS}"
@@ -116,8 +122,8 @@ def _check_parts(text: str) -> None:
 
 
 def _integer(value: Any) -> int | None:
-    if value is None:
-        return None
+    if value is None or type(value) is int:
+        return value
     if isinstance(value, str) and len(value) > LONGEST_NUMBER:
         raise ValueError("it is too long for a number")
     if isinstance(value, bool):

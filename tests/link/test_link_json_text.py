@@ -1,0 +1,90 @@
+"""JSON texts have the same value with and without orjson."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from woosh_robot_agent.link.codecs import json_text
+from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData, TaskProc
+
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats(allow_nan=False)
+    | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+)
+
+
+@pytest.fixture(params=["as installed", "without orjson"], autouse=True)
+def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param == "without orjson":
+        monkeypatch.setattr(json_text, "orjson", None)
+
+
+@given(value=VALUES, ascii_only=st.booleans())
+def test_each_value_is_read_as_by_the_standard_library(value: Any, ascii_only: bool) -> None:
+    text = json.dumps(value, ensure_ascii=ascii_only)
+    encodings = [text]
+    if ascii_only:
+        encodings.append(text.encode())
+    for each in encodings:
+        assert repr(json_text.parse(each)) == repr(json.loads(text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"x":1,"x":2}',
+        "[-0,-0.0,0e5,1E+2,4.9e-324,1.7976931348623157e308,1e999,-1e999]",
+        "[NaN,Infinity,-Infinity]",
+        r'["\ud800","\ud83d\ude00","\u0000","\/"]',
+        " \r\n\t[]\n",
+        "[" * 2000 + "]" * 2000,
+    ],
+)
+def test_what_orjson_refuses_or_could_read_otherwise(text: str) -> None:
+    try:
+        expected = repr(json.loads(text))
+    except RecursionError:
+        with pytest.raises(RecursionError):
+            json_text.parse(text)
+    else:
+        assert repr(json_text.parse(text)) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[01]", "[1,]", '["\t"]', "\ufeff[]", b"\xff", b'"\xed\xa0\x80"']
+)
+def test_an_error_has_the_same_text(text: str | bytes) -> None:
+    with pytest.raises(ValueError) as expected:
+        json.loads(text if isinstance(text, str) else text.decode())
+    with pytest.raises(type(expected.value)) as found:
+        json_text.parse(text)
+    assert str(found.value) == str(expected.value)
+
+
+@pytest.mark.parametrize(("name", "field"), [("robotTaskId", "robot_task_id"), ("time", "time")])
+def test_a_number_of_30_digits_fits_no_integer(name: str, field: str) -> None:
+    codec = JsonCodec()
+    envelope = codec.decode(json.dumps({"type": "t", "body": {name: 10**30}}))
+    with pytest.raises(FrameError, match=f"{field}: .* does not fit"):
+        codec.body(envelope, TaskProc)
+
+
+def test_a_number_of_30_digits_is_a_float_too() -> None:
+    codec = JsonCodec()
+    body = {"rangeMax": 10**30, "ranges": [1, math.nan]}
+    envelope = codec.decode(json.dumps({"type": "t", "body": body}))
+    scan = codec.body(envelope, ScannerData)
+    assert scan.range_max == pytest.approx(1e30)
+    assert math.isnan(scan.ranges[1])
