@@ -11,8 +11,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-_SPIN_TIMEOUT = 0.2
-"""Maximum delay before the executor thread notices a signal, in seconds.
+_SPIN_TIMEOUT = 1.0
+"""Maximum duration of an executor turn, in seconds.
 
 A signal does not interrupt rclpy's wait. The link thread is notified at once, through
 `StopSignals.fd`, and then ends the executor's turn.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from array import array
 from typing import Any
 
 import pytest
@@ -86,7 +87,9 @@ def test_ranges_out_of_range_are_infinite(simulator, agent, client):
 
 
 def test_conversion_of_ranges_follows_rep_117():
-    assert list(rep_117([1.0, 0.0, 0.01, 30.0], 0.05, 25.0)) == [1.0, math.inf, -math.inf, math.inf]
+    ranges = array("f", [1.0, 0.0, 0.01, 30.0])
+    assert list(rep_117(ranges, 0.05, 25.0)) == [1.0, math.inf, -math.inf, math.inf]
+    assert not rep_117(array("f"), 0.05, 25.0)
 
 
 def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):

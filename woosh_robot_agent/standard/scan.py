@@ -8,19 +8,25 @@ import logging
 from typing import Any
 
 import numpy as np
-from rclpy.duration import Duration
 from sensor_msgs.msg import LaserScan
 
-from woosh_robot_agent.link import LinkError, LinkState
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.link import FrameError, LinkError, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData as ScannerDataProto
+from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.standard.odom import transforms
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.standard.subscribers import Subscribers
+from woosh_robot_msgs.msg import ScannerData
 
 _LOG = logging.getLogger(__name__)
+_TYPE = full_name(ScannerDataProto)
+_CONVERTER = converter(ScannerData, ScannerDataProto)
+_SECOND = 1_000_000_000
+"""A second, in nanoseconds."""
 
 
 class Scan(Part):
@@ -32,6 +38,9 @@ class Scan(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
+        self._clock = context.robot.node.get_clock()
+        self._reused = LaserScan()
+        """The message of all scans: a new one would take as long to create as to fill."""
         self._log = LogOnce(_LOG)
         settings = context.settings()
         self._subscribers = Subscribers(context)
@@ -40,8 +49,6 @@ class Scan(Part):
         self._tf_static = context.publisher("/tf_static") if with_tf else None
         self._laser_pose: Pose2D | None = None
         self._laser_height = 0.0
-        self._requesting = asyncio.Lock()
-        """Held during a request: there is never more than one in flight."""
         context.robot.chassis.on_robot_changed(self._forget)
         context.robot.chassis.on_state(self._link_changed)
 
@@ -59,46 +66,48 @@ class Scan(Part):
             self._context.robot.thread.spawn(self._request)
 
     async def _request(self) -> None:
-        async with self._requesting:
-            await self._request_locked()
-
-    async def _request_locked(self) -> None:
-        sent = self._context.robot.node.get_clock().now()
+        loop = asyncio.get_running_loop()
+        sent = loop.time()
         try:
             answer = await self._context.robot.chassis.request(
-                self._context.robot.requests.empty(ScannerData)
+                self._context.robot.requests.empty(ScannerDataProto)
             )
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
             return
-        if not answer.ok or not isinstance(answer.body, ScannerData):
+        if not answer.ok or answer.type != _TYPE:
             self._log.warn("refused", f"no scan: {answer.msg or answer.defect or answer.type}")
             return
+        try:
+            if self._tf_static is not None:
+                self._publish_laser_pose(self._tf_static, answer.raw.message())
+            if self._scan is not None:
+                # the time of measurement lies between request and answer
+                age = int((loop.time() - sent) / 2 * _SECOND)
+                stamp = self._clock.now().nanoseconds - age
+                self._scan.publish(self._message(_CONVERTER.read(answer.raw), stamp))
+        except FrameError as error:
+            self._log.warn("unreadable", f"no scan: the answer cannot be read: {error}")
+            return
         self._log.clear()
-        self._publish_laser_pose(answer.body)
-        if self._scan is not None:
-            # the time of measurement lies between request and answer
-            taken = self._context.robot.node.get_clock().now() - sent
-            middle = sent + Duration(nanoseconds=taken.nanoseconds // 2)
-            self._scan.publish(self._message(answer.body, middle.to_msg()))
 
-    def _message(self, data: ScannerData, stamp: Any) -> LaserScan:
-        message = LaserScan(
-            angle_min=data.angle_min,
-            angle_max=data.angle_max,
-            angle_increment=data.angle_increment,
-            time_increment=data.time_increment,
-            scan_time=data.scan_time,
-            range_min=data.range_min,
-            range_max=data.range_max,
-            ranges=rep_117(data.ranges, data.range_min, data.range_max),
-        )
-        message.header.stamp = stamp
+    def _message(self, data: ScannerData, stamp: int) -> LaserScan:
+        """Return a scan as LaserScan; `stamp` is its time, in nanoseconds."""
+        message = self._reused
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, _SECOND)
         message.header.frame_id = self._context.frame("scan")
+        message.angle_min = data.angle_min
+        message.angle_max = data.angle_max
+        message.angle_increment = data.angle_increment
+        message.time_increment = data.time_increment
+        message.scan_time = data.scan_time
+        message.range_min = data.range_min
+        message.range_max = data.range_max
+        message.ranges = rep_117(data.ranges, data.range_min, data.range_max)
         return message
 
-    def _publish_laser_pose(self, data: ScannerData) -> None:
-        if self._tf_static is None or not data.HasField("offset"):
+    def _publish_laser_pose(self, tf_static: Any, data: ScannerDataProto) -> None:
+        if not data.HasField("offset"):
             return
         pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
         if (pose, height) == (self._laser_pose, self._laser_height):
@@ -107,17 +116,21 @@ class Scan(Part):
         frame = self._context.frame
         message = transforms(self._context.now(), (frame("base"), frame("scan"), pose))
         message.transforms[0].transform.translation.z = height
-        self._tf_static.publish(message)
+        tf_static.publish(message)
 
 
-def rep_117(ranges: Any, least: float, most: float) -> array.array[float]:
-    """Return ranges in metres as REP 117 requires them.
+def rep_117(ranges: array.array[float], least: float, most: float) -> array.array[float]:
+    """Change ranges in metres in place as REP 117 requires, and return them.
 
-    A range above `most` is +inf, and so is 0, which some lasers report if nothing reflects. A range
-    below `least` is -inf. NaN stays NaN.
+    A range above `most` becomes +inf, and so does 0, which some lasers report if nothing reflects.
+    A range below `least` becomes -inf. NaN stays NaN.
+
+    Args:
+        ranges: array of typecode `f`.
+        least: minimum range of the laser, in metres.
+        most: maximum range of the laser, in metres.
     """
-    found = np.array(ranges, dtype=np.float32)
-    far = (found > most) | (found == 0.0)  # NaN fails all comparisons
-    near = (found < least) & ~far
-    found[far], found[near] = np.inf, -np.inf
-    return array.array("f", found.tobytes())
+    view = np.asarray(ranges)  # shares the memory of the array
+    np.putmask(view, (view > most) | (view == 0.0), np.inf)  # NaN fails all comparisons
+    np.putmask(view, view < least, -np.inf)
+    return ranges

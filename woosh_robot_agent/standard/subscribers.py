@@ -24,18 +24,25 @@ class Subscribers:
         self._publishers: list[Any] = []
         self._changed = asyncio.Event()
         """Set when a subscriber comes or goes."""
+        self._present = False
+        """Value of `present` when the middleware was last asked."""
         self._events = SubscriberEvents(lambda: self._context.robot.thread.call(self._changed.set))
 
     def publisher(self, name: str) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`, and add it to the set."""
         publisher = self._context.publisher(name, self._events)
         self._publishers.append(publisher)
+        self._changed.set()
         return publisher
 
     @property
     def present(self) -> bool:
         """True if there is at least one subscriber."""
-        return any(publisher.get_subscription_count() for publisher in self._publishers)
+        if self._changed.is_set() or not self._events.supported:
+            # cleared before the look: a subscriber that comes after the look sets it again
+            self._changed.clear()
+            self._present = any(each.get_subscription_count() for each in self._publishers)
+        return self._present
 
     async def times(self, rate: Callable[[], float]) -> AsyncIterator[float]:
         """Yield the loop's time at a fixed rate while there are subscribers.
@@ -57,9 +64,5 @@ class Subscribers:
             await asyncio.sleep(due - loop.time())
 
     async def _wait(self) -> None:
-        while True:
-            # cleared before the check: a subscriber that comes after the check sets it again
-            self._changed.clear()
-            if self.present:
-                return
+        while not self.present:
             await (self._changed.wait() if self._events.supported else asyncio.sleep(POLL_PERIOD))
