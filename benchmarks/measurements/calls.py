@@ -34,6 +34,8 @@ _DELAY = 0.05
 """Delay of the chassis's answer to each concurrent call, in seconds."""
 _CONCURRENT = 10
 """Number of concurrent calls."""
+_IDEAL = _CONCURRENT / _DELAY
+"""Ideal throughput of concurrent calls, in calls per second."""
 _CALL_TIMEOUT = 30.0
 """Timeout for the answer to a call, in seconds."""
 
@@ -207,6 +209,11 @@ class WebSocketFloor(_Recorder):
         result = self._program.receive()
         self.add(result["times"], result["cpu"])
 
+    def concurrent(self, count: int, in_flight: int) -> float:
+        """Keep `in_flight` requests in flight; return the time that all took, in seconds."""
+        self._program.send(count, in_flight)
+        return float(self._program.receive())
+
 
 def call_repeatedly(
     program: Program, caller: Caller, service: Service, count: int, options: Options
@@ -228,7 +235,7 @@ def measure(domain: int, options: Options) -> Measured:
         own_domain() as floor_domain,
         calling(floor_domain) as floor_caller,
         running("benchmarks.floors.service", domain=floor_domain) as floor,
-        echo_chassis(floor_domain, "websocket") as (_, floor_port),
+        echo_chassis(floor_domain, "websocket") as (floor_chassis, floor_port),
         running(
             "benchmarks.floors.websocket", f"ws://127.0.0.1:{floor_port}", domain=floor_domain
         ) as socket,
@@ -241,14 +248,22 @@ def measure(domain: int, options: Options) -> Measured:
         for _ in range(options.turns):
             for called in (called_agent, *called_floors):
                 called.call(options.samples(2000 // options.turns))
-        concurrent = _concurrent(chassis, caller, options.samples(600))
+        count = max(options.samples(600), 2 * _CONCURRENT)
+        with _delayed(chassis):
+            duration = _concurrent(caller, count)
+        with _delayed(floor_chassis):
+            floor_duration = WebSocketFloor(socket).concurrent(count, _CONCURRENT)
+        floor_duration += _concurrent(floor_caller, count)
     trips = called_agent.round_trips
     floors = [called.round_trips for called in called_floors]
     return {
         "service_rtt": _ratio(trips.times.median, [each.times.median for each in floors]),
         "service_rtt_p99": _ratio(trips.times.p99, [each.times.p99 for each in floors]),
         "service_cpu": _ratio(trips.cpu, [each.cpu for each in floors]),
-        "concurrent": concurrent,
+        "concurrent": (
+            count / duration / _IDEAL,
+            f"{count / duration:.0f} / {_IDEAL:.0f} calls/s, floors {count / floor_duration:.0f}",
+        ),
     }
 
 
@@ -258,13 +273,16 @@ def _ratio(value: float, floors: list[float]) -> tuple[float, str]:
     return value / sum(floors), f"{value:.0f} / ({terms}) µs"
 
 
-def _concurrent(chassis: Program, caller: Caller, count: int) -> tuple[float, str]:
-    """Return the throughput of concurrent calls divided by the ideal one, and both as text."""
+@contextlib.contextmanager
+def _delayed(chassis: Program) -> Iterator[None]:
+    """Let the chassis answer after `_DELAY` while the block runs."""
     chassis.send("delay", _DELAY)
-    caller.concurrent_calls(2 * _CONCURRENT, _CONCURRENT)
-    count = max(count, 2 * _CONCURRENT)
-    with no_garbage_collection():
-        duration = caller.concurrent_calls(count, _CONCURRENT)
+    yield
     chassis.send("delay", 0)
-    ideal = count / _CONCURRENT * _DELAY
-    return ideal / duration, f"{count / duration:.0f} / {_CONCURRENT / _DELAY:.0f} calls/s"
+
+
+def _concurrent(caller: Caller, count: int) -> float:
+    """Return the time that concurrent calls take, in seconds."""
+    caller.concurrent_calls(2 * _CONCURRENT, _CONCURRENT)
+    with no_garbage_collection():
+        return caller.concurrent_calls(count, _CONCURRENT)
