@@ -83,6 +83,21 @@ async def test_each_request_has_its_own_sn() -> None:
         await soon(asyncio.gather(*tasks))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_requests_are_sent_in_the_order_of_their_calls(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        sizes = [1, 8_000_000, 1, 10_000, 1, 1]
+        tasks = [ask(client, Speak(text="z" * size)) for size in sizes]
+        frames = [await wire.next("woosh.robot.Speak") for _ in tasks]
+        sns = [frame["sn"] for frame in frames]
+        assert sns == sorted(sns)
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(*tasks))
+
+
 @aio
 async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
     async with Peer() as peer, peer.client() as client:
