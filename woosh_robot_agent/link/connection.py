@@ -144,8 +144,7 @@ class Connection:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`.
-            first: send it ahead of all other waiting frames, and of those that are requested in the
-                same iteration of the event loop.
+            first: send it ahead of all other waiting frames.
             urgent: send it even if `max_in_flight` requests are in flight, and do not count it as
                 one of them.
             send_within: maximum time that the request may wait to be sent, in seconds.
@@ -172,7 +171,7 @@ class Connection:
         started = self._loop.time()
         timer = self._loop.call_later(wait, self._expire, future, name, wait)
         try:
-            if self._is_free_for(data) and not first:
+            if self._is_free_for(data) and not first:  # `first` relies on the outbox
                 await self._guard(partial(self._send, data))
             else:
                 self._put(sn, data, started + send_within)
