@@ -27,14 +27,19 @@ def test_messages_at_the_rate_are_not_delayed_by_one_that_is_late() -> None:
     assert paced(Pace(), arrivals) == pytest.approx(arrivals)
 
 
+def test_messages_at_the_rate_are_not_delayed_after_a_late_first_one() -> None:
+    arrivals = [1.008, 1.1, 1.2, 1.3, 1.4]
+    assert paced(Pace(), arrivals) == pytest.approx(arrivals)
+
+
 def test_faster_messages_are_sent_at_the_rate() -> None:
     arrivals = [1.0 + 0.01 * number for number in range(21)]
-    assert paced(Pace(), arrivals)[-1] == pytest.approx(3.0)
+    assert paced(Pace(), arrivals)[-1] == pytest.approx(2.99)  # a tenth of a period early
 
 
 def test_lateness_is_not_made_up_for() -> None:
     """After a gap, messages that come together are sent at the rate, not in a burst."""
-    assert paced(Pace(), [1.0, 1.7, 1.7, 1.7]) == pytest.approx([1.0, 1.7, 1.8, 1.9])
+    assert paced(Pace(), [1.0, 1.7, 1.7, 1.7]) == pytest.approx([1.0, 1.7, 1.79, 1.89])
 
 
 def test_many_late_messages_do_not_exceed_the_rate() -> None:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 
-_JITTER = 0.5
+_LATE = 0.5
 """Delay of a message that does not delay the next one, in periods of the rate."""
+_EARLY = 0.1
+"""Time by which a message may come too early and is sent at once, in periods of the rate."""
 
 
 class Pace:
     """The times at which the next message of a stream may be sent.
 
     On average, no more messages are sent than the rate allows. A message that comes a little late
-    does not delay the next ones: at the maximum rate, all of them would be as late.
+    does not delay the next ones: at the maximum rate, all of them would be as late. For the same
+    reason, a message need not wait if it comes only a little early: the first one may have been
+    late.
     """
 
     def __init__(self) -> None:
@@ -21,9 +25,9 @@ class Pace:
 
     def due(self, rate: float) -> float:
         """Return the time from which the next message may be sent, at a rate in Hz."""
-        return self._slot + 1.0 / rate
+        return self._slot + (1.0 - _EARLY) / rate
 
     def sent(self, now: float, rate: float) -> None:
         """Note that a message was sent."""
-        due = self.due(rate)
-        self._slot = due if due <= now < due + _JITTER / rate else now
+        slot = self._slot + 1.0 / rate
+        self._slot = slot if now < slot + _LATE / rate else now
