@@ -28,7 +28,7 @@ VALUES = st.recursive(
 @pytest.fixture(params=["as installed", "without orjson"], autouse=True)
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if request.param == "without orjson":
-        monkeypatch.setattr(json_text, "orjson", None)
+        monkeypatch.setattr(json_text, "ORJSON", None)
 
 
 @given(value=VALUES, ascii_only=st.booleans())

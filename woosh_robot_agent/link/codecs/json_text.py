@@ -8,7 +8,9 @@ from typing import Any
 try:
     import orjson
 except ImportError:  # no rosdep key has it; the standard library takes several times as long
-    orjson = None
+    ORJSON: Any = None
+else:
+    ORJSON = orjson
 
 
 def parse(text: str | bytes) -> Any:
@@ -23,9 +25,9 @@ def parse(text: str | bytes) -> Any:
         ValueError: it is not JSON.
         RecursionError: it is nested too deeply.
     """
-    if orjson is not None:
+    if ORJSON is not None:
         try:
-            return orjson.loads(text)
-        except orjson.JSONDecodeError:
+            return ORJSON.loads(text)
+        except ORJSON.JSONDecodeError:
             pass
     return json.loads(text if isinstance(text, str) else text.decode())
