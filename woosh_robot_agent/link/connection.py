@@ -171,7 +171,8 @@ class Connection:
         started = self._loop.time()
         timer = self._loop.call_later(wait, self._expire, future, name, wait)
         try:
-            if self._is_free_for(data) and not first:  # `first` relies on the outbox
+            # the outbox keeps requests with `first` in the order that their sender expects
+            if self._is_free_for(data) and not first:
                 await self._guard(partial(self._send, data))
             else:
                 self._put(sn, data, started + send_within)

@@ -7,16 +7,15 @@ import math
 _LATE = 0.5
 """Delay of a message that does not delay the next one, in periods of the rate."""
 _EARLY = 0.1
-"""Time by which a message may come too early and is sent at once, in periods of the rate."""
+"""Maximum earliness of a message that is sent at once, in periods of the rate."""
 
 
 class Pace:
     """The times at which the next message of a stream may be sent.
 
     On average, no more messages are sent than the rate allows. A message that comes a little late
-    does not delay the next ones: at the maximum rate, all of them would be as late. For the same
-    reason, a message need not wait if it comes only a little early: the first one may have been
-    late.
+    does not delay the next ones: at the maximum rate, all of them would be as late. A message that
+    comes a little early is sent at once, because the first one may have been late.
     """
 
     def __init__(self) -> None:

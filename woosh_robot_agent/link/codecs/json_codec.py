@@ -67,7 +67,7 @@ class JsonCodec:
     def decode(self, data: str | bytes) -> Envelope:
         texts: list[str] = []
         try:
-            if len(data) > LONG_FRAME:
+            if len(data) > LONG_FRAME:  # a shorter one has no long texts and few parts
                 data, texts = cut_out(data)
                 _check_parts(data)
             frame = parse(data)

@@ -1,0 +1,72 @@
+"""Frames of many MiB: both directions, limits, order and progress."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from tests.link.link_peer import Peer, aio, eventually, soon
+from tests.link.test_link_requests import KINDS, ask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchMap
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_requests_are_sent_in_the_order_of_their_calls(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        sizes = [1, 8_000_000, 1, 10_000, 1, 1]
+        tasks = [ask(client, Speak(text="z" * size)) for size in sizes]
+        frames = [await wire.next("woosh.robot.Speak") for _ in tasks]
+        sns = [frame["sn"] for frame in frames]
+        assert sns == sorted(sns)
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(*tasks))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
+    picture = "z" * (8 * 1024 * 1024)
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        task = ask(client, Speak(text=picture))
+        frame = await wire.next()
+        assert len(frame["body"]["text"] if kind == "json" else frame["body"]) >= len(picture)
+        await wire.answer(frame, frame["body"])
+        answer = await soon(task)
+        assert isinstance(answer.body, Speak)
+        assert answer.body.text == picture
+
+
+@aio
+async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> None:
+    async with Peer() as peer, peer.client(max_frame_size=100_000) as client:
+        wire = await peer.wire()
+        task = ask(client, SwitchMap())
+        await wire.answer(await wire.next(), msg="x" * 99_000)
+        assert len((await soon(task)).msg) == 99_000
+    assert peer.client().config.max_frame_size == 64 * 1024 * 1024
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@aio
+async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
+    async with Peer(kind) as peer, peer.client() as client:
+        wire = await peer.wire()
+        received, _ = client.traffic()
+        assert received > 0
+        text = "x" * 100_000
+        body = {"text": text} if kind == "json" else Speak(text=text).SerializeToString()
+        answer = ask(client, Speak())
+        await wire.answer(await wire.next(), body)
+        await soon(answer)
+        assert len(text) < client.traffic()[0] - received < 2 * len(text)
+        big = ask(client, Speak(text="x" * 20_000_000))
+        await eventually(lambda: client.traffic()[1] > 1_000_000)
+        await wire.answer(await wire.next())
+        await soon(big)
+        assert client.traffic()[1] == 0
+    assert client.traffic() == (0, 0)
