@@ -22,6 +22,10 @@ from woosh_robot_agent.testing import wait_until
 _STARTS = 5
 """Number of starts; the figure is their median."""
 _START_TIMEOUT = 60.0
+_IDLE = 20.0
+"""Seconds that an idle program is measured for."""
+_IDLE_AT_LEAST = 2.5
+"""The same in seconds, however few samples are asked for: an idle agent wakes once a second."""
 _POLL = 0.02
 """Period of polling for endpoints, in seconds. Polling takes CPU time that the start needs too."""
 _KINDS = {Kind.SERVICE: "service", Kind.INPUT: "subscription", Kind.LATCHED: "latched"}
@@ -81,7 +85,7 @@ def _idle(program: Program, options: Options) -> tuple[float, float]:
     """Return CPU (percent of one core) and memory (MiB) of an idle program."""
     threading.Event().wait(5.0 * options.scale)  # until the start is over
     cpu, begin = program.cpu, time.monotonic()
-    threading.Event().wait(20.0 * options.scale)
+    threading.Event().wait(max(_IDLE_AT_LEAST, _IDLE * options.scale))
     percent = 100 * (program.cpu - cpu) / (time.monotonic() - begin)
     return percent, program.rss / MIB
 
