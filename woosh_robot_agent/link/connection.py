@@ -26,6 +26,7 @@ from woosh_robot_agent.link.errors import (
     SupersededError,
     TooManyRequestsError,
 )
+from woosh_robot_agent.link.expiry import Expiry
 from woosh_robot_agent.link.liveness import Liveness
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.stats import LinkStats
@@ -52,13 +53,19 @@ class _Pending:
 
     Attributes:
         message: the request.
+        name: protobuf full name of the request.
         future: gets the answer.
+        timeout: time to wait for the answer, in seconds.
+        deadline: loop time at which the waiting ends.
         urgent: True if the request does not count against `max_in_flight`.
         tap: called with the answer when it is read, or None.
     """
 
     message: Message
+    name: str
     future: asyncio.Future[Answer]
+    timeout: float
+    deadline: float
     urgent: bool
     tap: Callable[[Answer], None] | None
 
@@ -108,6 +115,7 @@ class Connection:
         """Requests that wait for their answers, by serial number."""
         self._urgent_pending = 0
         """Number of pending requests that are urgent."""
+        self._expiry = Expiry(self._loop, self._expire)
         self._outbox: OrderedDict[int, tuple[str | bytes, float]] = OrderedDict()
         """Frames waiting to be sent and their deadlines (loop time), by serial number; subscribe
         frames have negative keys."""
@@ -165,11 +173,12 @@ class Connection:
         wait = self.config.request_timeout if timeout is None else timeout
         sn = self._take_sn()
         data = self._codec.encode(name, message, sn=sn, timestamp=time.time_ns() // 1_000_000)
-        future: asyncio.Future[Answer] = self._loop.create_future()
-        self._pending[sn] = _Pending(message, future, urgent, tap)
-        self._urgent_pending += urgent
         started = self._loop.time()
-        timer = self._loop.call_later(wait, self._expire, future, name, wait)
+        future: asyncio.Future[Answer] = self._loop.create_future()
+        pending = _Pending(message, name, future, wait, started + wait, urgent, tap)
+        self._pending[sn] = pending
+        self._urgent_pending += urgent
+        self._expiry.watch(pending.deadline)
         try:
             # the outbox keeps requests with `first` in the order that their sender expects
             if self._is_free_for(data) and not first:
@@ -182,7 +191,6 @@ class Connection:
             self._stats.round_trip = self._loop.time() - started
             return answer
         finally:
-            timer.cancel()
             self._outbox.pop(sn, None)  # the caller no longer waits: do not send it later
             del self._pending[sn]
             self._urgent_pending -= urgent
@@ -219,6 +227,7 @@ class Connection:
     async def close(self, cause: LinkError) -> None:
         """End the connection within `close_timeout`; pending requests fail with the first cause."""
         self._fail(cause)
+        self._expiry.cancel()
         try:
             await cancel_and_wait(*self._tasks)
             await self._transport.close(self.config.close_timeout)
@@ -327,15 +336,23 @@ class Connection:
                 SupersededError("not sent: the connection was busy until the request was too old")
             )
 
-    def _expire(self, future: asyncio.Future[Answer], name: str, wait: float) -> None:
-        if not future.done():
-            self._stats.timeouts[name] += 1
-            future.set_exception(
+    def _expire(self, now: float) -> float:
+        """Fail the requests whose deadline has passed; return the next deadline."""
+        following = math.inf
+        for pending in self._pending.values():
+            if pending.future.done():
+                continue
+            if pending.deadline > now:
+                following = min(following, pending.deadline)
+                continue
+            self._stats.timeouts[pending.name] += 1
+            pending.future.set_exception(
                 RequestTimeoutError(
-                    f"the chassis did not answer {name} within {wait:g} s; whether it took "
-                    "effect is not known"
+                    f"the chassis did not answer {pending.name} within {pending.timeout:g} s; "
+                    "whether it took effect is not known"
                 )
             )
+        return following
 
     # Receiving
 
