@@ -15,11 +15,11 @@ from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData, TaskProc
 
-VALUES = st.recursive(
+WRITABLE = st.recursive(
     st.none()
     | st.booleans()
     | st.integers(-(2**63), 2**64 - 1)
-    | st.floats(allow_nan=False)
+    | st.floats(allow_nan=False, allow_infinity=False)
     | st.text(),
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
 )
@@ -31,7 +31,7 @@ def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(json_text, "ORJSON", None)
 
 
-@given(value=VALUES, ascii_only=st.booleans())
+@given(value=WRITABLE | st.just(math.inf), ascii_only=st.booleans())
 def test_each_value_is_read_as_by_the_standard_library(value: Any, ascii_only: bool) -> None:
     text = json.dumps(value, ensure_ascii=ascii_only)
     encodings = [text]
@@ -39,6 +39,23 @@ def test_each_value_is_read_as_by_the_standard_library(value: Any, ascii_only: b
         encodings.append(text.encode())
     for each in encodings:
         assert repr(json_text.parse(each)) == repr(json.loads(text))
+
+
+@given(value=WRITABLE | st.integers() | st.text(st.characters(codec=None)))
+def test_each_value_is_written_as_by_the_standard_library(value: Any) -> None:
+    text = json_text.write(value)
+    assert repr(json.loads(text)) == repr(value)
+
+
+def test_text_has_no_spaces() -> None:
+    assert json_text.write({"a": [1, "é", None], "b": {}}) == '{"a":[1,"é",null],"b":{}}'
+
+
+def test_deep_nesting_is_written() -> None:
+    deep: list[Any] = []
+    for _ in range(400):
+        deep = [deep]
+    assert json_text.write(deep) == "[" * 401 + "]" * 401
 
 
 @pytest.mark.parametrize(

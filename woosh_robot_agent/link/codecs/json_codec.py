@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from google.protobuf.message import Message
@@ -19,13 +18,12 @@ from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_t
 from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError
 from woosh_robot_agent.link.codecs.json_reader import from_json
 from woosh_robot_agent.link.codecs.json_scalars import LONGEST_NUMBER
-from woosh_robot_agent.link.codecs.json_text import parse
+from woosh_robot_agent.link.codecs.json_text import parse, write
 from woosh_robot_agent.link.codecs.json_writer import to_json
 
 _MAX_PARTS = 1_000_000
 """Maximum number of objects, lists and names in a frame. Two bytes of them on the wire can take a
 hundred bytes of memory."""
-_ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 class JsonCodec:
@@ -61,7 +59,7 @@ class JsonCodec:
             frame["timestamp"] = timestamp
         long = body is not None and body.ByteSize() >= LONG_MESSAGE
         texts = take_out(frame) if long else []
-        text = _ENCODER.encode(frame)
+        text = write(frame)
         return insert(text, texts) if texts else text
 
     def decode(self, data: str | bytes) -> Envelope:

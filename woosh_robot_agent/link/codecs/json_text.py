@@ -1,4 +1,4 @@
-"""JSON texts, read with orjson if it is installed."""
+"""JSON texts, read and written with orjson if it is installed."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ except ImportError:  # no rosdep key has it; the standard library takes several 
     ORJSON: Any = None
 else:
     ORJSON = orjson
+
+_ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 def parse(text: str | bytes) -> Any:
@@ -31,3 +33,26 @@ def parse(text: str | bytes) -> Any:
         except ORJSON.JSONDecodeError:
             pass
     return json.loads(text if isinstance(text, str) else text.decode())
+
+
+def write(value: Any) -> str:
+    """Return a value as JSON text without spaces.
+
+    What orjson refuses is left to the standard library: numbers of more than 64 bits, half a
+    surrogate pair and deep nesting.
+
+    Args:
+        value: a value without NaN and infinity, which JSON does not have.
+
+    Raises:
+        TypeError: JSON has no such type.
+        RecursionError: it is nested too deeply.
+    """
+    if ORJSON is not None:
+        try:
+            text: str = ORJSON.dumps(value).decode()
+        except ORJSON.JSONEncodeError:
+            pass
+        else:
+            return text
+    return _ENCODER.encode(value)
