@@ -11,7 +11,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-_SPIN_TIMEOUT = 1.0
+_SPIN_TIMEOUT = 5.0
 """Maximum duration of an executor turn, in seconds.
 
 A signal does not interrupt rclpy's wait. The link thread is notified at once, through

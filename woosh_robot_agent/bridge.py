@@ -17,6 +17,7 @@ from contextvars import Context
 from functools import partial
 from typing import Any, TypeVar
 
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.qos import SERVICE_QOS
 from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS, replace_send_response, take_request
@@ -66,7 +67,8 @@ class LinkThread:
     def __init__(self, thread: LoopThread, context: Context) -> None:
         self.loop = thread.loop
         self._context = context
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[asyncio.Task[None], Callable[[BaseException], None] | None] = {}
+        """Spawned coroutines that have not ended, and their `on_error`."""
 
     def call(self, function: Callable[..., object], *args: object) -> None:
         """Schedule a call of `function` in the loop. Thread-safe."""
@@ -105,27 +107,43 @@ class LinkThread:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        for task in tasks:  # one that had not started has not reported its end
+            if (on_error := self._tasks.pop(task, None)) is not None:
+                on_error(_cancelled())
 
     def _spawn(
         self,
         work: Callable[[], Coroutine[Any, Any, None]],
         on_error: Callable[[BaseException], None] | None,
     ) -> None:
-        task = self.loop.create_task(work())
-        self._tasks.add(task)  # the loop itself keeps only a weak reference
-        task.add_done_callback(partial(self._done, on_error))
+        task = start_task(self._run_spawned(work, on_error))
+        if not task.done():
+            self._tasks[task] = on_error  # the loop itself keeps only a weak reference
 
-    def _done(
-        self, on_error: Callable[[BaseException], None] | None, task: asyncio.Task[None]
+    async def _run_spawned(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        on_error: Callable[[BaseException], None] | None,
     ) -> None:
-        self._tasks.discard(task)
-        error = RuntimeError("the agent is stopping") if task.cancelled() else task.exception()
-        if error is None:
-            return
-        if not task.cancelled():
-            _LOG.error("a background task failed", exc_info=error)
-        if on_error is not None:
-            on_error(error)
+        # not in a callback of the task, which would take another turn of the loop
+        error: BaseException | None = None
+        try:
+            await work()
+        except asyncio.CancelledError:
+            error = _cancelled()
+            raise
+        except Exception as unexpected:
+            _LOG.exception("a background task failed")
+            error = unexpected
+        finally:
+            if (task := asyncio.current_task()) is not None:
+                self._tasks.pop(task, None)
+            if error is not None and on_error is not None:
+                on_error(error)
+
+
+def _cancelled() -> RuntimeError:
+    return RuntimeError("the agent is stopping")
 
 
 def outcome(future: Future[T], timeout: float) -> T:

@@ -11,6 +11,7 @@ from functools import partial
 
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.motion.pace import Pace
 from woosh_robot_agent.motion.requests import may_move
@@ -211,7 +212,7 @@ class VelocityDriver:
         self._waiting = None
         self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)
-        task = asyncio.get_running_loop().create_task(self._request(velocity), name=self._name)
+        task = start_task(self._request(velocity), self._name)
         self._requests.add(task)
         task.add_done_callback(self._requests.discard)
 

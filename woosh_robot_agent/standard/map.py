@@ -55,14 +55,16 @@ class Map(Part):
         context.robot.chassis.subscribe(Scene, self._scene)
 
     async def run(self) -> None:
-        async for now in self._subscribers.times(lambda: _CHECK_RATE):
-            self._growing.subscribe()
-            if self._context.robot.chassis.state is not LinkState.READY:
-                continue
-            if self._growing.active:
-                await self._publish_growing()
-            elif self._wanted != self._published and now >= self._not_before:
-                await self._update(now)
+        await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
+
+    async def _check(self, now: float) -> None:
+        self._growing.subscribe()
+        if self._context.robot.chassis.state is not LinkState.READY:
+            return
+        if self._growing.active:
+            await self._publish_growing()
+        elif self._wanted != self._published and now >= self._not_before:
+            await self._update(now)
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("scene"):

@@ -74,14 +74,16 @@ class Odom(Part):
         context.robot.chassis.subscribe(PoseSpeed, self._pushed)
 
     async def run(self) -> None:
-        async for now in self._subscribers.times(self._rate):
-            self._note_silence(now - self._received)
-            if self._context.settings().odom_prediction:
-                # skip a message right after another one
-                if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
-                    self._publish_predicted()
-            elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
-                self._publish_reported(now)
+        await self._subscribers.repeat(self._rate, self._publish_due)
+
+    async def _publish_due(self, now: float) -> None:
+        self._note_silence(now - self._received)
+        if self._context.settings().odom_prediction:
+            # skip a message right after another one
+            if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
+                self._publish_predicted()
+        elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
+            self._publish_reported(now)
 
     def _forget(self) -> None:
         self._odometry = Odometry()

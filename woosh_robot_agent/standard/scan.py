@@ -53,9 +53,13 @@ class Scan(Part):
         context.robot.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
-        async for _ in self._subscribers.times(lambda: self._context.settings().scan_rate):
-            if self._context.robot.chassis.state is LinkState.READY:
-                await self._request()
+        await self._subscribers.repeat(
+            lambda: self._context.settings().scan_rate, self._request_if_ready
+        )
+
+    async def _request_if_ready(self, _now: float) -> None:
+        if self._context.robot.chassis.state is LinkState.READY:
+            await self._request()
 
     def _forget(self) -> None:
         self._laser_pose = None
@@ -131,6 +135,10 @@ def rep_117(ranges: array.array[float], least: float, most: float) -> array.arra
         most: maximum range of the laser, in metres.
     """
     view = np.asarray(ranges)  # shares the memory of the array
-    np.putmask(view, (view > most) | (view == 0.0), np.inf)  # NaN fails all comparisons
-    np.putmask(view, view < least, -np.inf)
+    far = (view > most) | (view == 0.0)  # NaN fails all comparisons
+    if far.any():
+        view[far] = np.inf
+    near = view < least
+    if near.any():
+        view[near] = -np.inf
     return ranges

@@ -124,11 +124,12 @@ class _State(Part):
         context.robot.chassis.subscribe(cls, self._publish)
 
     async def run(self) -> None:
-        if not self._rate:
-            return
-        async for _ in self._subscribers.times(lambda: self._rate):
-            if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
-                self._publish(self._last)
+        if self._rate:
+            await self._subscribers.repeat(lambda: self._rate, self._republish)
+
+    async def _republish(self, _now: float) -> None:
+        if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
+            self._publish(self._last)
 
     def _forget(self) -> None:
         if self._last is not None:

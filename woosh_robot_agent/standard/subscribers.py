@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.subscriber_events import POLL_PERIOD, SubscriberEvents
 
@@ -44,25 +45,78 @@ class Subscribers:
             self._present = any(each.get_subscription_count() for each in self._publishers)
         return self._present
 
-    async def times(self, rate: Callable[[], float]) -> AsyncIterator[float]:
-        """Yield the loop's time at a fixed rate while there are subscribers.
+    async def repeat(
+        self, rate: Callable[[], float], work: Callable[[float], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Do work at a fixed rate while there are subscribers, until cancelled.
 
-        The first time comes with the first subscriber. Missed times are skipped. Small delays do
-        not add up.
+        It is first done for the first subscriber. Missed times are skipped, those during the work
+        too. Small delays do not add up.
 
         Args:
             rate: returns the current rate, in Hz.
+            work: called with the loop's time. Its exceptions end the repetition.
         """
-        loop = asyncio.get_running_loop()
-        due = -1.0
         while True:
-            if not self.present:
-                await self._wait()
-                due = loop.time()
-            yield loop.time()
-            due = max(due + 1.0 / rate(), loop.time())
-            await asyncio.sleep(due - loop.time())
+            await self._wait()
+            repetition = _Repetition(self, rate, work)
+            try:
+                await repetition.ended
+            finally:
+                repetition.cancel()
 
     async def _wait(self) -> None:
         while not self.present:
             await (self._changed.wait() if self._events.supported else asyncio.sleep(POLL_PERIOD))
+
+
+class _Repetition:
+    """Work that is repeated while there are subscribers.
+
+    A timer starts the work, without a turn of the event loop for a task that waits for the timer.
+
+    Args:
+        subscribers: the subscribers.
+        rate: as in `Subscribers.repeat`.
+        work: as in `Subscribers.repeat`.
+
+    Attributes:
+        ended: future that is done when there are no more subscribers, or the work has failed.
+    """
+
+    def __init__(
+        self,
+        subscribers: Subscribers,
+        rate: Callable[[], float],
+        work: Callable[[float], Coroutine[Any, Any, None]],
+    ) -> None:
+        self._subscribers = subscribers
+        self._rate = rate
+        self._work = work
+        self._loop = asyncio.get_running_loop()
+        self._due = self._loop.time()
+        self.ended: asyncio.Future[None] = self._loop.create_future()
+        self._timer = self._loop.call_soon(self._start)
+        self._task: asyncio.Task[None] | None = None
+
+    def cancel(self) -> None:
+        """End the repetition and the work."""
+        self._timer.cancel()
+        if self._task is not None:
+            self._task.cancel()
+
+    def _start(self) -> None:
+        if self._subscribers.present:
+            self._task = start_task(self._do())
+        elif not self.ended.done():
+            self.ended.set_result(None)
+
+    async def _do(self) -> None:
+        try:
+            await self._work(self._loop.time())
+        except Exception as error:
+            if not self.ended.done():
+                self.ended.set_exception(error)
+            return
+        self._due = max(self._due + 1.0 / self._rate(), self._loop.time())
+        self._timer = self._loop.call_at(self._due, self._start)

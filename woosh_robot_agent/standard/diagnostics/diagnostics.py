@@ -32,8 +32,10 @@ class Diagnostics(Part):
         self._publisher = self._subscribers.publisher("/diagnostics")
 
     async def run(self) -> None:
-        async for _ in self._subscribers.times(lambda: _RATE):
-            self._publisher.publish(self._message())
+        await self._subscribers.repeat(lambda: _RATE, self._publish)
+
+    async def _publish(self, _now: float) -> None:
+        self._publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:
         chassis = self._context.robot.chassis
