@@ -12,6 +12,8 @@ import google.protobuf
 import websockets.version
 from ament_index_python.packages import get_package_prefix
 
+from woosh_robot_agent.link.codecs.json_text import ORJSON
+
 
 def describe_machine() -> str:
     """Return the CPU and all versions that influence results, in one line."""
@@ -23,6 +25,7 @@ def describe_machine() -> str:
             f"ROS 2 {os.environ.get('ROS_DISTRO', 'unknown').capitalize()}, rclpy {_rclpy()}",
             f"websockets {websockets.version.version}",
             f"protobuf {google.protobuf.__version__}",
+            f"orjson {ORJSON.__version__}" if ORJSON else "no orjson",
         )
     )
 
