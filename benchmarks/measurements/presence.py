@@ -25,7 +25,7 @@ _START_TIMEOUT = 60.0
 _IDLE = 20.0
 """Seconds that an idle program is measured for."""
 _IDLE_AT_LEAST = 2.5
-"""The same in seconds, however few samples are asked for: an idle agent wakes once a second."""
+"""The same in seconds, however few samples are asked for: an idle agent sleeps most of the time."""
 _POLL = 0.02
 """Period of polling for endpoints, in seconds. Polling takes CPU time that the start needs too."""
 _KINDS = {Kind.SERVICE: "service", Kind.INPUT: "subscription", Kind.LATCHED: "latched"}

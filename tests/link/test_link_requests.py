@@ -208,6 +208,19 @@ async def test_the_configured_timeout_is_the_default() -> None:
 
 
 @aio
+async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        long = asyncio.ensure_future(client.request(Speak(), timeout=600.0))
+        frame = await wire.next("woosh.robot.Speak")
+        for _ in range(2):
+            with pytest.raises(RequestTimeoutError):
+                await client.request(Speak(), timeout=0.02)
+        await wire.answer(frame)
+        assert (await soon(long)).ok
+
+
+@aio
 async def test_cancellation_passes_through_and_leaves_nothing() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()

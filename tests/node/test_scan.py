@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
+import time
 from array import array
 from typing import Any
 
@@ -47,6 +49,21 @@ def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, cl
         return simulator.counts[SCANNER] == before
 
     wait_until(quiet, "an end of the questions")
+
+
+def test_a_slow_chassis_gets_one_request_at_a_time(simulator, agent, client):
+    requested = []
+
+    def note(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCANNER:
+            requested.append(time.monotonic())
+        return [frame]
+
+    simulator.intercept(note)
+    simulator.delay(SCANNER, 0.3)
+    scans(client).wait_count(3)  # 0.1 s is the period of scan_rate
+    gaps = [after - before for before, after in itertools.pairwise(requested)]
+    assert min(gaps) > 0.29
 
 
 def test_scan_shows_the_walls(simulator: SimulatorThread, agent, client):

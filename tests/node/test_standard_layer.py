@@ -6,15 +6,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
-from tests.harness import Client, RunningAgent, wait_until
+from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameter import parameters_of
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.standard.diagnostics import Diagnostics
 from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.standard.settings import StandardSettings
 
@@ -89,6 +91,24 @@ def test_all_parts_can_be_switched_off(start_agent, client):
 def test_each_part_can_be_used_alone(switch, start_agent, client):
     start_agent(ip="127.0.0.1", port=1, **{name: name == switch for name in SWITCHES})
     wait_for_endpoints(client, {entry.name for entry in STANDARD if entry.switch == switch})
+
+
+def test_a_part_that_failed_runs_again(
+    monkeypatch: pytest.MonkeyPatch, start_agent: Any, client: Client, logs: Collector
+) -> None:
+    messages = Diagnostics._message
+    failures = iter([ZeroDivisionError("once")])
+
+    def fail_once(part: Diagnostics) -> DiagnosticArray:
+        for error in failures:
+            raise error
+        return messages(part)
+
+    monkeypatch.setattr(Diagnostics, "_message", fail_once)
+    start_agent(ip="127.0.0.1", port=1)
+    client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10)).wait_count(2)
+    restarts = [each for each in logs.messages if "restarting it" in each.getMessage()]
+    assert [str(each.exc_info[1]) for each in restarts] == ["once"]
 
 
 @pytest.mark.parametrize("name", ["map_frame", "odom_frame", "base_frame", "scan_frame"])
