@@ -66,6 +66,13 @@ def test_a_slow_chassis_gets_one_request_at_a_time(simulator, agent, client):
     assert min(gaps) > 0.29
 
 
+def test_scan_goes_on_after_a_lost_answer(simulator, start_agent, client):
+    start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=600_000)
+    simulator.inject("lose_answer", type=SCANNER, count=1)
+    scans(client).wait_count(1)
+    assert simulator.counts[SCANNER] > 1
+
+
 def test_scan_shows_the_walls(simulator: SimulatorThread, agent, client):
     scan = scans(client).wait_count(1)[0]
     assert scan.header.frame_id == "laser"

@@ -27,6 +27,8 @@ _TYPE = full_name(ScannerDataProto)
 _CONVERTER = converter(ScannerData, ScannerDataProto)
 _SECOND = 1_000_000_000
 """A second, in nanoseconds."""
+_TIMEOUT = 1.0
+"""Time to wait for a scan, in seconds. `poll_timeout` is too long: the next scan would wait."""
 
 
 class Scan(Part):
@@ -74,7 +76,7 @@ class Scan(Part):
         sent = loop.time()
         try:
             answer = await self._context.robot.chassis.request(
-                self._context.robot.requests.empty(ScannerDataProto)
+                self._context.robot.requests.empty(ScannerDataProto), _TIMEOUT
             )
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
