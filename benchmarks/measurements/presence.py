@@ -23,9 +23,9 @@ _STARTS = 5
 """Number of starts; the figure is their median."""
 _START_TIMEOUT = 60.0
 _IDLE = 20.0
-"""Seconds that an idle program is measured for."""
+"""Time for which an idle program is measured, in seconds."""
 _IDLE_AT_LEAST = 2.5
-"""The same in seconds, however few samples are asked for: an idle agent sleeps most of the time."""
+"""The same in a smoke run, in seconds: in less time, an idle agent may use no CPU time at all."""
 _POLL = 0.02
 """Period of polling for endpoints, in seconds. Polling takes CPU time that the start needs too."""
 _KINDS = {Kind.SERVICE: "service", Kind.INPUT: "subscription", Kind.LATCHED: "latched"}

@@ -47,7 +47,7 @@ def test_each_value_is_written_as_by_the_standard_library(value: Any) -> None:
     assert repr(json.loads(text)) == repr(value)
 
 
-def test_text_has_no_spaces() -> None:
+def test_written_text_has_no_spaces() -> None:
     assert json_text.write({"a": [1, "é", None], "b": {}}) == '{"a":[1,"é",null],"b":{}}'
 
 
