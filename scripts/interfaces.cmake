@@ -28,6 +28,12 @@ function(woosh_unity_build)
       endforeach()
     endif()
   endforeach()
+  # Nothing imports these modules: rclpy only uses that of rosidl_typesupport_c.
+  foreach(kind rosidl_typesupport_fastrtps_c rosidl_typesupport_introspection_c)
+    if(TARGET ${PROJECT_NAME}_s__${kind})
+      set_property(TARGET ${PROJECT_NAME}_s__${kind} APPEND PROPERTY COMPILE_OPTIONS -O0)
+    endif()
+  endforeach()
 endfunction()
 if("$ENV{ROS_DISTRO}" MATCHES "^(humble|jazzy|kilted)$") # their generated code is known to allow it
   cmake_language(DEFER CALL woosh_unity_build)

@@ -39,15 +39,12 @@ def cache(tmp_path: Path) -> Cache:
 
 
 def checkout(folder: Path, library: bytes = LIBRARY) -> Path:
-    """Make an install folder with one package, with links into the build folder as CMake does."""
+    """Make an install folder with one package."""
     install = folder / "install"
     package = install / "some_msgs"
     (package / "lib").mkdir(parents=True)
     (package / "share").mkdir()
-    build = folder / "build"
-    build.mkdir()
-    (build / "library.so").write_bytes(library)
-    (package / "lib" / "library.so").symlink_to(build / "library.so")
+    (package / "lib" / "library.so").write_bytes(library)
     (package / "share" / "package.sh").write_text(
         f'prefix="{install}/some_msgs" PATH={folder}/.venv/bin:$PATH\n'
     )
@@ -65,7 +62,6 @@ def test_packages_work_in_another_checkout(cache: Cache, tmp_path: Path) -> None
     assert cache.run("restore", "--key", "k", second).returncode == 0
     package = second / "some_msgs"
     assert (package / "lib" / "library.so").read_bytes() == LIBRARY
-    assert not (package / "lib" / "library.so").is_symlink()
     assert (package / "share" / "package.sh").read_text() == (
         f'prefix="{package}" PATH={second.parent}/.venv/bin:$PATH\n'
     )
@@ -103,7 +99,8 @@ def test_only_paths_of_the_build_are_changed(cache: Cache, tmp_path: Path) -> No
 def test_a_damaged_archive_is_removed_and_the_packages_stay(
     cache: Cache, tmp_path: Path, damage
 ) -> None:
-    install = checkout(tmp_path / "first", os.urandom(5000) + b"\0")
+    library = os.urandom(5000) + b"\0"
+    install = checkout(tmp_path / "first", library)
     cache.run("store", "--key", "k", install, "some_msgs")
     (archive,) = cache.archives.iterdir()
     archive.write_bytes(damage(archive.read_bytes()))
@@ -112,7 +109,7 @@ def test_a_damaged_archive_is_removed_and_the_packages_stay(
     assert str(archive) in restored.stderr
     assert not archive.exists()
     assert [file.name for file in install.iterdir()] == ["some_msgs"]
-    assert (install / "some_msgs" / "lib" / "library.so").is_symlink()
+    assert (install / "some_msgs" / "lib" / "library.so").read_bytes() == library
 
 
 def archive_with(entry: tarfile.TarInfo) -> bytes:

@@ -1,11 +1,12 @@
-"""Cache of parsed interface files, shared by packages, generators and checkouts.
+"""Quicker code generators of rosidl: they parse each interface file and each template once only.
 
 scripts/setup puts this folder on the PYTHONPATH during the build, and Python imports a module with
-this name at every start. Each of seven generators parses every interface file with a slow parser,
-which takes most of the time of a build with a warm ccache.
+this name at every start. Without it, each of seven generators parses every interface file with a
+slow parser, and its templates again for every interface. That takes longer than the compiler.
 """
 
 import contextlib
+import functools
 import hashlib
 import os
 import pickle
@@ -14,7 +15,8 @@ import tempfile
 from pathlib import Path
 
 
-def install():
+def cache_interfaces():
+    """Keep parsed interface files for other generators, packages and checkouts."""
     from rosidl_parser import definition, parser
 
     folder = Path(os.environ["WOOSH_IDL_CACHE"])
@@ -41,5 +43,38 @@ def install():
     parser.parse_idl_string = remembered
 
 
-if any("rosidl" in argument for argument in sys.orig_argv[1:2]):
-    install()
+def cache_templates():
+    """Let empy parse each template once, and compile each piece of Python in it once."""
+    import em
+
+    if not em.__version__.startswith("3."):
+        return  # written differently
+    parse = em.Interpreter.parse
+
+    @functools.cache
+    def tokens(prefix, text):
+        return list(iter(em.Scanner(prefix, text).one, None))
+
+    def parse_once(self, scanner, locals=None):
+        try:
+            found = tokens(scanner.prefix, scanner.rest())
+        except em.TransientParseError:  # the text ends within a token
+            parse(self, scanner, locals)
+            return
+        self.invoke("atParse", scanner=scanner, locals=locals)
+        for token in found:
+            self.invoke("atToken", token=token)
+            token.run(self, locals)
+
+    @functools.cache
+    def compiled(source, mode):
+        return compile(source.lstrip(" \t"), "<string>", mode)
+
+    em.Interpreter.parse = parse_once
+    em.eval = lambda source, *namespaces: eval(compiled(source, "eval"), *namespaces)
+    em._exec = lambda source, *namespaces: exec(compiled(source, "exec"), *namespaces)
+
+
+if any("rosidl" in argument for argument in sys.orig_argv[1:3]):
+    cache_interfaces()
+    cache_templates()
