@@ -86,7 +86,7 @@ def test_nothing_is_left_of_the_progress_of_a_killed_script(tmp_path: Path) -> N
     ("steps", "seconds", "left"),
     [
         ("[1/10] first\n[5/10] second\nsomething\n", 2000, r", about 20\d\d s left"),
-        ("[9/10] install\n", 100, r", about 4\d s left"),
+        ("[9/10] install\n", 100, r", about 5\d s left"),
         ("[10/10] install\n", 15, ""),
     ],
 )
