@@ -79,6 +79,7 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from woosh_robot_agent.fleet import Fleet
+    from woosh_robot_agent.process_exit import exit_process, exit_withdraws_endpoints
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
     from woosh_robot_agent.ros_release import error_text
 
@@ -109,8 +110,12 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
-        fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT))
+        quick = len(fleet.agents) > 1 and exit_withdraws_endpoints()
+        fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=not quick)
         executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then
+        if quick:
+            signals.ignore()
+            exit_process(0)
     finally:
         rclpy.try_shutdown()
     return 0

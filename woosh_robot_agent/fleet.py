@@ -12,7 +12,7 @@ from rclpy.exceptions import InvalidNamespaceException, ParameterException
 from rclpy.validate_namespace import validate_namespace
 
 from woosh_robot_agent.bridge import LoopThread
-from woosh_robot_agent.node import Agent, close_all
+from woosh_robot_agent.node import Agent, stop_all
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.ros_release import error_text
@@ -59,9 +59,17 @@ class Fleet:
 
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 
-    def close(self, spin_once: Callable[[], None]) -> None:
-        """Close all agents concurrently; see `Agent.close`."""
-        close_all(self.agents, spin_once)
+    def close(self, spin_once: Callable[[], None], *, destroy: bool = True) -> None:
+        """Close all agents concurrently; see `Agent.close`.
+
+        Args:
+            spin_once: runs one executor turn, so that goal results reach their clients.
+            destroy: also destroy the nodes. With many robots, that takes long.
+        """
+        stop_all(self.agents, spin_once)
+        if destroy:
+            for agent in self.agents:
+                agent.destroy()
         self._thread.stop(_STOP_TIMEOUT)
 
 

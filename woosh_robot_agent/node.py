@@ -181,7 +181,14 @@ class Agent:
         Args:
             spin_once: runs one executor turn, so that goal results reach their clients.
         """
-        close_all([self], spin_once)
+        stop_all([self], spin_once)
+        self.destroy()
+
+    def destroy(self) -> None:
+        """Destroy the node, after `stop_all`."""
+        self._actions.destroy()
+        self._standard.close()
+        self.node.destroy_node()
 
     async def _close(self) -> None:
         # run every step; the gate's own timeout is shorter because its error is more specific
@@ -246,8 +253,8 @@ class Agent:
         await self._chassis.reconfigure(config, stop_robot)
 
 
-def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """Close several agents at the same time; see `Agent.close`."""
+def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
+    """Do for several agents at once what `Agent.close` does before it destroys the node."""
     for agent in agents:
         agent.begin_close()
     ends = [agent._end for agent in agents if agent._end is not None]
@@ -268,9 +275,6 @@ def close_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
         if agent.node.executor is not None:  # otherwise it would keep the node's entities alive
             agent.node.executor.remove_node(agent.node)
         expect_losses(agent.node.get_logger(), expected=False)
-        agent._actions.destroy()
-        agent._standard.close()
-        agent.node.destroy_node()
 
 
 def _spin_while(

@@ -27,6 +27,17 @@ from woosh_robot_msgs.srv import RobotInfo, Speak
 
 SPEAK = "woosh.robot.Speak"
 
+NO_TIMEOUT = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="agent" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseDuration><sec>3600</sec></leaseDuration>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+"""Profile of Fast DDS: others believe for an hour that a process exists that has vanished."""
+
 
 @pytest.mark.parametrize("executor", ["single", "events"])
 def test_each_agent_reaches_its_own_chassis(
@@ -213,6 +224,30 @@ def test_a_signal_ends_all_agents(
     assert status == ABORTED
     assert "stopping" in ret.msg
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
+
+
+@pytest.mark.parametrize("executor", ["single", "events"])
+def test_all_endpoints_are_withdrawn_at_the_end(
+    start_fleet: Callable[..., Program],
+    clients: dict[str, Client],
+    executor: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The program exits without destroying them, so others must not depend on a timeout."""
+    profile = tmp_path / "no_timeout.xml"
+    profile.write_text(NO_TIMEOUT)
+    for variable in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
+        monkeypatch.setenv(variable, str(profile))
+    fleet = start_fleet(executor=executor)
+    for client in clients.values():
+        client.call(RobotInfo, "robot/RobotInfo")
+    fleet.end()
+    node = next(iter(clients.values())).node
+    wait_until(
+        lambda: not set(ROBOTS) & {names[1] for names in node.get_node_names_and_namespaces()}
+    )
+    wait_until(lambda: not node.get_publishers_info_by_topic(f"{ROBOTS[0]}/robot/PoseSpeed"))
 
 
 def test_a_frozen_chassis_does_not_keep_another_from_being_stopped(
