@@ -26,6 +26,7 @@ PERMITTED = {
     ("simulator/command_line.py", "importlib.import_module"): "the page's module, a constant",
     ("tools/start.py", "importlib.import_module"): "the package's own programs",
     ("memory.py", "ctypes"): "mallopt of the C library, with two constants",
+    ("process_exit.py", "ctypes"): "exit of the C library, with a number",
     ("simulator/yaml_fields.py", "yaml.load"): "a loader derived from SafeLoader",
     ("security.py", "xml.etree.ElementTree"): "writes policies, reads nothing",
     ("testing/agents.py", "subprocess"): "runs the agent in tests, without a shell",
