@@ -79,9 +79,9 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from woosh_robot_agent.fleet import Fleet
-    from woosh_robot_agent.process_exit import exit_process, exit_withdraws_endpoints
+    from woosh_robot_agent.process_exit import exit_process
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
-    from woosh_robot_agent.ros_release import error_text
+    from woosh_robot_agent.ros_release import error_text, exit_withdraws_endpoints
 
     heap = Heap()
     if signals.received:

@@ -1,7 +1,8 @@
 """End of a process with many ROS endpoints.
 
 Fast DDS compares each endpoint that is destroyed with all others of its process: with the agents of
-20 robots, that takes half a minute. When the process exits, it withdraws them all at once.
+20 robots, that takes half a minute. Fast DDS 2 also withdraws them all at once, when the process
+exits (`ros_release.exit_withdraws_endpoints`).
 """
 
 from __future__ import annotations
@@ -9,16 +10,6 @@ from __future__ import annotations
 import ctypes
 import logging
 import sys
-
-from rclpy.utilities import get_rmw_implementation_identifier
-
-
-def exit_withdraws_endpoints() -> bool:
-    """Return whether the middleware tells other processes at exit that all endpoints are gone.
-
-    Otherwise they would notice it only after a timeout, 20 s with DDS's defaults.
-    """
-    return str(get_rmw_implementation_identifier()).startswith("rmw_fastrtps")
 
 
 def exit_process(status: int) -> None:

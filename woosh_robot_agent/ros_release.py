@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.utilities import get_rmw_implementation_identifier
 
 try:
     from rclpy.event_handler import (
@@ -35,6 +37,7 @@ __all__ = [
     "count_services",
     "error_text",
     "events_executor",
+    "exit_withdraws_endpoints",
     "on_parameters_set",
     "subscriber_event_handlers",
     "this_computer_only",
@@ -70,6 +73,17 @@ def events_executor(context: Any) -> Any:
     except ImportError:
         return None
     return EventsExecutor(context=context)
+
+
+def exit_withdraws_endpoints() -> bool:
+    """Return whether the middleware tells other processes at exit that all endpoints are gone.
+
+    Otherwise they would notice it only after a timeout, 20 s with DDS's defaults. Fast DDS 2 of
+    Humble and Jazzy does so, but Fast DDS 3 of Kilted does not, nor does other middleware.
+    """
+    if not str(get_rmw_implementation_identifier()).startswith("rmw_fastrtps"):
+        return False
+    return "/libfastrtps.so.2" in Path("/proc/self/maps").read_text(encoding="utf-8")
 
 
 def on_parameters_set(
