@@ -23,6 +23,7 @@ from benchmarks.measurements import (
     maps,
     presence,
     pushes,
+    rosbridge,
     scans,
     stops,
     velocities,
@@ -65,8 +66,11 @@ TARGETS = {
     ),
     "fleet_end": Target(3.0, 1.5, "seconds until a process with 20 robots has ended"),
     "fleet": Target(None, 60, "robots served at 20 Hz each, in the better of two ways", True),
+    "rosbridge": Target(
+        None, 1.0, "calls, and pushes at 100 Hz / the same through rosbridge, the worst ratio"
+    ),
 }
-"""All figures, by name."""
+"""All figures, by name. `rosbridge` is measured only where it is installed."""
 
 Measure = Callable[[int, Options], Measured]
 """Measures some figures in a ROS domain."""
@@ -82,6 +86,7 @@ MEASUREMENTS: tuple[tuple[Measure, tuple[str, ...]], ...] = (
     (presence.measure, ("idle_rss", "idle_cpu", "startup")),
     (fleet_end.measure, ("fleet_end",)),
     (fleet.measure, ("fleet",)),
+    (rosbridge.measure, ("rosbridge",)),
 )
 """Measurements, each with the names of its figures."""
 _SMOKE_THREADS = 3
@@ -109,6 +114,8 @@ def main(arguments: Sequence[str]) -> int:
         repetitions(given),
         given.only,
     )
+    if "rosbridge" in given.only and "rosbridge" not in results.values:
+        print("rosbridge was not measured: rosbridge_server is not installed", file=sys.stderr)
     table = results_table(results, TARGETS)
     if given.json:
         print(json.dumps(results.medians(TARGETS)))
