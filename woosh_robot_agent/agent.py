@@ -110,11 +110,14 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
-        quick = len(fleet.agents) > 1 and exit_withdraws_endpoints()
-        fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=not quick)
+        # One robot ends quickly in any case, and a normal exit is safer.
+        without_destroying = len(fleet.agents) > 1 and exit_withdraws_endpoints()
+        fleet.close(
+            lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=not without_destroying
+        )
         executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then
-        if quick:
-            signals.ignore()
+        if without_destroying:
+            signals.ignore()  # the caller does not get to do it
             exit_process(0)
     finally:
         rclpy.try_shutdown()

@@ -10,12 +10,14 @@ from __future__ import annotations
 import ctypes
 import logging
 import sys
+from typing import NoReturn
 
 
-def exit_process(status: int) -> None:
-    """Exit without an end of the Python interpreter, which would destroy the endpoints.
+def exit_process(status: int) -> NoReturn:
+    """Exit without finalizing the Python interpreter, which would destroy the endpoints one by one.
 
-    No callback of the middleware may need Python any more: shut the executor down before.
+    Functions of `atexit` do not run. No callback of the middleware may need Python any more: shut
+    the executor down before.
 
     Args:
         status: exit status of the process.
@@ -26,3 +28,4 @@ def exit_process(status: int) -> None:
     # Unlike os._exit, this runs the exit functions of libraries, such as the middleware. PyDLL
     # keeps the interpreter's lock, so that no thread uses endpoints while they vanish.
     ctypes.PyDLL(None).exit(status)
+    raise AssertionError("the C library did not exit")

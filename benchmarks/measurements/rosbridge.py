@@ -35,7 +35,7 @@ def measure(domain: int, options: Options) -> Measured:
         _rosbridge_path(other_domain, options) as other_path,
     ):
         both = [
-            (_called(caller, path, options), path)
+            (_called_program(caller, path, options), path)
             for caller, path in ((our_caller, our_path), (other_caller, other_path))
         ]
         runs: tuple[list[PushRun], list[PushRun]] = ([], [])
@@ -55,7 +55,7 @@ def measure(domain: int, options: Options) -> Measured:
     return {"rosbridge": (max(mine / other for mine, other in pairs.values()), f"{text} µs")}
 
 
-def _called(caller: Caller, path: PushPath, options: Options) -> CalledProgram:
+def _called_program(caller: Caller, path: PushPath, options: Options) -> CalledProgram:
     caller.use(*POSE_SPEED)
     caller.warm_up(1.0 * options.scale)
     (program,) = path.publishers

@@ -115,7 +115,10 @@ def main(arguments: Sequence[str]) -> int:
         given.only,
     )
     if "rosbridge" in given.only and "rosbridge" not in results.values:
-        print("rosbridge was not measured: rosbridge_server is not installed", file=sys.stderr)
+        print(
+            "rosbridge was not measured: install and source ros-$ROS_DISTRO-rosbridge-server",
+            file=sys.stderr,
+        )
     table = results_table(results, TARGETS)
     if given.json:
         print(json.dumps(results.medians(TARGETS)))
