@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +12,10 @@ from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS
-from woosh_robot_agent.subscriber_events import SubscriberEvents, create_publisher
+from woosh_robot_agent.subscriber_events import create_publisher
+
+_CHECK_PERIOD = 0.25
+"""Period of the checks for subscribers, in seconds. Each check wakes the link thread."""
 
 
 class LatchedPublishers:
@@ -32,20 +36,18 @@ class LatchedPublishers:
         self._thread = thread
         self._publishers: list[LatchedPublisher] = []
         chassis.on_robot_changed(self._forget)
+        thread.spawn(self._watch_subscribers)
 
-    def create(
-        self, message_class: Any, name: str, depth: int, events: SubscriberEvents | None = None
-    ) -> LatchedPublisher:
+    def create(self, message_class: Any, name: str, depth: int) -> LatchedPublisher:
         """Return a publisher.
 
         Args:
             message_class: ROS class of the topic.
             name: name of the topic.
             depth: number of messages that late subscribers get.
-            events: callback for subscribers that come or go.
         """
         publisher = LatchedPublisher(
-            partial(create_publisher, self._node, message_class, name, latched(depth), events),
+            partial(create_publisher, self._node, message_class, name, latched(depth)),
             self._node.destroy_publisher,
             depth,
         )
@@ -73,6 +75,14 @@ class LatchedPublishers:
 
     def _forget(self) -> None:
         self.take_back(*self._publishers)
+
+    async def _watch_subscribers(self) -> None:
+        # not by events: rclpy's EventsExecutor may crash if a publisher with events is destroyed
+        # (ros2/rclpy#1644)
+        while True:
+            await asyncio.sleep(_CHECK_PERIOD)
+            for publisher in self._publishers:
+                publisher.check_subscribers()
 
     def _renew(self) -> None:
         for publisher in self._publishers:
@@ -102,6 +112,24 @@ class LatchedPublisher:
         """Publishers to be destroyed in the executor thread."""
         self._waiting: deque[Any] = deque(maxlen=depth)
         """Messages for the next publisher."""
+        self._on_subscribers: Callable[[], None] | None = None
+        self._subscribers: int | None = None
+        """Number of subscribers of this publisher at the last check."""
+
+    def on_subscribers(self, callback: Callable[[], None]) -> None:
+        """Register a function that the link thread calls when subscribers have come or gone.
+
+        It is called within a quarter of a second.
+        """
+        self._on_subscribers = callback
+
+    def check_subscribers(self) -> None:
+        """Call the function of `on_subscribers` if their number has changed; in the link thread."""
+        if self._on_subscribers is None or self._publisher is None:
+            return
+        if (count := self.get_subscription_count()) != self._subscribers:
+            self._subscribers = count
+            self._on_subscribers()
 
     def publish(self, message: Any) -> None:
         """Publish a message, as soon as there is a publisher."""
@@ -153,5 +181,6 @@ class LatchedPublisher:
     def install(self, publisher: Any) -> None:
         """Publish with a new publisher from now on; in the link thread."""
         self._publisher = publisher
+        self._subscribers = None
         while self._waiting:
             self.publish(self._waiting.popleft())

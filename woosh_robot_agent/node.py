@@ -84,7 +84,7 @@ class Agent:
         self._requests = RequestMaker(self.settings.link.robot_id)
         # first: it reports unreadable pushes before others see them
         self._latched = LatchedPublishers(self.node, self._thread, self._chassis)
-        self._topics = Topics(self.node, self._latched, self._thread, self._chassis)
+        self._topics = Topics(self.node, self._latched, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
         explainer = RefusalExplainer(self._chassis, last_known)

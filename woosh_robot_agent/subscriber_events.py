@@ -27,21 +27,22 @@ class SubscriberEvents:
     created once.
 
     Args:
-        callback: called in the executor thread whenever a subscriber comes or goes.
+        callback: called whenever a subscriber comes or goes; must be thread-safe.
 
     Attributes:
+        callback: the callback.
         supported: False if the middleware or this release has no such events. Known once a
             publisher exists. The owner then checks for subscribers every `POLL_PERIOD`.
     """
 
     def __init__(self, callback: Callable[[], None]) -> None:
-        self._callback = callback
+        self.callback = callback
         self.supported = True
 
     def attach(self, node: Any, publisher: Any) -> None:
         """Call the callback from now on for a publisher of a node."""
         try:
-            handlers = subscriber_event_handlers(node, publisher, self._callback)
+            handlers = subscriber_event_handlers(node, publisher, self.callback)
         except UnsupportedEventTypeError:
             self.supported = False
             return
@@ -51,7 +52,11 @@ class SubscriberEvents:
 
 
 def create_publisher(
-    node: Any, message_class: Any, name: str, profile: QoSProfile, events: SubscriberEvents | None
+    node: Any,
+    message_class: Any,
+    name: str,
+    profile: QoSProfile,
+    events: SubscriberEvents | None = None,
 ) -> Any:
     """Return a new publisher of a node, without rclpy's default callbacks.
 

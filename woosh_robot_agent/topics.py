@@ -5,14 +5,12 @@ They are published directly from the link thread.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.bridge import LinkThread
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
 from woosh_robot_agent.last_known import parts_of
@@ -22,7 +20,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.subscriber_events import POLL_PERIOD, SubscriberEvents
 
 
 class Topics:
@@ -33,18 +30,15 @@ class Topics:
     Args:
         node: the agent's node.
         publishers: creates the publishers.
-        thread: the link thread.
         chassis: the link; used in its event loop only.
     """
 
-    def __init__(
-        self, node: Any, publishers: LatchedPublishers, thread: LinkThread, chassis: ChassisClient
-    ) -> None:
+    def __init__(self, node: Any, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
         self._publish = {}
         chassis.on_snapshot(self._snapshot)
         for topic in TOPICS:
             if topic.on_demand:
-                _OnDemand(topic, publishers, thread, chassis)
+                _OnDemand(topic, publishers, chassis)
                 continue
             msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
@@ -70,27 +64,14 @@ def _publish(
 class _OnDemand:
     """Publisher of pushes that the chassis is asked for only while the topic has subscribers."""
 
-    def __init__(
-        self,
-        topic: Topic,
-        publishers: LatchedPublishers,
-        thread: LinkThread,
-        chassis: ChassisClient,
-    ) -> None:
+    def __init__(self, topic: Topic, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
         self._chassis = chassis
         self._proto_class = message_type(topic.push)
         self._unsubscribe: Callable[[], None] | None = None
         msg = class_of(topic.msg, "msg")
         self._convert = converter(msg, self._proto_class)
-        events = SubscriberEvents(lambda: thread.call(self._update))
-        self._publisher = publishers.create(msg, topic.name, topic.depth, events)
-        if not events.supported:
-            thread.spawn(self._poll)
-
-    async def _poll(self) -> None:
-        while True:
-            self._update()
-            await asyncio.sleep(POLL_PERIOD)
+        self._publisher = publishers.create(msg, topic.name, topic.depth)
+        self._publisher.on_subscribers(self._update)
 
     def _update(self) -> None:
         """Subscribe or unsubscribe at the chassis; in the link thread."""

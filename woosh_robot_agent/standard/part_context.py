@@ -65,7 +65,10 @@ class PartContext:
         """
         endpoint = BY_NAME[name]
         if endpoint.kind is Kind.LATCHED and about_robot:
-            return self.latched.create(class_of(endpoint.type), name, endpoint.depth, events)
+            publisher = self.latched.create(class_of(endpoint.type), name, endpoint.depth)
+            if events is not None:
+                publisher.on_subscribers(events.callback)
+            return publisher
         profile = latched if endpoint.kind is Kind.LATCHED else reliable
         return create_publisher(
             self.robot.node, class_of(endpoint.type), name, profile(endpoint.depth), events

@@ -14,7 +14,8 @@ from woosh_robot_agent.subscriber_events import POLL_PERIOD, SubscriberEvents
 class Subscribers:
     """The subscribers of a set of publishers. Use it in the link thread.
 
-    Waiting for the first subscriber costs nothing: the middleware reports each one by an event.
+    The middleware reports each subscriber by an event; `LatchedPublishers` checks for those of
+    latched topics.
 
     Args:
         context: the context of the part.
