@@ -77,7 +77,7 @@ def run(tmp_path: Path, program: str, *, cached: bool) -> subprocess.CompletedPr
     path = [str(BUILD_CACHE)] if cached else []
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]),
-        "WOOSH_IDL_CACHE": str(tmp_path / "idl"),
+        "XDG_CACHE_HOME": str(tmp_path),
     }
     return subprocess.run(
         [sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True
@@ -97,4 +97,9 @@ def test_interfaces_are_parsed_to_the_same_content(tmp_path: Path) -> None:
     assert "A comment" in plain.stdout
     for kind in ("parsed", "from the cache"):
         assert run(tmp_path, PARSER, cached=True).stdout == plain.stdout, kind
-    assert len(list((tmp_path / "idl").iterdir())) == 1
+    (cached,) = (tmp_path / "woosh_robot_agent" / "idl").iterdir()
+    damaged = b"cos\nno_such_function\n."  # pickle raises AttributeError
+    cached.write_bytes(damaged)
+    for kind in ("parsed again", "from the cache"):
+        assert run(tmp_path, PARSER, cached=True).stdout == plain.stdout, kind
+    assert cached.read_bytes() != damaged

@@ -44,7 +44,8 @@ def _warn_no_events_executor() -> None:
     import logging
 
     logging.getLogger("woosh_robot_agent.agent").warning(
-        "this rclpy is older than 7.1.4 and has no EventsExecutor; using executor 'single'"
+        "this rclpy is older than 7.1.4 and has no EventsExecutor; using executor 'single' "
+        "(executor:=single avoids this warning)"
     )
 
 

@@ -25,7 +25,8 @@ def executable() -> Path | None:
 
 def main() -> None:
     path = executable()
-    assert path is not None, f"{_PACKAGE} is not installed"
+    if path is None:
+        raise SystemExit(f"{_PACKAGE} is not installed: install the package of your ROS 2 release")
     os.execv(path, [path, "--ros-args", "-p", "port:=0", "-p", "address:=127.0.0.1"])
 
 

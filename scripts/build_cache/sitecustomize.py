@@ -19,28 +19,29 @@ def cache_interfaces():
     """Keep parsed interface files for other generators, packages and checkouts."""
     from rosidl_parser import definition, parser
 
-    folder = Path(os.environ["WOOSH_IDL_CACHE"])
-    folder.mkdir(parents=True, exist_ok=True)
-    release = hashlib.sha256(sys.version.encode())
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(cache) / "woosh_robot_agent" / "idl"
+    parser_key = hashlib.sha256(sys.version.encode())  # another parser returns other objects
     for source in (definition.__file__, parser.__file__, parser.grammar_file):
-        release.update(Path(source).read_bytes())
+        parser_key.update(Path(source).read_bytes())
     parse = parser.parse_idl_string
 
-    def remembered(text, png_file=None):
-        key = release.copy()
+    def parse_cached(text, png_file=None):
+        key = parser_key.copy()
         key.update(text.encode())
         file = folder / key.hexdigest()
-        try:
+        # A damaged file may raise any exception. The build does not need the cache.
+        with contextlib.suppress(Exception):
             return pickle.loads(file.read_bytes())
-        except (OSError, EOFError, pickle.UnpicklingError):
-            content = parse(text, png_file=png_file)
-            with contextlib.suppress(OSError):  # the build does not need the cache
-                with tempfile.NamedTemporaryFile(dir=folder, delete=False) as new:
-                    pickle.dump(content, new)
-                os.replace(new.name, file)  # atomic: another generator may write the same file
-            return content
+        content = parse(text, png_file=png_file)
+        with contextlib.suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=folder, delete=False) as new:
+                pickle.dump(content, new)
+            os.replace(new.name, file)  # atomic: another generator may write the same file
+        return content
 
-    parser.parse_idl_string = remembered
+    parser.parse_idl_string = parse_cached
 
 
 def cache_templates():
@@ -48,7 +49,7 @@ def cache_templates():
     import em
 
     if not em.__version__.startswith("3."):
-        return  # written differently
+        return  # empy 4 parses in another way
     parse = em.Interpreter.parse
 
     @functools.cache
