@@ -124,6 +124,8 @@ def releases(tmp_path: Path) -> Path:
         shutil.copy(SCRIPTS / name, root / "scripts")
     (root / "bin").mkdir()
     (root / "bin" / "apt-get").symlink_to("/bin/false")
+    (root / "bin" / "uname").write_text("#!/usr/bin/env bash\necho ${MACHINE:-x86_64}\n")
+    (root / "bin" / "uname").chmod(0o755)
     for suffix in ("", "-kilted"):
         programs = root / f".venv{suffix}" / "bin"
         programs.mkdir(parents=True)
@@ -196,6 +198,12 @@ def test_a_release_is_set_up_in_a_shell_for_another_one(releases: Path, sourced:
     # The program that makes the modules has failed, and has printed its environment.
     assert f"ROS_DISTRO={other or 'jazzy'}\n" in done.stderr
     assert f"AMENT_PREFIX_PATH={releases}/.venv{other and '-kilted'}\n" in done.stderr
+
+
+def test_ros_from_pypi_needs_x86_64(releases: Path) -> None:
+    done = in_bash("MACHINE=aarch64 scripts/setup", releases)
+    assert done.returncode == 1
+    assert "for x86_64 only, and this is aarch64" in done.stderr
 
 
 @pytest.mark.parametrize("home", ["HOME=$PWD/scripts/setup", "XDG_CACHE_HOME=/proc"])

@@ -238,6 +238,19 @@ def test_replay_names_the_files_that_are_not_given(tmp_path: Path) -> None:
     assert "the numbers in their names: 0, 2\n" in err
 
 
+def test_replay_at_a_port_in_use_fails(tmp_path: Path, capsys: Any) -> None:
+    path = tmp_path / "a.mcap"
+    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
+    file.event(1, "open", "client")
+    file.close()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert replay.main([str(path), "--port", "0", "--tcp-port", port]) == 1
+    error = capsys.readouterr().err
+    assert port in error
+    assert "--tcp-port" in error
+
+
 def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
     assert replay.main([str(tmp_path / "nothing.mcap")]) == 1
     missing = f"error: cannot read {tmp_path / 'nothing.mcap'}: No such file or directory\n"

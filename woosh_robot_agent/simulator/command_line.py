@@ -91,7 +91,11 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         return 1
     except OSError as error:
         reason = error.strerror or str(error)
-        print(f"error: cannot listen on {config.host}: {reason}", file=sys.stderr)
+        print(
+            f"error: cannot listen on {config.host}: {reason}; "
+            "choose another address or other ports: --host, --port and --tcp-port",
+            file=sys.stderr,
+        )
         return 1
     return 0
 

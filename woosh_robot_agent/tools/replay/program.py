@@ -88,9 +88,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         recording = read_recording(*options.file)
         playback = prepare(recording)
         _print_summary(options.file[0], playback, recording)
-        asyncio.run(_run(playback, options))
     except (OSError, RecordingError) as error:
         print(f"error: {error}", file=sys.stderr)
+        return 1
+    try:
+        asyncio.run(_run(playback, options))
+    except OSError as error:
+        print(
+            f"error: cannot listen on {options.host}: {error.strerror or error}; "
+            "choose another address or other ports: --host, --port and --tcp-port",
+            file=sys.stderr,
+        )
         return 1
     return 0
 
