@@ -112,13 +112,11 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
         # One robot ends quickly in any case, and a normal exit is safer.
-        without_destroying = len(fleet.agents) > 1 and exit_withdraws_endpoints()
-        fleet.close(
-            lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=not without_destroying
-        )
+        destroy = len(fleet.agents) == 1 or not exit_withdraws_endpoints()
+        fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
         executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then
-        if without_destroying:
-            signals.ignore()  # the caller does not get to do it
+        if not destroy:
+            signals.ignore()  # `exit_process` does not return to `main`, which does it otherwise
             exit_process(0)
     finally:
         rclpy.try_shutdown()

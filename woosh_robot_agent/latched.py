@@ -19,11 +19,10 @@ _CHECK_PERIOD = 0.25
 
 
 class LatchedPublishers:
-    """Creator of publishers of latched topics, which forget a robot when the link turns to another.
+    """Creates publishers of latched topics, and replaces them when the link turns to another robot.
 
     DDS keeps the last messages of a latched topic for late subscribers as long as their publisher
-    exists. So the publisher is replaced by a new one, in the executor thread, to which all ROS
-    entities belong.
+    exists. So it is replaced by a new one, in the executor thread, to which all ROS entities belong.
 
     Args:
         node: owner of the publishers.
@@ -86,8 +85,8 @@ class LatchedPublishers:
 
     def _renew(self) -> None:
         for publisher in self._publishers:
-            if (renewed := publisher.renewed()) is not None:
-                self._thread.call(publisher.install, renewed)
+            if (successor := publisher.renew()) is not None:
+                self._thread.call(publisher.install, successor)
 
 
 class LatchedPublisher:
@@ -165,7 +164,7 @@ class LatchedPublisher:
             self._withdrawn.append(self._publisher)
             self._publisher = None
 
-    def renewed(self) -> Any:
+    def renew(self) -> Any:
         """Destroy former publishers, and return a new one if it is needed; in the executor thread.
 
         Returns:

@@ -48,7 +48,7 @@ __all__ = [
 def subscriber_event_handlers(node: Any, publisher: Any, callback: Callable[[], None]) -> Any:
     """Return new handlers that call `callback` when a subscriber of a publisher comes or goes.
 
-    Humble has no such events, as some middleware on the other releases.
+    Humble has no such events, and neither has some middleware on the other releases.
 
     Raises:
         UnsupportedEventTypeError: there are no such events.
@@ -76,7 +76,7 @@ def events_executor(context: Any) -> Any:
 
 
 def exit_withdraws_endpoints() -> bool:
-    """Return whether the middleware tells other processes at exit that all endpoints are gone.
+    """Return True if the middleware tells other processes at exit that all endpoints are gone.
 
     Otherwise they notice it only after the lease duration, by default 20 s with Fast DDS. Fast
     DDS 2 of Humble and Jazzy tells them. On Kilted, rmw_fastrtps keeps the factory of participants

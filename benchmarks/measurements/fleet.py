@@ -1,9 +1,9 @@
 """Maximum number of robots that this machine can serve when each pushes PoseSpeed at 20 Hz.
 
 All robots push at the same moment, which is the hardest case. They count as served if at least
-99.9 % of the pushes of every robot reach a subscriber and the 99th percentile of all latencies is
-below one period. Chassis and subscribers share the cores with the agents; their CPU time is
-reported.
+99.9 % of the pushes of every robot reach a subscriber, the 99th percentile of all latencies is
+below one period, and the chassis reaches 99 % of the rate. Chassis and subscribers share the cores
+with the agents; their CPU time is reported.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Quicker code generators of rosidl: they parse each interface file and each template once only.
+"""Caches for the code generators of rosidl: each interface file and template is parsed once only.
 
 scripts/setup puts this folder on the PYTHONPATH during the build, and Python imports a module with
 this name at every start. Without it, each of seven generators parses every interface file with a
