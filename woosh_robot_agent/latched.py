@@ -22,7 +22,7 @@ class LatchedPublishers:
     """Creates publishers of latched topics, and replaces them when the link turns to another robot.
 
     DDS keeps the last messages of a latched topic for late subscribers as long as their publisher
-    exists. So it is replaced by a new one, in the executor thread, to which all ROS entities belong.
+    exists. So it is replaced, in the executor thread, to which all ROS entities belong.
 
     Args:
         node: owner of the publishers.
