@@ -5,6 +5,7 @@ from __future__ import annotations
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
 
+from woosh_robot_agent.standard_streams import open_standard_streams
 from woosh_robot_agent.stop_signals import StopSignals
 
 TYPE_CHECKING = False
@@ -54,6 +55,7 @@ def main(args: list[str] | None = None) -> int:
 
     Further signals are ignored from then on, because the process is about to end.
     """
+    open_standard_streams()
     signals = StopSignals()
     try:
         return _run(args, signals)

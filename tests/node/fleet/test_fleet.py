@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,13 +18,14 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tests.harness import Client, Program, wait_until
-from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet
+from tests.harness import TIMEOUT, Client, Program, wait_until
+from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet, write_parameters
 from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, slow_down, stop_time, task
 from tests.node.test_process import TWIST, drive
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing.domains import domain_variables
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo, Speak
 
@@ -202,6 +206,24 @@ def test_a_failing_shutdown_of_one_robot_still_stops_the_others(
         monkeypatch.setattr(fleet.agents[0]._gate, "close", fail)
     assert not chassis[ROBOTS[1]].last(TWIST).ListFields()
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
+
+
+@pytest.mark.parametrize("robots", [["/r1"], ["/r1", "/r2"]], ids=["one robot", "two robots"])
+def test_program_runs_without_standard_streams(
+    domain: int, simulator: SimulatorThread, tmp_path: Path, robots: list[str]
+) -> None:
+    ids = {name: {"robot_id": number} for number, name in enumerate(robots, start=1)}
+    address = {"ip": "127.0.0.1", "port": simulator.port}
+    file = write_parameters(tmp_path, robots, address, **ids)
+    command = [sys.executable, "-m", "woosh_robot_agent.agent", "--ros-args"]
+    program = subprocess.Popen(
+        ["bash", "-c", 'exec "$@" <&- >&- 2>&-', "bash", *command, "--params-file", str(file)],
+        env={**os.environ, **domain_variables(domain)},
+    )
+    wait_until(lambda: simulator.connections == len(robots) or program.poll() is not None)
+    program.send_signal(signal.SIGINT)
+    assert program.wait(TIMEOUT) == 0
+    assert simulator.bad_frames == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
