@@ -93,7 +93,7 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
         try:
             # rclpy's handlers would shut the context down before goals and robot have been stopped
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            fleet = Fleet()
+            fleet = Fleet(lambda: signals.received)
         except (
             ValueError,
             ParameterException,

@@ -25,21 +25,27 @@ class Fleet:
     """The agents of this process, as configured by its arguments and parameter files.
 
     Args:
+        stopping: returns True once the program is about to end. From then on, no further agents are
+            created: with 20 robots that takes several seconds.
         options: rclpy's options of the nodes, e.g. `context`.
 
     Attributes:
-        agents: one for each robot.
+        agents: one for each robot; at least one.
         executor: value of their parameter `executor`.
 
     Raises:
         ValueError: a parameter is invalid; the text names the robot and says what to do.
     """
 
-    def __init__(self, **options: Any) -> None:
-        nodes = _create_nodes(options)
+    def __init__(self, stopping: Callable[[], bool] = lambda: False, **options: Any) -> None:
+        nodes = _create_nodes(options, stopping)
         self.executor = nodes[0].settings.executor
         self._thread = LoopThread()
-        self.agents = [Agent(node, self._thread) for node in nodes]
+        self.agents = [Agent(nodes.pop(0), self._thread)]
+        while nodes and not stopping():
+            self.agents.append(Agent(nodes.pop(0), self._thread))
+        for node in nodes:
+            node.destroy_node()
 
     def begin_close_on(self, fd: int) -> None:
         """Begin to close all agents when a file descriptor becomes readable.
@@ -103,8 +109,8 @@ def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
     return found
 
 
-def _create_nodes(options: dict[str, Any]) -> list[ParameterNode]:
-    """Create a node for each robot, with its parameters and nothing else."""
+def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list[ParameterNode]:
+    """Create a node for each robot, with its parameters and nothing else; at least one."""
     first = ParameterNode(**options)
     robots = first.settings.robots
     if not robots:
@@ -114,7 +120,8 @@ def _create_nodes(options: dict[str, Any]) -> list[ParameterNode]:
     nodes: list[ParameterNode] = []
     try:
         for name, namespace in namespaces(robots, own).items():
-            nodes.append(_create_node(name, namespace, options))
+            if not nodes or not stopping():
+                nodes.append(_create_node(name, namespace, options))
         _check_compatible(nodes)
     except BaseException:
         for node in nodes:

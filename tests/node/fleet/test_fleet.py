@@ -22,6 +22,7 @@ from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet, write_parameters
 from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, slow_down, stop_time, task
 from tests.node.test_process import TWIST, drive
+from woosh_robot_agent.fleet import Fleet
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.simulator import SimulatorThread
@@ -224,6 +225,21 @@ def test_program_runs_without_standard_streams(
     program.send_signal(signal.SIGINT)
     assert program.wait(TIMEOUT) == 0
     assert simulator.bad_frames == 0
+
+
+def test_a_signal_during_the_start_ends_it(
+    domain: int, chassis: dict[str, SimulatorThread], tmp_path: Path
+) -> None:
+    own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
+    file = write_parameters(tmp_path, list(ROBOTS), {}, **own)
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context, domain_id=domain)
+    signals = iter([False, True])  # none while the nodes are created
+    fleet = Fleet(lambda: next(signals), context=context)
+    assert [agent.node.get_namespace() for agent in fleet.agents] == [ROBOTS[0]]
+    fleet.close(lambda: None)
+    rclpy.shutdown(context=context)
+    assert not chassis[ROBOTS[1]].received
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
