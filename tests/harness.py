@@ -140,6 +140,8 @@ class Client:
         self.executor.add_node(self.node)
         self._spinner = Spinner(self.executor)
         self._clients: dict[Any, Any] = {}
+        self._known_by: dict[Any, set[bytes]] = {}
+        """The agent that has discovered a client."""
         """Clients by type and name; a service and an action may share a name."""
         self._lock = threading.Lock()
         """Held while an action client is created, so that each action gets one only."""
@@ -174,16 +176,23 @@ class Client:
         """Return the client of a service, once both ends have discovered each other."""
         if (srv, name) not in self._clients:
             # as deep as the agent's: with the default depth of 10, answers of a burst are lost
-            client = self.node.create_client(
+            self._clients[srv, name] = self.node.create_client(
                 srv, self.path(name), qos_profile=QoSProfile(depth=1000)
             )
+        client = self._clients[srv, name]
+        if self._known_by.get(client) != (agent := self._agent()):
             # wait_for_service polls only every 0.25 s
             wait_until(client.service_is_ready, f"the service {name}")
             parameters = self.path("agent/get_parameters")
             if parameters in dict(self.node.get_service_names_and_types()):
                 self.wait_known(GetParameters, parameters)
-            self._clients[srv, name] = client
-        return self._clients[srv, name]
+            self._known_by[client] = agent
+        return client
+
+    def _agent(self) -> set[bytes]:
+        """Return what tells the agent of this namespace from one that ran before."""
+        publishers = self.node.get_publishers_info_by_topic(self.path("robot/PoseSpeed"))
+        return {bytes(publisher.endpoint_gid) for publisher in publishers}
 
     def wait_known(self, srv: Any, path: str) -> None:
         """Wait until the agent has discovered all endpoints that this node has created so far.
@@ -249,12 +258,15 @@ class Client:
                     )
                 )
                 client._feedback_callbacks = _Callbacks()
+                self._clients[action, name] = client
+            client = self._clients[action, name]
+            if self._known_by.get(client) != (agent := self._agent()):
                 self.wait_known(
                     action.Impl.GetResultService, f"{self.path(name)}/_action/get_result"
                 )
                 wait_until(client.server_is_ready, f"the action {name}")
-                self._clients[action, name] = client
-        return self._clients[action, name]
+                self._known_by[client] = agent
+        return client
 
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
         """Send a goal; return it once it has been accepted."""
