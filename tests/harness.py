@@ -20,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros_release import this_computer_only
 from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
@@ -180,7 +181,8 @@ class Client:
                 srv, self.path(name), qos_profile=QoSProfile(depth=1000)
             )
         client = self._clients[srv, name]
-        if self._known_by.get(client) != (agent := self._agent()):
+        agent = self._agent()
+        if not self._is_known(client, agent):
             # wait_for_service polls only every 0.25 s
             wait_until(client.service_is_ready, f"the service {name}")
             parameters = self.path("agent/get_parameters")
@@ -191,8 +193,13 @@ class Client:
 
     def _agent(self) -> set[bytes]:
         """Return what tells the agent of this namespace from one that ran before."""
-        publishers = self.node.get_publishers_info_by_topic(self.path("robot/PoseSpeed"))
+        publishers = self.node.get_publishers_info_by_topic(self.path(TOPICS[0].name))
         return {bytes(publisher.endpoint_gid) for publisher in publishers}
+
+    def _is_known(self, client: Any, agent: set[bytes]) -> bool:
+        """Return True if an agent has discovered a client, or has ended."""
+        known = self._known_by.get(client)
+        return known is not None and agent <= known
 
     def wait_known(self, srv: Any, path: str) -> None:
         """Wait until the agent has discovered all endpoints that this node has created so far.
@@ -260,7 +267,8 @@ class Client:
                 client._feedback_callbacks = _Callbacks()
                 self._clients[action, name] = client
             client = self._clients[action, name]
-            if self._known_by.get(client) != (agent := self._agent()):
+            agent = self._agent()
+            if not self._is_known(client, agent):
                 self.wait_known(
                     action.Impl.GetResultService, f"{self.path(name)}/_action/get_result"
                 )
