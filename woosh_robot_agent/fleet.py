@@ -26,7 +26,7 @@ class Fleet:
 
     Args:
         stopping: returns True once the program is about to end. From then on, no further agents are
-            created: with 20 robots that takes several seconds.
+            created, because creating 20 of them takes several seconds.
         options: rclpy's options of the nodes, e.g. `context`.
 
     Attributes:

@@ -118,7 +118,7 @@ class LatchedPublisher:
     def on_subscribers(self, callback: Callable[[], None]) -> None:
         """Register a function that the link thread calls when subscribers have come or gone.
 
-        It is called within a quarter of a second.
+        It is called within `_CHECK_PERIOD`.
         """
         self._on_subscribers = callback
 

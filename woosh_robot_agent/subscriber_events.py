@@ -30,7 +30,7 @@ class SubscriberEvents:
         callback: called whenever a subscriber comes or goes; must be thread-safe.
 
     Attributes:
-        callback: the callback.
+        callback: as given.
         supported: False if the middleware or this release has no such events. Known once a
             publisher exists. The owner then checks for subscribers every `POLL_PERIOD`.
     """
