@@ -111,8 +111,9 @@ class Master:
         self.send("order", content)
 
     def instant(self, *actions: Message) -> None:
-        """Send instant actions."""
-        self.send("instantActions", {"actions": list(actions)})
+        """Send instant actions; in version 3 their blocking type is always NONE."""
+        fixed = {"blockingType": "NONE"} if self._version.startswith("3") else {}
+        self.send("instantActions", {"actions": [each | fixed for each in actions]})
 
 
 def node(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
@@ -22,6 +23,8 @@ from woosh_robot_agent.vda5050.orders.commands import Command, Drive, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
 MAP = "hall"
+_REPORT_EVERY = 0.5
+"""Maximum distance between two reports of the position, in metres."""
 
 
 def at(x: float, y: float = 0.0, theta: float = 0.0, map_id: str = MAP) -> Position:
@@ -95,6 +98,7 @@ class Robot:
     def __init__(self) -> None:
         self.machine = OrderMachine()
         self.machine.moved(at(0.0))
+        self.x = 0.0
         self.commands: list[Command] = []
 
     def give(self, order: Order) -> None:
@@ -116,17 +120,25 @@ class Robot:
         return new
 
     def move(self, *xs: float) -> list[Command]:
-        """Move along the line; return what was commanded meanwhile."""
+        """Drive along the line, and report often; return what was commanded meanwhile."""
         new: list[Command] = []
         for x in xs:
-            self.machine.moved(at(x))
-            new += self.poll()
+            start, parts = self.x, max(1, math.ceil(abs(x - self.x) / _REPORT_EVERY))
+            for part in range(1, parts + 1):
+                new += self.jump(start + (x - start) * part / parts)
         return new
+
+    def jump(self, x: float) -> list[Command]:
+        """Report another position at once; return what was commanded then."""
+        self.x = x
+        self.machine.moved(at(x))
+        return self.poll()
 
     def arrive(self) -> list[Command]:
         """End the current drive at its goal."""
         goal = self.drives[-1].leg.goal.position
         assert goal is not None
+        self.x = goal.x
         self.machine.moved(at(goal.x, goal.y, goal.theta or 0.0, goal.map_id))
         self.machine.drive_ended()
         return self.poll()

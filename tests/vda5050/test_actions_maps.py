@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from tests.tools.waiting import aio
+from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import result_of, statuses
 from tests.vda5050.conftest import VehicleStarter
@@ -224,7 +224,8 @@ async def test_a_map_is_downloaded(
         assert maps(state)["wooshmap"] == ("147", "ENABLED")
         state = await master.wait_state(lambda state: status_of(state, "twice") == "FAILED")
         assert error_types(state)[-1] == "duplicateMap"
-    assert statuses(recorder, "good")[-3:] == ["INITIALIZING", "RUNNING", "FINISHED"]
+    passed = ["INITIALIZING", "RUNNING", "FINISHED"]
+    await eventually(lambda: statuses(recorder, "good")[-3:] == passed)
     assert chassis.counts[full_name(Upload)] == 2
 
 

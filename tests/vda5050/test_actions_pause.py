@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,15 +13,17 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, references, result_of, statuses
 from tests.vda5050.conftest import AT_ONCE, VehicleStarter
-from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.master import Master, Message, action, error_types, node, status_of
 from tests.vda5050.test_faults_chassis import ORDER, drive
-from tests.vda5050.test_faults_restart import left_by_a_kill, other_client
+from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.serving.hooks import Outgoing
 from woosh_robot_agent.vda5050 import task_orders
 from woosh_robot_agent.vda5050.actions import pausing, robot_calls
 from woosh_robot_agent.vda5050.model.state import ActionStatus
@@ -160,6 +163,131 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(
     assert sent[:2] == ["lift_control3 execute", "drive"]
     assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
     assert statuses(recorder, "c") == ["RUNNING", "FINISHED"]
+
+
+async def at_full_speed(master: Master, chassis: SimulatorThread) -> None:
+    """Let the robot drive an order in real time; it brakes for a fifth of a second."""
+    await master.online()
+    set_speed(chassis, 1.0)
+    master.order([node("a", 0, *START), node("b", 2, 9.0, -8.0)])
+    await eventually(lambda: chassis.state.velocity.speed > 0.3)
+    await master.wait_state(lambda state: state["driving"])
+
+
+def at_the_end(master: Master, action_id: str) -> Message:
+    """The first state in which an action has finished."""
+    states = master.received["state"]
+    return next(state for state in states if status_of(state, action_id) == "FINISHED")
+
+
+@aio
+async def test_a_pause_is_finished_when_the_robot_stands(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await at_full_speed(master, chassis)
+        master.instant(action("startPause", "p"))
+        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        assert chassis.state.velocity.speed == 0.0
+    state = at_the_end(master, "p")
+    assert (state["paused"], state["driving"]) == (True, False)
+
+
+@aio
+async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await master.online()
+        set_speed(chassis, 1.0)
+        master.instant(action("step", "step", distance=2.0, speed=0.5))
+        await eventually(lambda: chassis.state.velocity.speed > 0.3)
+        master.instant(action("startPause", "p"))
+        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+    state = at_the_end(master, "p")
+    assert (state["paused"], state["driving"]) == (True, False)
+
+
+@aio
+async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_same_state(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await at_full_speed(master, chassis)
+        master.instant(action("cancelOrder", "c"), action("cancelOrder", "too"))
+        await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        assert chassis.state.velocity.speed == 0.0
+    state = at_the_end(master, "c")
+    assert state["nodeStates"] == state["edgeStates"] == []
+    assert not state["driving"]
+    assert status_of(state, "too") == "FINISHED"
+    before = [
+        each
+        for each in master.received["state"]
+        if each["orderId"] and each["headerId"] < state["headerId"]
+    ]
+    assert status_of(before[-1], "c") == "RUNNING"
+    for each in before:
+        assert [left["nodeId"] for left in each["nodeStates"]] == ["b"]
+
+
+@aio
+async def test_a_robot_that_does_not_report_its_standstill_is_asked(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    def without_standstill(frame: Outgoing) -> list[Outgoing]:
+        twist = frame.body.twist if isinstance(frame.body, PoseSpeed) else None
+        stands = twist is not None and not (twist.linear or twist.angular)
+        return [] if stands and not frame.is_answer else [frame]
+
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        await at_full_speed(master, chassis)
+        chassis.intercept(without_standstill)
+        asked = chassis.counts[full_name(PoseSpeed)]
+        master.instant(action("cancelOrder", "c"))
+        await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        assert chassis.counts[full_name(PoseSpeed)] > asked
+    assert not at_the_end(master, "c")["driving"]
+
+
+@aio
+async def test_a_blocking_instant_action_begins_when_the_robot_stands(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    speeds: list[float] = []
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE) as started:
+        perform = started._calls.perform
+
+        async def watch(command: Any, report: Any) -> str:
+            speeds.append(chassis.state.velocity.speed)
+            return await perform(command, report)
+
+        started._calls.perform = watch
+        await at_full_speed(master, chassis)
+        master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
+        await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
+    assert speeds == [0.0]
+
+
+@aio
+async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    async with Master(broker.port) as master, other_client(chassis) as gate:
+        async with vehicle(state_folder=tmp_path / "state"):
+            await drive(master, chassis)
+            chassis.refuse(ORDER, "not now")
+            master.instant(action("cancelOrder", "c"))
+            await eventually(lambda: chassis.counts[ORDER])
+            left = left_by_a_kill(tmp_path / "state")
+        chassis.clear_faults()
+        set_speed(chassis, 20.0)
+        assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
+        await idle(chassis)
+        master.received.clear()
+        async with vehicle(state_folder=left):
+            ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+            assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
 @aio

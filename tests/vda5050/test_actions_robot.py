@@ -161,7 +161,7 @@ async def test_what_the_robot_refuses_fails_with_its_words(
 ) -> None:
     async with Master(broker.port) as master, vehicle():
         await master.online()
-        too_high = action("liftTo", "lift", height=9.0)
+        too_high = action("liftTo", "lift", height=1.5)
         master.order([node("a", 0, *START, actions=[too_high]), node("b", 2, 7.0, -7.0)])
         state = await master.wait_state(lambda state: status_of(state, "lift") == "FAILED")
         assert "not within 0 to 1 m" in result_of(state, "lift")

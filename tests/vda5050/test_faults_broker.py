@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import logging
 import ssl
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.connector_process import ConnectorProcess
@@ -24,6 +25,7 @@ from woosh_robot_agent.vda5050 import other_connector
 from woosh_robot_agent.vda5050.mqtt import (
     BrokerConfig,
     MqttConnection,
+    Publication,
     refused_topics,
 )
 from woosh_robot_agent.vda5050.other_connector import OtherConnector
@@ -124,6 +126,57 @@ async def test_a_broker_that_comes_later_is_found(
 
 
 @aio
+async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
+    broker: Mosquitto, caplog: pytest.LogCaptureFixture
+) -> None:
+    connection = MqttConnection(
+        BrokerConfig.from_url(broker.url),
+        "dying",
+        lambda: Publication("will", "gone"),
+        {"order": lambda payload, retained: None},
+        lambda: None,
+    )
+    running = asyncio.create_task(connection.run())
+    for qos in (0, 1):
+        await eventually(lambda: connection.connected)
+        broker.stop()  # the event loop sends the message before it notices
+        connection.publish(Publication("state", "x" * 100_000, qos))
+        await eventually(lambda: not connection.connected)
+        broker.start()
+    running.cancel()
+    await asyncio.wait({running})
+    gc.collect()  # tells asyncio of exceptions that nobody has looked at
+    said = [each.getMessage() for each in caplog.records]
+    assert said
+    assert all(each.startswith("no connection to the broker") for each in said), said
+
+
+@aio
+async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None:
+    begun, ended = asyncio.Event(), asyncio.Event()
+    received: list[bytes] = []
+
+    async def never_answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        received.append(await reader.read(1000))
+        begun.set()
+        received.append(await reader.read())
+        writer.close()
+        ended.set()
+
+    async with await asyncio.start_server(never_answer, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        will = Publication("will", "gone")
+        connection = MqttConnection(BrokerConfig("127.0.0.1", port), "1", lambda: will, {}, print)
+        running = asyncio.create_task(connection.run())
+        await begun.wait()
+        running.cancel()
+        await asyncio.wait_for(ended.wait(), TIMEOUT)
+        await asyncio.wait({running})
+    disconnect = b"\xe0\x00"  # without it, the broker would publish the last will
+    assert received[1] == disconnect
+
+
+@aio
 async def test_a_wrong_password_is_said_once(
     chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -187,7 +240,8 @@ async def test_a_certificate_that_is_not_trusted_is_said_once(
         broker.stop()
 
 
-def test_two_connectors_of_a_robot_are_detected(
+@aio
+async def test_two_connectors_of_a_robot_are_detected(
     vehicle: VehicleStarter,
     broker: Mosquitto,
     chassis: SimulatorThread,
@@ -196,24 +250,21 @@ def test_two_connectors_of_a_robot_are_detected(
     monkeypatch.setattr("woosh_robot_agent.vda5050.mqtt._BACKOFF_MAX", 1.0)
     monkeypatch.setattr("woosh_robot_agent.vda5050.other_connector._QUIET", 5.0)
 
-    async def run() -> None:
-        async with Master(broker.port) as master, vehicle():
-            await master.online()
-            async with vehicle():
-                await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
-                master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
-                await master.wait_state(lambda state: state["orderId"] == "order")
-                master.instant(action("speak", "words", text="alone"))
-                await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
-                assert chassis.counts[EXEC] == 0
-                assert chassis.state.spoken == ()
-            await master.wait_state(
-                lambda state: "secondConnectorError" not in error_types(state),
-                "the other connector to be gone",
-            )
-            assert master.last("connection")["connectionState"] == "ONLINE"
-
-    asyncio.run(run())  # not @aio: aiomqtt may wait for a socket that the broker has just closed
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        async with vehicle():
+            await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
+            master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
+            await master.wait_state(lambda state: state["orderId"] == "order")
+            master.instant(action("speak", "words", text="alone"))
+            await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
+            assert chassis.counts[EXEC] == 0
+            assert chassis.state.spoken == ()
+        await master.wait_state(
+            lambda state: "secondConnectorError" not in error_types(state),
+            "the other connector to be gone",
+        )
+        assert master.last("connection")["connectionState"] == "ONLINE"
 
 
 def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:

@@ -11,9 +11,11 @@ import pytest
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
+from tests.vda5050.chassis_events import references
 from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.master import Master, action, edge, error_types, node, status_of
 from tests.vda5050.test_first_order import START
+from woosh_robot_agent import simulator
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050 import vehicle as vehicles
@@ -21,6 +23,7 @@ from woosh_robot_agent.vda5050.robot import marks
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
+SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
 """Id, and serial number, of the robot that replaces the other one."""
@@ -107,6 +110,96 @@ async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(
     assert chassis.counts[EXEC] == 0
 
 
+def scene_with_start(folder: Path, x: float, y: float) -> Path:
+    """A copy of the shipped scene in which the robot starts elsewhere."""
+    shipped = Path(simulator.__file__).parent / "data" / "wooshmap" / "scene.yaml"
+    text = shipped.read_text()
+    place = f"start: {{map: wooshmap, pose: [{x}, {y}, 0.0]}}"
+    changed = "\n".join(place if each.startswith("start:") else each for each in text.split("\n"))
+    assert changed != text
+    (folder / "scene.yaml").write_text(changed)
+    return folder
+
+
+@aio
+@pytest.mark.parametrize("x", [6.0, 7.0], ids=["on a node", "between two nodes"])
+async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
+    vehicle: VehicleStarter,
+    broker: Mosquitto,
+    chassis: SimulatorThread,
+    tmp_path: Path,
+    x: float,
+) -> None:
+    y = START[1]
+    words = {name: action("speak", name, blocking="NONE", text=name) for name in "bc"}
+    order = [
+        node("a", 0, *START),
+        node("b", 2, 5.2, y, actions=[words["b"]]),
+        node("c", 4, 6.0, y, actions=[words["c"]]),
+        node("d", 6, 8.0, y),
+    ]
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        set_speed(chassis, 1.0)
+        master.order(order)
+        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+        set_speed(chassis, 0.1)
+        port = chassis.port
+        assert chassis.state.pose.x < 4.9
+        chassis.stop()
+        scene = scene_with_start(tmp_path, x, y)
+        with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
+            state = await master.wait_state(lambda state: "drivingError" in error_types(state))
+            assert state["agvPosition"]["x"] == pytest.approx(x)
+            assert state["lastNodeId"] == "a"
+            assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c", "d"]
+            assert status_of(state, "b") == status_of(state, "c") == "WAITING"
+            assert restarted.state.spoken == ()
+
+
+@aio
+async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    words = action("speak", "words", blocking="SOFT", text="ready")
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        chassis.mute(SPEAK)
+        master.order([node("a", 0, *START, actions=[words]), node("b", 2, 8.0, -7.5)])
+        await eventually(lambda: chassis.counts[SPEAK])
+        lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
+        master.instant(lift)
+        await master.wait_state(lambda state: status_of(state, "lift") == "RUNNING")
+        port = chassis.port
+        chassis.stop()
+        scene = scene_with_start(tmp_path, 6.0, START[1])
+        with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
+            await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            assert restarted.counts[EXEC] == 0
+
+
+@aio
+async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_known_to_drive_on(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    y = START[1]
+    order = [node("a", 0, *START), node("b", 2, 5.2, y), node("c", 4, 6.0, y), node("d", 6, 9.0, y)]
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        set_speed(chassis, 1.0)
+        master.order(order)
+        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+        off = chassis.inject("off")
+        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        await eventually(lambda: chassis.state.pose.x > 5.9)
+        set_speed(chassis, 0.01)
+        assert master.state["lastNodeId"] == "a"
+        off.clear()
+        state = await master.wait_state(lambda state: state["lastNodeId"] != "a")
+        assert state["lastNodeId"] == "c"
+        assert [each["nodeId"] for each in state["nodeStates"]] == ["d"]
+
+
 @pytest.fixture
 def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests to the robot wait one second for their answer."""
@@ -167,6 +260,28 @@ async def test_a_cancel_without_a_link_is_carried_out_later(
         state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
         assert state["lastNodeId"] == "a"
     assert chassis.state.pose.x < 7.9
+
+
+@aio
+async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    set_speed(chassis, 1.0)
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        start, end = node("a", 0, *START), node("b", 2, START[0] + 1.0, START[1])
+        obstacle = chassis.inject("obstacle", x=START[0] + 1.5, y=START[1], radius=0.3)
+        points = [{"x": START[0] + x, "y": START[1]} for x in (0.0, 1.0)]
+        line = {"degree": 1, "knotVector": [0, 0, 1, 1], "controlPoints": points}
+        master.order([start, end], [edge(start, end, trajectory=line)])  # not driven round
+        state = await master.wait_state(lambda state: "obstacleError" in error_types(state))
+        (error,) = state["errors"]
+        assert error["errorLevel"] == "WARNING"
+        assert references(error) == {"orderId": "order", "nodeId": "b"}
+        assert not state["paused"]
+        obstacle.clear()
+        state = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        assert state["errors"] == []
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import logging
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,16 @@ import pytest
 
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
+from tests.vda5050.chassis_events import commands, references
 from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.master import Master, Message, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050 import mqtt
+from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError
+from woosh_robot_agent.vda5050.parsing import read_order
+from woosh_robot_agent.vda5050.protocol.header import Identity
+from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
 
 EXEC = "woosh.robot.ExecTask"
 HEADER = {
@@ -51,6 +57,9 @@ def nested(depth: int) -> bytes:
 RUBBISH = {
     "no JSON": b"{",
     "no text": b"\xff\xfe\x00",
+    "UTF-16": order().decode().encode("utf-16"),
+    "UTF-16 without its mark": order().decode().encode("utf-16-be"),
+    "UTF-32": order().decode().encode("utf-32"),
     "deep": b"[" * 1_000_000,
     "nested": nested(300),
     "null": b"null",
@@ -91,6 +100,16 @@ async def test_rubbish_is_rejected_and_does_no_harm(
                 f"a good order after {name}",
             )
     assert chassis.counts[EXEC] == 0
+
+
+def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
+    text = order(orderId="Auftrag f\u00fcr \u6728").decode()
+    identity = Identity("Woosh", "30001")
+    with pytest.raises(RejectedError, match=r"encoded in utf-16.*UTF-8") as caught:
+        read_order(text.encode("utf-16"), Version21(), identity)
+    assert caught.value.error.type == ErrorType.VALIDATION
+    read = read_order(text.encode("utf-8-sig"), Version21(), identity)
+    assert read.id == "Auftrag f\u00fcr \u6728"
 
 
 @aio
@@ -209,6 +228,83 @@ async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart
             master.instant(words, action("stateRequest", "last"))
             await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
     assert chassis.state.spoken == ("once",)
+
+
+@aio
+async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
+    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
+) -> None:
+    """As vda5050-sdk sends them, whose ids are constant."""
+    requests = ["pause", "resume", "cancel-order"]
+    nodes = [node("a", 0, *START), node("b", 2, 7.0, -7.0, released=False)]
+
+    def is_finished(state: Message, name: str, *, paused: bool) -> bool:
+        return state["paused"] == paused and status_of(state, name) == "FINISHED"
+
+    async with Master(broker.port) as master:
+        for run in range(2):  # the second one after a restart
+            async with vehicle(state_folder=tmp_path):
+                await master.online()
+                for number in range(2):  # each order waits for the release of its second node
+                    name = f"{run}.{number}"
+                    master.order(nodes, order_id=name)
+                    await master.wait_state(lambda state, name=name: state["orderId"] == name)
+                    for _ in range(2):
+                        master.instant(action("startPause", "pause", blocking="NONE"))
+                        await master.wait_state(partial(is_finished, name="pause", paused=True))
+                        master.instant(action("stopPause", "resume", blocking="NONE"))
+                        await master.wait_state(partial(is_finished, name="resume", paused=False))
+                    master.instant(action("cancelOrder", "cancel-order", blocking="NONE"))
+                    await master.wait_state(lambda state: state["nodeStates"] == [])
+                    state = await master.wait_state(
+                        partial(is_finished, name="cancel-order", paused=False)
+                    )
+                    assert state["errors"] == []
+                    assert [each["actionId"] for each in state["actionStates"]] == requests
+            master.received.clear()
+
+
+@aio
+async def test_a_pause_counts_even_if_the_former_one_with_its_id_has_not_ended(
+    vehicle: VehicleStarter, broker: Mosquitto
+) -> None:
+    pause, resume = action("startPause", "pause"), action("stopPause", "resume")
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.instant(pause, resume, pause)
+        state = await master.wait_state(lambda state: state["paused"])
+        assert "instantActionError" not in error_types(state)
+        await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
+        master.instant(resume)
+        await master.wait_state(lambda state: not state["paused"])
+
+
+@aio
+async def test_an_id_that_is_used_again_is_reported_if_nothing_is_done(
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+) -> None:
+    async with Master(broker.port) as master, vehicle():
+        await master.online()
+        master.instant(action("liftTo", "lift", height=0.1))
+        await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
+        master.instant(action("liftTo", "lift", height=0.2))
+        state = await master.wait_state(lambda state: state["errors"])
+        (error,) = state["errors"]
+        assert error["errorType"] == "instantActionError"
+        assert "liftTo is not performed again" in error["errorDescription"]
+        assert references(error) == {"actionId": "lift", "actionType": "liftTo"}
+        assert status_of(state, "lift") == "FINISHED"
+
+        master.instant(action("liftTo", "slow", height=1.0, speed=0.001))
+        await master.wait_state(lambda state: status_of(state, "slow") == "RUNNING")
+        for _ in range(3):
+            master.instant(action("startPause", "slow"))
+        state = await master.wait_state(lambda state: len(state["errors"]) == 2)
+        assert "liftTo with this id has not ended" in state["errors"][1]["errorDescription"]
+        master.instant(action("startPause", "other"))
+        state = await master.wait_state(lambda state: state["paused"])
+        assert len(state["errors"]) == 2
+    assert commands(chassis).count("lift_control3 execute") == 2
 
 
 @aio

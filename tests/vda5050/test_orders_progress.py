@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -49,18 +50,128 @@ def test_nodes_and_edges_are_removed_as_they_are_passed() -> None:
 
 def test_nodes_between_two_reports_are_passed_too() -> None:
     robot = Robot()
-    robot.give(path("abcd"))
-    robot.move(2.5)
+    robot.give(path("abcd", b=place(0.3), c=place(0.6)))
+    robot.jump(0.9)
     assert robot.last == "c"
 
 
 def test_a_node_that_the_vehicle_bypasses_is_not_passed() -> None:
     robot = Robot()
     robot.give(path("abc", b=place(1.0, y=0.5)))
-    robot.move(1.5)
+    robot.move(0.5, 1.0, 1.5)
     assert robot.last == "a"
     robot.arrive()
     assert robot.last == "c"
+
+
+def test_a_node_after_one_that_was_missed_is_passed_too() -> None:
+    robot = Robot()
+    light = action("light", NONE)
+    robot.give(path("abcde", b=place(1.0, y=0.6), actions={"b": [light]}))
+    robot.move(0.5, 1.0, 1.5)
+    assert (robot.last, robot.nodes) == ("a", "bcde")
+    assert robot.move(2.0) == [Perform(light)]
+    assert (robot.last, robot.nodes, robot.edges) == ("c", "de", ["cd", "de"])
+    robot.move(2.5, 3.0)
+    assert robot.last == "d"
+
+
+@pytest.mark.parametrize(
+    ("nodes", "way", "passed"),
+    [
+        # there and back: c lies on the way to b
+        ({"b": place(3.0), "c": place(2.0)}, [(1.0, 0.0), (2.0, 0.0), (2.6, 0.0)], "a"),
+        ({"b": place(3.0), "c": place(2.0)}, [(1.0, 0.0), (2.0, 0.0), (2.8, 0.0)], "b"),
+        (
+            {"b": place(3.0, y=0.6), "c": place(2.0)},
+            [(1.0, 0.0), (2.0, 0.0), (2.9, 0.0), (2.5, 0.0), (2.0, 0.0)],
+            "c",
+        ),
+        # a loop: d lies beside the start
+        ({"b": place(3.0), "c": place(3.0, y=3.0), "d": place(0.0, y=0.2)}, [(0.5, 0.0)], "a"),
+        # c permits a deviation that includes the way to b, on which the vehicle weaves
+        (
+            {"b": place(2.0), "c": place(4.0, deviation_xy=3.0)},
+            [(0.5, 0.5), (1.0, -0.3), (1.2, 0.3), (1.5, 0.0)],
+            "a",
+        ),
+    ],
+    ids=["on the way there", "there", "on the way back", "beside the start", "a wide deviation"],
+)
+def test_a_later_node_is_passed_only_after_the_way_to_it(
+    nodes: dict[str, Any], way: list[tuple[float, float]], passed: str
+) -> None:
+    robot = Robot()
+    robot.give(path("abcde", **nodes))
+    for x, y in way:
+        robot.machine.moved(at(x, y))
+        robot.poll()
+    assert robot.last == passed
+
+
+def test_a_jump_passes_no_node() -> None:
+    robot = Robot()
+    light, speak = action("light", NONE), action("speak", NONE)
+    robot.give(path("abcde", actions={"b": [light], "c": [speak]}))
+    assert robot.jump(2.5) == []
+    assert robot.last == "a"
+    assert robot.move(2.4) == []
+    assert robot.last == "a"
+    robot.machine.drive_ended("the robot does not know the task")
+    assert robot.poll() == []
+    assert (robot.last, robot.actions) == ("a", {"light": "WAITING", "speak": "WAITING"})
+
+
+def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on() -> None:
+    robot = Robot()
+    robot.give(path("abcde", actions={"b": [action("light", NONE)]}))
+    robot.move(0.5)
+    robot.machine.lose_track()
+    assert robot.jump(2.0) == []
+    assert (robot.last, robot.actions) == ("a", {"light": "WAITING"})
+    robot.machine.moved(at(2.1), confirmed=True)
+    assert robot.machine.status.distance_since_last_node == pytest.approx(2.1)
+    assert [type(each) for each in robot.move(2.2)] == [Perform]
+    assert (robot.last, robot.nodes) == ("c", "de")
+
+
+@pytest.mark.parametrize(
+    ("nodes", "back", "then", "passed"),
+    [
+        # round a corner
+        (
+            {"b": place(2.0), "c": place(4.0), "d": place(4.0, y=2.0), "e": place(4.0, y=4.0)},
+            (4.0, 1.9),
+            (4.0, 2.1),
+            "d",
+        ),
+        # there and back: c lies on the way to b
+        ({"b": place(4.0), "c": place(3.0)}, (2.8, 0.0), (2.9, 0.0), "a"),
+        ({"b": place(4.0), "c": place(3.0), "d": place(0.0)}, (3.2, 0.0), (3.1, 0.0), "c"),
+    ],
+    ids=["round a corner", "on the way there", "on the way back"],
+)
+def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
+    nodes: dict[str, Any], back: tuple[float, float], then: tuple[float, float], passed: str
+) -> None:
+    robot = Robot()
+    robot.give(path("abcdef", **nodes))
+    robot.move(0.5)
+    robot.machine.lose_track()
+    robot.machine.moved(at(*back), confirmed=True)
+    assert robot.last == "a"
+    robot.machine.moved(at(*then), confirmed=True)
+    assert robot.last == passed
+
+
+def test_a_robot_that_was_restarted_on_a_later_node_has_passed_none() -> None:
+    robot = Robot()
+    robot.give(path("abcd"))
+    robot.move(0.5)
+    robot.machine.lose_track()
+    robot.jump(2.0)
+    robot.machine.drive_ended("the robot does not know the task")
+    assert (robot.last, robot.nodes) == ("a", "bcd")
 
 
 def test_a_permitted_deviation_lets_a_node_be_passed_at_a_distance() -> None:
@@ -440,6 +551,7 @@ def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle
     robot = Robot()
     robot.give(path("ab", actions={"a": [action("step")]}))
     robot.machine.doubt_place()  # the link was lost and is back
-    robot.move(0.5)
+    robot.machine.moved(at(0.5), by_itself=True)
+    robot.poll()
     robot.finish("step")
     assert robot.legs == ["b"]

@@ -150,6 +150,17 @@ REJECTED: dict[str, tuple[Message, str, dict[str, str]]] = {
         "orderError",
         {"nodeId": "b", "mapId": "roof"},
     ),
+    "all nodes on another map": (
+        {
+            "nodes": [
+                node("a", 0, *START, map_id="roof"),
+                node("b", 2, X + STEP, Y, map_id="roof"),
+            ],
+            "edges": order_with()["edges"],
+        },
+        "orderError",
+        {"nodeId": "a", "mapId": "roof"},
+    ),
     "no such mark": (
         order_with({"nodeId": "b", "sequenceId": 2, "released": True, "actions": []}),
         "orderError",

@@ -252,6 +252,32 @@ def test_a_deviation_of_version_2_is_malformed() -> None:
         _read(_order(order={"nodes": nodes, "edges": []}))
 
 
+@pytest.mark.parametrize(("theta", "fits"), [(-1.5707963, True), (1.571, False), (-3.0, False)])
+def test_an_ellipse_turns_by_a_quarter_turn_at_most(theta: float, fits: bool) -> None:
+    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY={"a": 2.0, "b": 1.0, "theta": theta})]
+    found = defect(V3.number, "order", _order(order={"nodes": nodes, "edges": []}))
+    assert (found is None) == fits
+    assert fits or "allowedDeviationXY.theta" in str(found)
+
+
+@pytest.mark.parametrize("blocking", ["NONE", "SINGLE", "SOFT", "HARD"])
+def test_the_blocking_type_of_instant_actions_is_none(blocking: str) -> None:
+    message = _full(V3, {"actions": [action("stateRequest", blocking=blocking)]})
+    found = defect(V3.number, "instantActions", message)
+    assert (found is None) == (blocking == "NONE")
+    assert blocking == "NONE" or "actions.0.blockingType" in str(found)
+
+
+@pytest.mark.parametrize("name", ["mobileRobotKinematics", "mobileRobotKinematic"])
+def test_the_kinematics_are_required_by_the_name_of_the_text_and_that_of_the_schema(
+    name: str,
+) -> None:
+    message = _full(V3, V3.factsheet(FACTSHEET))
+    assert defect(V3.number, "factsheet", message) is None
+    del message["typeSpecification"][name]
+    assert name in str(defect(V3.number, "factsheet", message))
+
+
 def test_the_deviation_is_an_ellipse() -> None:
     deviation = {"a": 2.0, "b": 0.5, "theta": math.pi / 2}
     nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY=deviation)]
@@ -384,6 +410,10 @@ async def test_rejections_have_the_predefined_errors(
         await rejected("START_NODE_OUT_OF_RANGE")
         elsewhere = [node("a", 0, *START), node("b", 2, 6.0, -7.0, map_id="cellar")]
         master.order(elsewhere, _edges(elsewhere))
+        await rejected("UNKNOWN_MAP_ID")
+        master.order([node("far", 0, 0.0, 0.0)], [])
+        await rejected("START_NODE_OUT_OF_RANGE")
+        master.order([node("a", 0, *START, map_id="cellar")], [])
         await rejected("UNKNOWN_MAP_ID")
         master.order([node("a", 0, *START, actions=[action("fly")])], [])
         await rejected("INVALID_ORDER_ACTION")

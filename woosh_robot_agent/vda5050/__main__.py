@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from woosh_robot_agent.library_versions import import_problem
+
 _LIBRARIES = ("aiomqtt", "jsonschema", "paho")
 """Libraries that are installed only for this program."""
 
@@ -13,14 +15,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the connector; see `program.main`. Without its libraries, tell how to install them."""
     try:
         from woosh_robot_agent.vda5050.program import main as run
-    except ModuleNotFoundError as error:
-        if error.name not in _LIBRARIES:
+    except ImportError as error:
+        if error.name in _LIBRARIES:
+            problem = (
+                f"vda5050 needs {error.name}, which is not installed here; install it with "
+                "python3 -m pip install 'aiomqtt>=2.3' 'jsonschema>=4.20'"
+            )
+        elif not (problem := import_problem(error)):
             raise
-        print(
-            f"error: vda5050 needs {error.name}, which is not installed here; install it with "
-            "python3 -m pip install 'aiomqtt>=2.3' 'jsonschema>=4.20'",
-            file=sys.stderr,
-        )
+        print(f"error: {problem}", file=sys.stderr)
         return 1
     return run(arguments)
 

@@ -9,7 +9,7 @@ from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
 from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.driving import Driver
 from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.model.state import OperatingMode
+from woosh_robot_agent.vda5050.model.state import OperatingMode, OrderStatus
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.protocol.header import timestamp
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
@@ -83,7 +83,7 @@ class DrivePermission:
         return bool(self._gate.reported_owner) and not own and not self._calls.busy
 
     def errors(self, machine: OrderMachine) -> list[VehicleError]:
-        """Return the reasons why the order waits, and the error of a lost link."""
+        """Return the reasons why the order or the robot waits, and the error of a lost link."""
         errors = []
         if self._chassis.state is not LinkState.READY:
             since = timestamp(self._chassis.since)
@@ -92,6 +92,16 @@ class DrivePermission:
                     ErrorType.ROBOT_CONNECTION,
                     f"the link to the robot is lost; its last state is from {since}",
                     "check that the robot is on, and that the network reaches it",
+                )
+            )
+        status = self._facts.status
+        if status is not None and status.blocked:
+            errors.append(
+                warning(
+                    ErrorType.OBSTACLE,
+                    "an obstacle blocks the way of the robot",
+                    "clear the way, and the robot drives on; or cancel the order",
+                    **_place(machine.status),
                 )
             )
         if machine.busy and self.is_driven_otherwise(machine):
@@ -116,3 +126,8 @@ class DrivePermission:
     def _goes_on_charging(self, machine: OrderMachine) -> bool:
         """Return True if the task of an action continues after the action has ended."""
         return bool(self._tasks.task_id) and not machine.driving and not machine.acting
+
+
+def _place(order: OrderStatus) -> dict[str, str]:
+    """Return the references of an error to the order and its next node; none without an order."""
+    return {"orderId": order.order_id, "nodeId": order.nodes[0].id} if order.nodes else {}

@@ -13,6 +13,7 @@ from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
     LinkError,
+    LinkState,
     NotConnectedError,
     RequestTimeoutError,
 )
@@ -60,6 +61,7 @@ class Driver:
     Attributes:
         task_id: id of the current task; 0 without one.
         other_task: id of the task of another client that the robot executes; 0 without one.
+        confirmed: True once the robot has reported on the current task over the current link.
     """
 
     def __init__(
@@ -79,8 +81,7 @@ class Driver:
         self._on_changed = on_changed
         self.task_id = 0
         self._last_id = 0
-        self._is_reported = False
-        """True once the robot has reported on the current task."""
+        self.confirmed = False
         self.other_task = 0
         self._orders = TaskOrders(
             chassis, gate, requests, lambda: not self.other_task, self._inquire
@@ -90,6 +91,7 @@ class Driver:
         self._tasks = BackgroundTasks("vda5050 driving")
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
+        chassis.on_state(self._link_changed)
         chassis.on_robot_changed(self._robot_changed)
 
     @property
@@ -152,7 +154,7 @@ class Driver:
     def _set_task(self, task_id: int) -> None:
         self.task_id = task_id
         self._last_id = max(self._last_id, task_id)
-        self._is_reported = False
+        self.confirmed = False
         self._orders.begin(task_id)
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
@@ -179,7 +181,7 @@ class Driver:
             return
         if report.robot_task_id == self.task_id:
             self._judge(report)
-        elif self._is_reported:  # the last report on our task was lost
+        elif self.confirmed:  # the last report on our task was lost
             self._inquire()
 
     def _note_other(self, report: TaskProc) -> None:
@@ -194,7 +196,7 @@ class Driver:
 
     def _judge(self, report: TaskProc) -> None:
         """Take a report on the current task."""
-        self._is_reported = True
+        self.confirmed = True
         if report.state in _ENDED:
             reason = _ENDED[report.state]
             self._end(f"{reason}: {report.msg}" if reason and report.msg else reason)
@@ -263,6 +265,10 @@ class Driver:
 
         answer = await self._chassis.request(self._requests.empty(TaskHistory), tap=found)
         return end_of(answer) is not None
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self.confirmed = False
 
     def _robot_changed(self) -> None:
         self.other_task = 0

@@ -20,6 +20,9 @@ from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.timeouts import run_with_timeout
 
 _LOG = logging.getLogger(__name__)
+_LIBRARY_LOG = logging.getLogger(f"{__name__}.library")
+"""Log of the MQTT libraries, which report a lost connection several times and without a hint."""
+_LIBRARY_LOG.setLevel(logging.CRITICAL)
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _BACKOFF_MIN = 0.5
 """First pause between attempts to connect, in seconds; it doubles with each attempt."""
@@ -191,7 +194,7 @@ class MqttConnection:
         """
         will = self._last_will()
         broker = self._broker
-        async with aiomqtt.Client(
+        async with _Client(
             broker.host,
             broker.port,
             username=broker.username,
@@ -201,6 +204,7 @@ class MqttConnection:
             clean_session=True,
             keepalive=broker.keepalive,
             tls_context=broker.tls,
+            logger=_LIBRARY_LOG,
             queue_type=_ReceiveQueue,
         ) as client:
             granted = await client.subscribe([(topic, 0) for topic in self._handlers])
@@ -256,6 +260,49 @@ class MqttConnection:
             self._idle.set()
             self._wake.clear()
             await self._wake.wait()
+
+
+class _Client(aiomqtt.Client):
+    """The client of aiomqtt, without its tracebacks of asyncio when the connection ends.
+
+    They are errors of aiomqtt 2.5.1 in its private parts: it watches a socket that was closed
+    meanwhile, stores the reason of a lost connection where nobody looks for it, and keeps a
+    connection open that was given up while it began.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        # asyncio logs an exception that was never asked for; the calls that fail raise it anyway
+        self._disconnected.add_done_callback(
+            lambda future: future.cancelled() or future.exception()
+        )
+
+    async def __aenter__(self) -> Any:
+        try:
+            return await super().__aenter__()
+        except BaseException:
+            self._client.disconnect()
+            raise
+
+    def _on_disconnect(self, *args: Any, **kwargs: Any) -> None:
+        if not self._connected.cancelled():  # else nobody waits for it, and its result is an error
+            super()._on_disconnect(*args, **kwargs)
+
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
+        """Write to the socket when it is writable; called in any thread."""
+
+        def write() -> None:
+            try:
+                client.loop_write()
+            except Exception as error:  # as in aiomqtt: whatever it is, the connection is lost
+                if not self._disconnected.done():
+                    self._disconnected.set_exception(error)
+
+        def watch() -> None:
+            if (descriptor := sock.fileno()) >= 0:
+                self._loop.add_writer(descriptor, write)
+
+        self._loop.call_soon_threadsafe(watch)
 
 
 class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):

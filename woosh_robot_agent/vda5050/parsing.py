@@ -79,6 +79,8 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     try:
         if len(payload) > MAX_MESSAGE_SIZE:
             raise ValueError(f"it has {len(payload)} bytes, more than {MAX_MESSAGE_SIZE}")
+        if not (encoding := json.detect_encoding(payload)).startswith("utf-8"):
+            raise ValueError(f"it is encoded in {encoding}; send UTF-8")
         message = json.loads(payload)
         _check_limits(message)
     except (ValueError, RecursionError) as error:

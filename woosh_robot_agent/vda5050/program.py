@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.log_once import log_to_stderr
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
-from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.options import Address, add_link_options, link_config
 from woosh_robot_agent.tools.stop_event import stop_event
 from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
 from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         vehicles = _vehicles(parser, options)
     except (RobotsFileError, ValueError) as error:
         parser.error(str(error))
-    _log_to_stderr()
+    log_to_stderr(logging.INFO, "%(levelname)s: %(vehicle)s%(message)s", VehicleNameFilter())
     asyncio.run(_run(Connector(vehicles, broker)))
     return 0
 
@@ -117,8 +118,8 @@ def _vehicles(
         return {"": _vehicle(options, link_config(parser, options), options.serial_number)}
     if options.serial_number:
         raise ValueError("--serial-number is for one robot; set serial_number in the file")
-    options.ip = LinkConfig.ip  # each robot of the file has its own
-    robots = read_robots(options.robots, link_config(parser, options))
+    default = link_config(parser, options, Address(LinkConfig.ip))  # each robot has its own
+    robots = read_robots(options.robots, default)
     return {each.name: _vehicle(options, each.link, each.serial_number) for each in robots}
 
 
@@ -135,14 +136,6 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
             driving_state_interval=options.driving_state_interval,
             maps_in_state=not options.no_maps_in_state,
         ),
-    )
-
-
-def _log_to_stderr() -> None:
-    handler = logging.StreamHandler()
-    handler.addFilter(VehicleNameFilter())
-    logging.basicConfig(
-        level=logging.INFO, format="%(levelname)s: %(vehicle)s%(message)s", handlers=[handler]
     )
 
 

@@ -86,7 +86,7 @@ class Vehicle:
         self._chassis = ChassisClient(config=config.link, minimum_timeouts=minimum_timeouts())
         self._gate = MotionGate(self._chassis)
         requests = RequestMaker(config.link.robot_id)
-        self._facts = RobotFacts(self._chassis, self._moved, self._robot_changed)
+        self._facts = RobotFacts(self._chassis, requests, self._moved, self._robot_changed)
         self._machine = OrderMachine()
         self._driver = Driver(
             self._chassis,
@@ -109,7 +109,9 @@ class Vehicle:
         self._maps = MapLibrary(self._chassis, self._robot_changed)
         self._waits = Conditions()
         self._pause = Pause()
-        self._pause.join(self._apply_pause, lambda: not self._is_driving())
+        self._pause.join(
+            self._apply_pause, lambda: not self._machine.driving or self._driver.stands
+        )
         work = (self._chassis, self._gate, requests, self._pause, self._waits)
         self._calls = RobotCalls(*work)
         self._robot_tasks = RobotTasks(*work)
@@ -146,8 +148,8 @@ class Vehicle:
             self._registry, self._pause, self._may_act, self._is_driving, self
         )
         self._instant = InstantActions(self._registry, self._runner, self)
-        self._cancelled: asyncio.Future[None] | None = None
-        """Done when the order has been cancelled; None without a cancelOrder."""
+        self._is_cut = False
+        """True from a loss of the link until all actions that ran then have ended."""
         self._was_driving = False
         """True if the robot drove at its last report of a pose."""
         self._session: Session | None = None
@@ -162,7 +164,7 @@ class Vehicle:
         )
         self._chassis.on_snapshot(self._identified)
         self._chassis.on_robot_changed(self._robot_replaced)
-        self._chassis.on_state(lambda state: self._step())
+        self._chassis.on_state(self._link_changed)
 
     # Life
 
@@ -185,6 +187,7 @@ class Vehicle:
         await self._robot_tasks.close()
         await self._runner.close()
         await self._maps.close()
+        await self._facts.close()
         if self._session is not None:
             await self._session.close(_CLOSE_TIMEOUT)
         if self._former is not None:
@@ -197,7 +200,7 @@ class Vehicle:
             return
         if self._session is not None:
             self._machine.doubt_place()  # the robot may have been moved while there was no link
-            self._step()
+            self._robot_changed()
             return
         config = self._config
         number = config.serial_number or str(info.genral.serial_number or info.robot_id)
@@ -289,9 +292,6 @@ class Vehicle:
         self._instant = InstantActions(self._registry, self._runner, self)
         self._pause.set(False)
         self._intake.order_error = self._intake.message_error = None
-        if self._cancelled is not None:
-            self._cancelled.set_result(None)
-            self._cancelled = None
         self._runner.end_all()
 
     def _clear_order(self, cause: str, hint: str) -> None:
@@ -330,6 +330,12 @@ class Vehicle:
 
     # From the robot
 
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self._machine.lose_track()
+            self._is_cut = True
+        self._step()
+
     def _moved(self) -> None:
         status = self._facts.status
         if status is not None and status.position is not None:
@@ -341,14 +347,17 @@ class Vehicle:
             self._speed.limit(self._machine.speed_limit)
         if status is not None and status.driving != self._was_driving:
             self._was_driving = status.driving
-            self._reports.changed()
+            self._step()  # actions may wait for the standstill
         self._waits.check()
         self._reports.moved()
 
     def _follow(self, position: Position) -> None:
         """Take a new position of the robot."""
-        is_acting = self._runner.busy or self._robot_tasks.task_id != 0
-        self._machine.moved(position, by_itself=is_acting)
+        self._is_cut = self._is_cut and self._runner.busy
+        # after a loss of the link, the robot may have been moved while any other action ran
+        is_acting = self._calls.moves_base if self._is_cut else self._runner.busy
+        is_acting = is_acting or self._robot_tasks.task_id != 0
+        self._machine.moved(position, by_itself=is_acting, confirmed=self._driver.confirmed)
         status = self._facts.status
         if status is not None and status.mode is OperatingMode.MANUAL:
             self._machine.forget_left_node()
@@ -406,7 +415,9 @@ class Vehicle:
         may_drive = (
             self._permission.may_drive(self._machine) and not self._session.has_other_connector
         )
-        for command in self._machine.poll(may_drive=may_drive):
+        # cancelOrder empties the order itself, so that both are in the same state
+        may_empty = self.at_rest and not self._instant.runs(CancelOrder.type.name)
+        for command in self._machine.poll(may_drive=may_drive, may_empty=may_empty):
             if isinstance(command, Drive):
                 self._driver.start(command.leg, status.position if status else None)
             elif isinstance(command, CancelDrive):
@@ -419,9 +430,6 @@ class Vehicle:
                 self._runner.start(command.action)
             elif isinstance(command, EndAction):
                 self._runner.end(command.action)
-        if self._cancelled is not None and not self._machine.canceling:
-            self._cancelled.set_result(None)
-            self._cancelled = None
         self._speed.limit(self._machine.speed_limit)
         self._runner.poll()
         self._remember()  # before the commands are sent: nothing has been awaited since
@@ -439,6 +447,13 @@ class Vehicle:
         if self._pause.wanted:
             return self._pause.in_effect
         return self._driver.paused and not self._machine.held
+
+    @property
+    def at_rest(self) -> bool:
+        status = self._facts.status
+        if status is None or not status.driving or status.mode is not OperatingMode.AUTOMATIC:
+            return True
+        return self._permission.is_driven_otherwise(self._machine)
 
     def order_has_action(self, action_id: str) -> bool:
         return any(each.id == action_id for each in self._machine.status.actions)
@@ -485,23 +500,27 @@ class Vehicle:
         return is_alone and self._chassis.state is LinkState.READY
 
     def _is_driving(self) -> bool:
-        return self._machine.driving and not self._driver.stands
+        """Return True while the robot drives along the order, or still moves."""
+        return (self._machine.driving and not self._driver.stands) or not self.at_rest
 
     async def cancel_order(self, order_id: str) -> None:
-        if not self._machine.busy:
+        machine = self._machine
+        if not (machine.busy or machine.canceling):
             raise ActionFailedError("there is no order to cancel", ErrorType.NO_ORDER_TO_CANCEL)
-        current = self._machine.status.order_id
+        current = machine.status.order_id
         if order_id not in ("", current):
             raise ActionFailedError(
                 f"the vehicle executes order {current}, not {order_id}",
                 ErrorType.NO_ORDER_TO_CANCEL,
             )
-        if self._cancelled is None:
-            self._cancelled = asyncio.get_running_loop().create_future()
-            self._machine.cancel()
-        cancelled = self._cancelled
+        if not machine.canceling:
+            machine.cancel()
         self._step()
-        await asyncio.shield(cancelled)
+        await self._waits.wait(
+            lambda: not machine.canceling or (machine.has_ended and self.at_rest)
+        )
+        if machine.canceling:
+            machine.empty()
 
     def publish_state(self) -> None:
         self._reports.changed()

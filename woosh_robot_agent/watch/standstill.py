@@ -205,6 +205,10 @@ class Standstill:
             self._demand = None  # the stream has ended
             return
         pose: PoseSpeed = body.message()
+        if not _is_finite(pose):
+            return
+        if not _is_finite(demand.start):
+            demand.start = pose
         if not _has_moved(demand.start, pose):
             return
         if demand.reported:
@@ -256,6 +260,13 @@ class Standstill:
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
             self._demand = None
+
+
+def _is_finite(report: PoseSpeed) -> bool:
+    """Return True if a report has only numbers that can be compared."""
+    pose, twist = report.pose, report.twist
+    numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
+    return all(map(math.isfinite, numbers))
 
 
 def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:

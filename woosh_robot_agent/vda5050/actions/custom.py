@@ -18,6 +18,8 @@ _ANYWHERE = frozenset({Scope.INSTANT, Scope.NODE, Scope.EDGE})
 _NOT_ON_EDGES = frozenset({Scope.INSTANT, Scope.NODE})
 _MIN_SPEED = 0.01
 """Lowest speed, in m/s or rad/s."""
+_MAX_HEIGHT = 2.0
+"""Highest target of the lift, in metres. The robot does not report how high its lift goes."""
 _MAX_STEP = 10.0
 """Longest step, in metres."""
 _MAX_TURN = 2 * math.pi
@@ -53,7 +55,12 @@ class LiftTo(PlainPerformer):
         _ANYWHERE,
         "move the lift to a height",
         (
-            ParameterType("height", "FLOAT", "height above the lowest position, in m"),
+            ParameterType(
+                "height",
+                "FLOAT",
+                f"height above the lowest position, in m, at most {_MAX_HEIGHT:g}; the robot may "
+                "permit less",
+            ),
             ParameterType("speed", "FLOAT", "speed, in m/s; the robot's own if missing", True),
         ),
         "report of the robot",
@@ -62,7 +69,9 @@ class LiftTo(PlainPerformer):
 
     def check(self, action: Action) -> Objection | None:
         given = action.parameters
-        return range_objection(given, "height", 0.0) or range_objection(given, "speed", 0.001)
+        return range_objection(given, "height", 0.0, _MAX_HEIGHT) or range_objection(
+            given, "speed", 0.001
+        )
 
     async def perform(self, action: Action, report: Report) -> str:
         given = action.parameters

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.vda5050.actions.errors import Objection
+from woosh_robot_agent.vda5050.actions.pausing import StartPause
 from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
@@ -20,7 +21,7 @@ _MAX_STATES = 200
 """Maximum number of instant actions in the state. If there are more, the oldest ended ones are
 forgotten; a new one fails if as many still run."""
 _MAX_KNOWN = 500
-"""Number of the last instant actions that are not performed again."""
+"""Number of the last instant actions of which the ids are remembered."""
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
@@ -48,6 +49,8 @@ class InstantActions:
         self._states: dict[str, ActionState] = {}
         self._known: RecentDict[str, None] = RecentDict(_MAX_KNOWN)
         """Ids of the last instant actions."""
+        self._pause_again: dict[str, Action] = {}
+        """The next startPause for one that has not ended, by their id; performed after its end."""
         self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 
@@ -58,8 +61,14 @@ class InstantActions:
 
     @property
     def known_ids(self) -> tuple[str, ...]:
-        """Ids of the last instant actions, which are not performed again."""
+        """Ids of the last instant actions."""
         return tuple(self._known)
+
+    def runs(self, action_type: str) -> bool:
+        """Return True while an action of this type has not ended."""
+        return any(
+            state.type == action_type and not state.status.ended for state in self._states.values()
+        )
 
     def ids_in_state(self, *, ended: bool) -> set[str]:
         """Return the ids of the actions in the state.
@@ -70,22 +79,24 @@ class InstantActions:
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
     def receive(self, actions: Sequence[Action]) -> None:
-        """Perform instant actions, but none with a known id.
-
-        Without a state of the same action, the master control may mean another one: it gets an
-        error, because e.g. a `startPause` must not be ignored without a word.
-        """
+        """Perform instant actions. One that is not performed because of its id gets an error."""
         for action in actions:
-            state = self._states.get(action.id)
-            if state is not None and state.type == action.type:
+            if self._is_pausing(action):  # a stopPause may have come in between
+                self._pause_again[action.id] = action
                 continue
-            if state is not None or action.id in self._known:
-                self._refuse(action, "an instant action with this id was received before")
-                continue
-            if self._vehicle.order_has_action(action.id):
-                self._refuse(action, "an action of the order has this id")
+            if reason := self._reuse_objection(action):
+                self._add_error(
+                    warning(
+                        ErrorType.INSTANT_ACTION,
+                        reason,
+                        "use each actionId once",
+                        actionId=action.id,
+                        actionType=action.type,
+                    )
+                )
                 continue
             self._known[action.id] = None
+            self._states.pop(action.id, None)  # the new state is the last one
             self._states[action.id] = ActionState(
                 action.id,
                 action.type,
@@ -97,7 +108,7 @@ class InstantActions:
             if sum(not state.status.ended for state in self._states.values()) > _MAX_STATES:
                 objection = Objection(f"more than {_MAX_STATES} instant actions run")
             if objection is not None:
-                self.errors.append(
+                self._add_error(
                     warning(
                         ErrorType.INSTANT_ACTION,
                         objection.reason,
@@ -154,11 +165,13 @@ class InstantActions:
         self._states[action_id] = replace(state, status=status, result=result)
         if status.ended:
             self._vehicle.release(_hold_of(action_id))
+            if again := self._pause_again.pop(action_id, None):
+                self.receive([again])
         return True
 
     def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         """Store the error of an action that failed, be it an instant action or not."""
-        self.errors.append(warning(kind, reason, actionId=action.id, actionType=action.type))
+        self._add_error(warning(kind, reason, actionId=action.id, actionType=action.type))
 
     def forget_ended(self) -> None:
         """Forget the actions that have ended, and all errors."""
@@ -178,15 +191,29 @@ class InstantActions:
             self._vehicle.hold(_hold_of(action.id))
         self._runner.start(action)
 
-    def _refuse(self, action: Action, reason: str) -> None:
-        """Report once that an action is not performed because of its id."""
-        error = warning(
-            ErrorType.INSTANT_ACTION,
-            reason,
-            "use each actionId once",
-            actionId=action.id,
-            actionType=action.type,
-        )
+    def _is_pausing(self, action: Action) -> bool:
+        """Return True for a startPause if the one with its id has not ended."""
+        state = self._states.get(action.id)
+        if state is None or state.status.ended:
+            return False
+        return state.type == action.type == StartPause.type.name
+
+    def _reuse_objection(self, action: Action) -> str:
+        """Return why an action cannot have its id; empty if it can."""
+        state = self._states.get(action.id)
+        if state is not None and not state.status.ended:
+            return f"the {state.type} with this id has not ended"
+        if self._vehicle.order_has_action(action.id):
+            return "an action of the order has this id"
+        if action.id in self._known and not self._registry.may_repeat(action.type):
+            return (
+                "an instant action with this id was received before, and "
+                f"{action.type} is not performed again"
+            )
+        return ""
+
+    def _add_error(self, error: VehicleError) -> None:
+        """Report an error, unless it is reported already."""
         if error not in self.errors:
             self.errors.append(error)
 

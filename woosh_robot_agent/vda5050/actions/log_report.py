@@ -40,6 +40,7 @@ class LogReport(PlainPerformer):
         "store the state of the robot, its last tasks and status codes in a file",
         (ParameterType("reason", "STRING", "reason, which the report repeats"),),
         "path of the file in the folder of the reports",
+        repeatable=True,
     )
 
     def __init__(self, context: Context, folder: Path) -> None:

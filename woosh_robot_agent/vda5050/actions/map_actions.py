@@ -68,6 +68,7 @@ class EnableMap(PlainPerformer):
         "use a map, instead of the one that is used now; the position stays the same",
         (_MAP_ID, _MAP_VERSION),
         blocking=STANDSTILL,
+        repeatable=True,
     )
 
     async def perform(self, action: Action, report: Report) -> str:
@@ -84,6 +85,7 @@ class DeleteMap(PlainPerformer):
         frozenset({Scope.INSTANT}),
         "delete a map that is not used now",
         (_MAP_ID, _MAP_VERSION),
+        repeatable=True,
     )
 
     async def perform(self, action: Action, report: Report) -> str:
@@ -116,6 +118,7 @@ class DownloadMap(PlainPerformer):
                 _HASH, "STRING", f"hash of the ZIP file in hexadecimal: {', '.join(HASHES)}", True
             ),
         ),
+        repeatable=True,
     )
 
     def __init__(self, context: Context) -> None:

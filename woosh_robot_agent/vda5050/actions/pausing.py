@@ -15,19 +15,22 @@ class StartPause(PlainPerformer):
     """Pauses the drive and the actions that move something."""
 
     type = ActionType(
-        "startPause", frozenset({Scope.INSTANT}), "stop, and pause the order and its actions"
+        "startPause",
+        frozenset({Scope.INSTANT}),
+        "stop, and pause the order and its actions",
+        repeatable=True,
     )
 
     async def perform(self, action: Action, report: Report) -> str:
         pause, vehicle = self._context.pause, self._context.vehicle
         pause.set(True)
         if not await self._context.conditions.wait(
-            lambda: vehicle.paused or not pause.wanted, TIMEOUT
+            lambda: (vehicle.paused and vehicle.at_rest) or not pause.wanted, TIMEOUT
         ):
             # the robot must not drive on because it was slow to obey, so the pause stays wanted
             raise ActionFailedError(
-                f"the robot did not pause within {TIMEOUT:g} s; it is told again until it does, or "
-                "until a stopPause"
+                f"the robot did not pause and stop within {TIMEOUT:g} s; it is told again until it "
+                "does, or until a stopPause"
             )
         if not pause.wanted:
             raise ActionFailedError("a stopPause arrived in the meantime")
@@ -37,7 +40,12 @@ class StartPause(PlainPerformer):
 class StopPause(PlainPerformer):
     """Resumes the drive and the paused actions, also if a button on the robot has paused them."""
 
-    type = ActionType("stopPause", frozenset({Scope.INSTANT}), "resume the order and its actions")
+    type = ActionType(
+        "stopPause",
+        frozenset({Scope.INSTANT}),
+        "resume the order and its actions",
+        repeatable=True,
+    )
 
     async def perform(self, action: Action, report: Report) -> str:
         pause, vehicle = self._context.pause, self._context.vehicle

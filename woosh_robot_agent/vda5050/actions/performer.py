@@ -43,6 +43,10 @@ class VehicleControls(Protocol):
     def paused(self) -> bool:
         """True while the vehicle is paused."""
 
+    @property
+    def at_rest(self) -> bool:
+        """True unless the robot moves, by its last report, and nobody else drives it."""
+
     def order_has_action(self, action_id: str) -> bool:
         """Return True if an action of the order has this id."""
 
@@ -59,7 +63,7 @@ class VehicleControls(Protocol):
         """Set the node on which the vehicle stands."""
 
     async def cancel_order(self, order_id: str) -> None:
-        """Cancel the current order, and wait until everything has stopped.
+        """Cancel the current order, wait until everything has stopped, and empty the order.
 
         Args:
             order_id: id that the order must have; empty for any order.

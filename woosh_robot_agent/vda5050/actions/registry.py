@@ -77,6 +77,11 @@ class Registry:
         """Return the performer of an action by its name."""
         return self._performers[name]
 
+    def may_repeat(self, name: str) -> bool:
+        """Return True if an instant action may have the id of one that has ended."""
+        performer = self._performers.get(name)
+        return performer is not None and performer.type.repeatable
+
     def objection(self, action: Action, scope: Scope) -> Objection | None:
         """Return why the vehicle cannot perform an action; None if it can."""
         performer = self._performers.get(action.type)

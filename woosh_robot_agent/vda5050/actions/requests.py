@@ -12,7 +12,7 @@ _INSTANT = frozenset({Scope.INSTANT})
 class StateRequest(PlainPerformer):
     """Publishes the state."""
 
-    type = ActionType("stateRequest", _INSTANT, "publish the state")
+    type = ActionType("stateRequest", _INSTANT, "publish the state", repeatable=True)
 
     async def perform(self, action: Action, report: Report) -> str:
         self._context.vehicle.publish_state()
@@ -22,7 +22,7 @@ class StateRequest(PlainPerformer):
 class FactsheetRequest(PlainPerformer):
     """Publishes the factsheet."""
 
-    type = ActionType("factsheetRequest", _INSTANT, "publish the factsheet")
+    type = ActionType("factsheetRequest", _INSTANT, "publish the factsheet", repeatable=True)
 
     async def perform(self, action: Action, report: Report) -> str:
         self._context.vehicle.publish_factsheet()
@@ -37,6 +37,7 @@ class CancelOrder(PlainPerformer):
         _INSTANT,
         "stop, and cancel the order",
         (ParameterType("orderId", "STRING", "order to cancel; any order if missing", True),),
+        repeatable=True,
     )
 
     async def perform(self, action: Action, report: Report) -> str:
@@ -51,6 +52,7 @@ class ClearInstantActions(PlainPerformer):
         "clearInstantActions",
         frozenset({Scope.INSTANT, Scope.NODE}),
         "remove the instant actions that have ended from the state",
+        repeatable=True,
     )
 
     async def perform(self, action: Action, report: Report) -> str:

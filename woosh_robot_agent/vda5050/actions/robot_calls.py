@@ -24,6 +24,7 @@ from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
+from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.requests import RequestMaker
@@ -53,6 +54,9 @@ _FIELDS = {
     if field.message_type is not None
 }
 """Names of the fields of CallAction, by the full name of the command."""
+
+_MOVES_BASE = frozenset(map(full_name, (ChargeControl, MoveBase, StepControl)))
+"""Commands that move the base."""
 
 
 class _Run:
@@ -166,6 +170,11 @@ class RobotCalls:
     def busy(self) -> bool:
         """True while the robot executes an action."""
         return bool(self._runs)
+
+    @property
+    def moves_base(self) -> bool:
+        """True while the robot executes an action that moves its base."""
+        return not self._runs.keys().isdisjoint(_MOVES_BASE)
 
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.

@@ -60,6 +60,8 @@ class ErrorType(str, Enum):
     """The connector has no link to the robot."""
     ROBOT_BUSY = "robotBusyError"
     """The order waits: something else drives the robot, or the robot charges."""
+    OBSTACLE = "obstacleError"
+    """An obstacle blocks the way of the robot, which waits until it is gone."""
     SECOND_CONNECTOR = "secondConnectorError"
     """Another connector uses the topics of the vehicle."""
     STATE_FILE = "stateFileError"

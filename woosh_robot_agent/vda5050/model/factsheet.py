@@ -63,6 +63,7 @@ class ActionType:
         result: meaning of the result; empty if there is none.
         blocking: blocking types that it may have on nodes and edges.
         pausable: it moves something; it is paused with the vehicle.
+        repeatable: as an instant action, it may have the id of one that has ended.
     """
 
     name: str
@@ -72,6 +73,7 @@ class ActionType:
     result: str = ""
     blocking: frozenset[BlockingType] = frozenset(BlockingType)
     pausable: bool = False
+    repeatable: bool = False
 
 
 @dataclass(frozen=True)

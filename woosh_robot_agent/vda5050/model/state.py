@@ -173,6 +173,7 @@ class RobotStatus:
         loaded: the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
         errors: errors of the robot.
+        blocked: the robot stands before an obstacle.
         path: points of the path that the robot follows, in metres; empty without one.
     """
 
@@ -186,6 +187,7 @@ class RobotStatus:
     loaded: bool | None = None
     maps: tuple[Map, ...] | None = None
     errors: tuple[VehicleError, ...] = ()
+    blocked: bool = False
     path: tuple[tuple[float, float], ...] = ()
 
 

@@ -28,9 +28,8 @@ def judge(
     busy: bool,
     cancelled: bool,
     decision_point: Node | None,
-    in_reach: Callable[[Node], bool],
 ) -> Verdict:
-    """Decide what to do with an order.
+    """Decide what to do with an order. A new one also needs `check_start`.
 
     Args:
         order: the order that arrived.
@@ -39,7 +38,6 @@ def judge(
         cancelled: True if the current order was cancelled.
         decision_point: last node of the current base, or the last one that was reached if there is
             no base left.
-        in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
 
     Raises:
         RejectedError: the vehicle cannot take the order.
@@ -52,14 +50,6 @@ def judge(
                 order,
                 "the vehicle still executes another order, or waits for its update",
                 "wait for its end, or cancel it with cancelOrder",
-            )
-        if not in_reach(order.nodes[0]):
-            raise rejection(
-                ErrorType.NO_ROUTE,
-                order,
-                "the vehicle is not within the permitted deviation from the first node",
-                "start the order where the vehicle stands, or permit a larger deviation",
-                nodeId=order.nodes[0].id,
             )
         return Verdict.NEW
     if order.update_id < current.update_id:
@@ -102,3 +92,23 @@ def judge(
             nodeId=first.id,
         )
     return Verdict.UPDATE
+
+
+def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
+    """Check that a new order begins where the vehicle stands.
+
+    Args:
+        order: the order that arrived.
+        in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
+
+    Raises:
+        RejectedError: it begins elsewhere.
+    """
+    if not in_reach(order.nodes[0]):
+        raise rejection(
+            ErrorType.NO_ROUTE,
+            order,
+            "the vehicle is not within the permitted deviation from the first node",
+            "start the order where the vehicle stands, or permit a larger deviation",
+            nodeId=order.nodes[0].id,
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from itertools import takewhile
 
 from woosh_robot_agent.vda5050.model.errors import (
     ErrorLevel,
@@ -18,7 +19,7 @@ from woosh_robot_agent.vda5050.model.state import (
     OrderStatus,
     Position,
 )
-from woosh_robot_agent.vda5050.orders.acceptance import Verdict, judge
+from woosh_robot_agent.vda5050.orders.acceptance import Verdict, check_start, judge
 from woosh_robot_agent.vda5050.orders.actions import OrderActions
 from woosh_robot_agent.vda5050.orders.commands import (
     CancelDrive,
@@ -30,9 +31,8 @@ from woosh_robot_agent.vda5050.orders.commands import (
 from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
 from woosh_robot_agent.vda5050.orders.memory import Memory
 from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
-from woosh_robot_agent.vda5050.orders.reach import Tolerance
+from woosh_robot_agent.vda5050.orders.reach import Tolerance, Whereabouts
 from woosh_robot_agent.vda5050.orders.structure import check_action_ids
-from woosh_robot_agent.vda5050.orders.whereabouts import Whereabouts
 
 _RESTARTED = "the connector was restarted while the action ran"
 _MAX_APPROACH = 0.5
@@ -123,8 +123,13 @@ class OrderMachine:
 
     @property
     def canceling(self) -> bool:
-        """True from the cancellation of the order until everything has stopped."""
+        """True from the cancellation of the order until it has been emptied."""
         return self._canceling
+
+    @property
+    def has_ended(self) -> bool:
+        """True once the drive and all actions of a cancelled order have ended."""
+        return self._canceling and self._leg is None and not self._actions.are_running
 
     @property
     def status(self) -> OrderStatus:
@@ -174,15 +179,15 @@ class OrderMachine:
             busy=self.busy,
             cancelled=self._cancelled,
             decision_point=self._decision_point,
-            in_reach=self._place.stands_on,
         )
         if verdict is Verdict.KNOWN:
             return verdict
         if verdict is Verdict.UPDATE:
             horizon = [part for part in _parts_of(self._nodes, self._edges) if not part.released]
             check_action_ids(order, self._actions.ids_without(horizon))
-        check(order)
+        check(order)  # first: on an unknown map, the vehicle stands nowhere
         if verdict is Verdict.NEW:
+            check_start(order, self._place.stands_on)
             self._take(order)
         else:
             self._append(order)
@@ -197,7 +202,7 @@ class OrderMachine:
         """
         number = self._last_node.sequence_id if self._last_node and self.busy else 0
         self._last_node = Node(node_id, number) if node_id else None
-        self._place.driven = 0.0
+        self._place.left()
 
     def forget_left_node(self) -> None:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
@@ -205,24 +210,38 @@ class OrderMachine:
         if last is not None and not self.busy and not self._place.stands_on(last):
             self.placed("")
 
-    def moved(self, position: Position, *, by_itself: bool = False) -> None:
+    def moved(
+        self, position: Position, *, by_itself: bool = False, confirmed: bool = False
+    ) -> None:
         """Take a new position, and find the nodes of the leg that the vehicle has passed.
 
         Args:
             position: the position.
-            by_itself: neither people nor other programs have moved the vehicle.
+            by_itself: an action may have moved the vehicle.
+            confirmed: the robot has confirmed, over the current link, that it drives the leg.
         """
-        is_own = by_itself or self._leg is not None or self._actions.are_running
-        self._place.moved(position, by_itself=is_own)
         leg = self._leg
+        self._place.moved(
+            position,
+            by_itself=by_itself,
+            on_leg=leg is not None,
+            confirmed=confirmed,
+        )
         if leg is None or self._canceling:
             return
-        while self._nodes and self._nodes[0] is not leg.goal:
-            node = self._nodes[0]
-            if node.position is None or not self._place.has_passed(node.position):
-                return
+        ahead = takewhile(lambda node: node is not leg.goal, tuple(self._nodes))
+        for _ in range(self._place.reached(tuple(self._edges), ahead)):
             self._reach()
             self._enter_edge()
+
+    def lose_track(self) -> None:
+        """Pass no node until the robot confirms the drive: it may have been moved, or restarted.
+
+        To be called when the link to the robot is lost.
+        """
+        self._place.doubtful = True
+        if self._leg is not None:
+            self._place.lose_track()
 
     def drive_ended(self, reason: str = "") -> None:
         """Take the end of the drive.
@@ -280,14 +299,16 @@ class OrderMachine:
         if self._leg is not None:
             self._commands.append(CancelDrive())
 
-    def poll(self, *, may_drive: bool = True) -> list[Command]:
+    def poll(self, *, may_drive: bool = True, may_empty: bool = True) -> list[Command]:
         """Return the commands that follow from the events so far.
 
         Args:
             may_drive: the vehicle may start to drive.
+            may_empty: a cancelled order that has ended may be emptied.
         """
         if self._canceling:
-            self._finish_cancel()
+            if may_empty and self.has_ended:
+                self.empty()
         elif self._is_in_place(may_drive=may_drive):
             self._start_actions()
             self._hold_drive()
@@ -296,6 +317,13 @@ class OrderMachine:
                     self._start_actions()
         commands, self._commands = self._commands, []
         return commands
+
+    def empty(self) -> None:
+        """Remove what is left of a cancelled order that has ended."""
+        self._canceling = False
+        self._on_edge = False
+        self._nodes.clear()
+        self._edges.clear()
 
     def doubt_place(self) -> None:
         """Check the position of the vehicle before the order goes on: it may have been moved."""
@@ -341,8 +369,7 @@ class OrderMachine:
         self._holds = set(memory.holds)
         self.error = memory.error
         self._is_held = None if self.held else False
-        self._place.driven = None
-        self._place.doubtful = True
+        self._place.restored(self._last_node)
         for action in self._actions.interrupt(_RESTARTED):
             if stops((action,)):
                 self.interrupt(action.id)
@@ -422,7 +449,7 @@ class OrderMachine:
             self._edges.popleft()
             self._commands += self._actions.leave_edge()
         self._last_node = self._nodes.popleft()
-        self._place.driven = 0.0
+        self._place.left()
         self._actions.reach(self._last_node)
 
     def _enter_edge(self) -> None:
@@ -465,15 +492,9 @@ class OrderMachine:
             return False
         self._leg = leg
         self._is_held = False
+        self._place.departed()
         self._commands.append(Drive(leg))
         return False
-
-    def _finish_cancel(self) -> None:
-        if self._leg is None and not self._actions.are_running:
-            self._canceling = False
-            self._on_edge = False
-            self._nodes.clear()
-            self._edges.clear()
 
 
 def _parts_of(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:

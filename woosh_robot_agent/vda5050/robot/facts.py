@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.last_known import LastKnown
-from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -21,10 +24,15 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     RobotState,
     Scene,
     Setting,
+    TaskProc,
 )
+from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.vda5050.background import BackgroundTasks
 from woosh_robot_agent.vda5050.model.state import RobotStatus
 from woosh_robot_agent.vda5050.robot import status
+from woosh_robot_agent.watch.who_drives import REPORT_GAP
 
+_LOG = logging.getLogger(__name__)
 _PARTS: tuple[type[Message], ...] = (
     AbnormalCodes,
     Battery,
@@ -34,6 +42,7 @@ _PARTS: tuple[type[Message], ...] = (
     RobotState,
     Scene,
     Setting,
+    TaskProc,
 )
 """Reports on which the state of the vehicle depends, except its position."""
 
@@ -45,6 +54,7 @@ class RobotFacts:
 
     Args:
         chassis: the link.
+        requests: addresses the requests.
         on_moved: called with each report of a pose.
         on_changed: called when another report has arrived.
     """
@@ -52,9 +62,12 @@ class RobotFacts:
     def __init__(
         self,
         chassis: ChassisClient,
+        requests: RequestMaker,
         on_moved: Callable[[], None],
         on_changed: Callable[[], None],
     ) -> None:
+        self._chassis = chassis
+        self._requests = requests
         self._values = LastKnown(chassis)
         self._on_moved = on_moved
         self._on_changed = on_changed
@@ -63,6 +76,14 @@ class RobotFacts:
         """True if `_status` is up to date, except for the position."""
         self._is_moved = False
         """True if the position has changed since `_status` was computed."""
+        self._heard_at = -math.inf
+        """Loop time of the last report of a pose."""
+        self._silence: asyncio.TimerHandle | None = None
+        """Asks a robot that moves for its pose, if it does not report it; None while it stands."""
+        self._question: asyncio.Task[None] | None = None
+        """The last query of the pose; None before the first one."""
+        self._tasks = BackgroundTasks("vda5050 pose")
+        self._closing = False
         chassis.on_snapshot(lambda info: self._changed())
         chassis.on_robot_changed(self._forget)
         chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
@@ -85,10 +106,9 @@ class RobotFacts:
             path = status.path(self._values.value(NavPath))
             self._status = replace(status.robot_status(info), path=path)
         elif self._is_moved:
-            motion = info.pose_speed.twist
             self._status = replace(
                 self._status,
-                driving=bool(motion.linear or motion.angular),
+                driving=status.drives(info),
                 position=status.position(info),
                 velocity=status.velocity(info),
             )
@@ -100,13 +120,53 @@ class RobotFacts:
         self._values.remember(pose)
         self._moved()
 
+    async def close(self) -> None:
+        """Ask no more."""
+        self._closing = True
+        if self._silence is not None:
+            self._silence.cancel()
+        await self._tasks.close()
+
     def _moved(self) -> None:
+        self._heard_at = asyncio.get_running_loop().time()
         self._is_moved = True
         self._on_moved()
+        self._expect_report()
 
     def _changed(self) -> None:
         self._is_current = False
         self._on_changed()
+        self._expect_report()
+
+    def _expect_report(self) -> None:
+        """Expect the next report of a robot that moves. One that stands reports nothing."""
+        if self._closing or self._silence is not None:
+            return
+        if self.status is not None and self.status.driving:
+            loop = asyncio.get_running_loop()
+            due = max(loop.time(), self._heard_at + REPORT_GAP)
+            self._silence = loop.call_at(due, self._check_silence)
+
+    def _check_silence(self) -> None:
+        """Ask for the pose if it was not reported: the report of the standstill may be lost."""
+        self._silence = None
+        now = asyncio.get_running_loop().time()
+        if now >= self._heard_at + REPORT_GAP and self.status is not None and self.status.driving:
+            self._heard_at = now
+            is_asking = self._question is not None and not self._question.done()
+            if self._chassis.state is LinkState.READY and not is_asking:
+                self._question = self._tasks.start(self._ask())
+        self._expect_report()
+
+    async def _ask(self) -> None:
+        def found(answer: Answer) -> None:
+            if answer.ok and isinstance(answer.body, PoseSpeed):
+                self.remember_pose(answer.body)
+
+        try:
+            await self._chassis.request(self._requests.empty(PoseSpeed), tap=found)
+        except LinkError as error:
+            _LOG.debug("no answer about the pose: %s", error)  # asked again
 
     def _path_changed(self) -> None:
         """Invalidate the state. A new path alone does not publish it."""

@@ -13,6 +13,7 @@ from woosh_robot_agent.vda5050.model.factsheet import (
     OptionalParameter,
     VehicleClass,
 )
+from woosh_robot_agent.vda5050.robot.status import points
 
 _MM = 0.001
 """Metres in a millimetre."""
@@ -79,7 +80,7 @@ def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) 
         height=size.height * _MM,
         max_speed=limits.max_speed,
         max_acceleration=limits.max_acceleration,
-        outline=tuple((round(point.x, 6), round(point.y, 6)) for point in info.model.model),
+        outline=points(info.model.model),
         actions=actions,
         optional_parameters=OPTIONAL_PARAMETERS,
         min_state_interval=limits.min_state_interval,

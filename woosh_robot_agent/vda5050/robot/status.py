@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 from woosh_robot_agent import readiness
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
-from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, NavPath, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, NavPath, OperationState, RobotInfo
+from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.model.state import (
     Battery,
     EmergencyStop,
@@ -17,6 +21,7 @@ from woosh_robot_agent.vda5050.model.state import (
     Velocity,
 )
 from woosh_robot_agent.vda5050.robot.code_errors import code_errors, field_violated
+from woosh_robot_agent.watch.standstill import MIN_SPEED
 
 _MODES = {
     robot.kDeployMode: OperatingMode.TEACH_IN,
@@ -27,9 +32,8 @@ _MODES = {
 
 def robot_status(info: RobotInfo) -> RobotStatus:
     """Return the state of a robot."""
-    motion = info.pose_speed.twist
     return RobotStatus(
-        driving=bool(motion.linear or motion.angular),
+        driving=drives(info),
         mode=operating_mode(info),
         battery=_battery(info.battery),
         emergency_stop=EmergencyStop.MANUAL
@@ -40,7 +44,14 @@ def robot_status(info: RobotInfo) -> RobotStatus:
         velocity=velocity(info),
         loaded=_loaded(info),
         errors=code_errors(info.abnormal_codes),
+        blocked=_blocked(info),
     )
+
+
+def drives(info: RobotInfo) -> bool:
+    """Return True if the robot moves, by its last report."""
+    motion = info.pose_speed.twist
+    return not (abs(motion.linear) <= MIN_SPEED and abs(motion.angular) <= MIN_SPEED)
 
 
 def operating_mode(info: RobotInfo) -> OperatingMode:
@@ -79,12 +90,15 @@ def velocity(info: RobotInfo) -> Velocity | None:
 
 def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
     """Return the points of the path that the robot follows; empty if it follows none."""
-    if report is None:
-        return ()
+    return () if report is None else points(report.path.poses)
+
+
+def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
+    """Return points of the robot's, in metres, without those that are not finite."""
     return tuple(
-        (_rounded(pose.x), _rounded(pose.y))
-        for pose in report.path.poses
-        if math.isfinite(pose.x) and math.isfinite(pose.y)
+        (_rounded(point.x), _rounded(point.y))
+        for point in reported
+        if math.isfinite(point.x) and math.isfinite(point.y)
     )
 
 
@@ -98,7 +112,7 @@ def map_id(info: RobotInfo) -> str:
 
 def _battery(report: BatteryReport) -> Battery:
     return Battery(
-        charge=float(report.power),
+        charge=float(min(report.power, 100)),
         charging=report.charge_state in (BatteryReport.kManual, BatteryReport.kAuto),
         health=float(report.health) if 0 < report.health <= 100 else None,
     )
@@ -109,6 +123,14 @@ def _loaded(info: RobotInfo) -> bool | None:
     if info.device_state.software & DeviceState.kGoodsState:
         return True
     return False if info.setting.allow.goods_check else None
+
+
+def _blocked(info: RobotInfo) -> bool:
+    """Return True if the robot reports that an obstacle is in its way."""
+    proc = info.task_proc
+    has_task = proc.state in (task.kExecuting, task.kPaused)
+    is_impeded = bool(info.operation_state.nav & OperationState.kImpede)
+    return is_impeded or (has_task and proc.action.state == action.kRosWarning)
 
 
 def _rounded(value: float) -> float:
