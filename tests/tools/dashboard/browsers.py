@@ -164,6 +164,44 @@ def _release_keys_and_pointers(driver: Any) -> None:
     ActionBuilder(driver).clear_actions()
 
 
+def script(driver: Any, expression: str) -> Any:
+    """Return the value of a JavaScript expression."""
+    return driver.execute_script(f"return {expression}")
+
+
+def element(driver: Any, selector: str) -> Any:
+    return driver.find_element("css selector", selector)
+
+
+def text(driver: Any, selector: str) -> str:
+    return str(element(driver, selector).text)
+
+
+def actions(driver: Any) -> Any:
+    """Return an empty chain of actions of the mouse and the keyboard."""
+    from selenium.webdriver import ActionChains
+
+    return ActionChains(driver, duration=50)
+
+
+def touch(driver: Any, kind: str, *places: tuple[float, float]) -> None:
+    """Touch the screen: `touchStart`, `touchMove` or `touchEnd`.
+
+    Args:
+        driver: the browser.
+        kind: what happens.
+        places: where each finger is then, in pixels; the order of the fingers stays.
+    """
+    points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(places)]
+    driver.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
+def set_screen(driver: Any, width: int, height: int, *, mobile: bool = False) -> None:
+    """Give the window the size of a device, in pixels; the page gets it soon afterwards."""
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+
 def eventually(condition: Callable[[], Any], what: str) -> Any:
     """Poll a condition until it is true; return its value."""
     deadline = time.monotonic() + TIMEOUT

@@ -128,7 +128,8 @@ class Page:
     async def command(self, name: str, **args: Any) -> tuple[bool, str]:
         """Send a command, and wait for the reply.
 
-        On a busy machine, the connection to the dashboard may be too slow for a moment.
+        On a busy machine, the connection to the dashboard or to the robot may be too slow for a
+        moment.
         """
         while True:
             clock = await self.until(lambda parts: parts.pop("clock", 0))
@@ -136,7 +137,7 @@ class Page:
             number = self._commands
             await self.send(do="command", id=number, name=name, args=args, clock=clock)
             reply = await self.until(lambda _, number=number: self.replies.get(number))
-            if TOO_SLOW not in reply[1]:
+            if TOO_SLOW not in reply[1] and "not sent: no data" not in reply[1]:
                 return reply
 
     async def drive(self, linear: float, angular: float = 0.0, **changed: Any) -> None:
@@ -147,14 +148,14 @@ class Page:
 
     @asynccontextmanager
     async def holds(self, linear: float, angular: float = 0.0) -> AsyncIterator[None]:
-        """Press the stick and hold it; press it again only if the connection was too slow."""
+        """Press the stick and hold it; press it again only if a connection was too slow."""
         self.press += 1
         held = True
 
         async def repeat() -> None:
             known = len(self.refusals)
             while held:
-                if TOO_SLOW in self.refusals[known:][-1:]:
+                if any(each == TOO_SLOW or "no data" in each for each in self.refusals[known:]):
                     known = len(self.refusals)
                     self.press += 1
                 await self.drive(linear, angular)

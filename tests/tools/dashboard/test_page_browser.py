@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import math
 import os
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,14 +21,20 @@ from tests.quick_chassis import quick_config
 from tests.tools.dashboard.browsers import (
     SharedBrowser,
     SimulatedPage,
+    actions,
     chromium,
+    element,
     eventually,
     kill_browser,
     requested_urls,
+    script,
+    set_screen,
+    text,
+    touch,
 )
 from tests.tools.dashboard.pages import page, program
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, SetRobotPose, Twist
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.control import TOO_SLOW
@@ -69,32 +76,21 @@ def check_console_and_requests(driver: Any, robot: SimulatedPage) -> None:
     assert {url for url in others if not url.startswith(("data:", "chrome:"))} == set()
 
 
-def script(driver: Any, expression: str) -> Any:
-    return driver.execute_script(f"return {expression}")
-
-
-def element(driver: Any, selector: str) -> Any:
-    return driver.find_element("css selector", selector)
-
-
-def text(driver: Any, selector: str) -> str:
-    return str(element(driver, selector).text)
-
-
-def actions(driver: Any) -> Any:
-    from selenium.webdriver import ActionChains
-
-    return ActionChains(driver, duration=50)
-
-
-def click_at(driver: Any, x: float, y: float, drag: tuple[int, int] | None = None) -> None:
+def click_at(
+    driver: Any,
+    x: float,
+    y: float,
+    drag: tuple[int, int] | None = None,
+    *,
+    double: bool = False,
+) -> None:
     """Click a place of the map, in metres; or press there and release elsewhere, in pixels."""
     at = script(driver, f"mapView.toScreen({x}, {y})")
     size = script(driver, "[mapView.width, mapView.height]")
     offset = round(at["x"] - size[0] / 2), round(at["y"] - size[1] / 2)
     chain = actions(driver).move_to_element_with_offset(element(driver, "#map"), *offset)
     if drag is None:
-        chain.click().perform()
+        (chain.double_click() if double else chain.click()).perform()
     else:
         chain.click_and_hold().move_by_offset(*drag).release().perform()
 
@@ -106,16 +102,18 @@ def click_until(
     x: float,
     y: float,
     drag: tuple[int, int] | None = None,
+    *,
+    double: bool = False,
 ) -> None:
     """Click a place until a condition is true; see `click_at`.
 
     On a busy machine, the connection to the dashboard may be too slow for a moment.
     """
-    click_at(driver, x, y, drag)
+    click_at(driver, x, y, drag, double=double)
 
     def is_true() -> Any:
         if TOO_SLOW in text(driver, "#message"):
-            click_at(driver, x, y, drag)
+            click_at(driver, x, y, drag, double=double)
         return condition()
 
     eventually(is_true, what)
@@ -240,9 +238,8 @@ def test_zoom_pan_and_fit(browser: Any) -> None:
     assert -1 <= corners()[0] < corners()[1] <= width + 1
     # two fingers
     for kind, spread in (("touchStart", 20), ("touchMove", 40), ("touchMove", 80)):
-        touches = [{"x": 300 + side * spread, "y": 300, "id": side} for side in (0, 1)]
-        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
-    browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        touch(browser, kind, *((300 + side * spread, 300) for side in (0, 1)))
+    touch(browser, "touchEnd")
     assert scale() > 2 * fitted
 
 
@@ -297,6 +294,60 @@ def test_a_click_on_a_mark_goes_there(robot: SimulatedPage, browser: Any) -> Non
     )
 
 
+def test_a_double_click_sends_one_task(robot: SimulatedPage, browser: Any) -> None:
+    def sent() -> int:
+        return robot.call(lambda simulator: simulator.counts[full_name(ExecTask)])
+
+    mark = script(browser, "mapView.marks.find((mark) => mark.number === 'A2')")
+    choose(browser, "go")
+    x, y = mark["x"], mark["y"]
+    click_until(browser, lambda: "to A2" in text(browser, "#state"), "the task", x, y, double=True)
+    # the answer to this one comes after the second click
+    script(browser, "controls.run('speak', {text: 'hello'})")
+    eventually(lambda: "speak: accepted" in text(browser, "#message"), "the answer")
+    assert sent() == 1
+    # while the answer is pending, later clicks send none either, and the page says so
+    robot.call(lambda simulator: simulator.mute(full_name(ExecTask)))
+    refusal = "the robot has not answered the former one"
+    eventually(lambda: click_at(browser, x, y) or refusal in text(browser, "#message"), "refusal")
+    assert sent() == 2
+
+
+def test_set_pose_needs_a_drag(robot: SimulatedPage, browser: Any) -> None:
+    def told() -> Any:
+        return robot.call(lambda simulator: simulator.last(full_name(SetRobotPose)))
+
+    choose(browser, "setPose")
+    for slip in (None, (0, -15)):  # a finger slips
+        script(browser, "controls.show(true, '')")
+        click_at(browser, *_PLACE, slip)
+        eventually(lambda: "drag in its direction" in text(browser, "#message"), "the advice")
+    script(browser, "controls.run('speak', {text: 'hello'})")
+    eventually(lambda: "speak: accepted" in text(browser, "#message"), "the answer")
+    assert told() is None
+    click_until(browser, told, "the pose", *_PLACE, (0, -60))
+    pose = told().pose
+    assert math.dist((pose.x, pose.y), _PLACE) < 0.1
+    assert pose.theta == pytest.approx(math.pi / 2, abs=0.05)
+
+
+def test_a_result_has_its_time_and_turns_red_when_the_task_fails(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    def is_going() -> bool:
+        # on a busy machine, the connection may be too slow for a moment
+        script(browser, "controls.run('go', {x: 500, y: 500, theta: 0})")
+        return "go: accepted" in text(browser, "#message")
+
+    eventually(is_going, "the answer")
+    assert re.fullmatch(r"\d\d:\d\d:\d\d go: accepted", text(browser, "#message"))
+    assert element(browser, "#message").get_attribute("class") == ""
+    eventually(lambda: "go: failed" in text(browser, "#result"), "the failure")
+    eventually(lambda: "navigation did not succeed" in text(browser, "#result"), "the reason")
+    assert re.match(r"\d\d:\d\d:\d\d go: failed", text(browser, "#result"))
+    assert element(browser, "#result").get_attribute("class") == "bad"
+
+
 def test_on_another_screen_everything_is_drawn_where_it_is_clicked(browser: Any) -> None:
     metrics = {"width": 1280, "height": 700, "deviceScaleFactor": 1.5, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -335,7 +386,7 @@ def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
     hold_stick(browser, robot)
     actions(browser).send_keys(" ").perform()
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-    eventually(lambda: text(browser, "#message").startswith("stopped"), "the answer")
+    eventually(lambda: "stopped" in text(browser, "#message"), "the answer")
     # the stick is still held, and a space in a text is a space
     assert not is_driving(robot)
     actions(browser).release().perform()
@@ -345,6 +396,9 @@ def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
     for selector in ("#speak-text", "#fault-arguments"):
         element(browser, selector).send_keys("nonsense=1\n")
         assert script(browser, "document.activeElement === document.body"), selector
+    script(browser, "controls.show(true, '')")
+    element(browser, "#stop").send_keys("\n")
+    eventually(lambda: "stopped" in text(browser, "#message"), "the answer to the enter key")
 
 
 def test_a_stop_of_another_viewer_ends_the_press(robot: SimulatedPage, browser: Any) -> None:
@@ -375,7 +429,7 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
         assert "no answer from the dashboard" in text(browser, "#link")
         element(browser, "#stop").click()
         eventually(lambda: element(browser, "#alarm").is_displayed(), "the alarm")
-        assert "use the emergency stop on the robot: no answer" in text(browser, "#alarm")
+        assert "emergency stop: STOP is not confirmed (no answer)" in text(browser, "#alarm")
     actions(browser).release().perform()
     eventually(lambda: not element(browser, "#outdated").is_displayed(), "the dashboard")
     # the robot is seen to stand still
@@ -563,8 +617,7 @@ def window() -> Iterator[Any]:
 
 @pytest.mark.parametrize(("width", "height"), _SIZES + _ZOOMED)
 def test_the_stick_lies_over_nothing_that_is_pressed(window: Any, width: int, height: int) -> None:
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-    window.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    set_screen(window, width, height)
     eventually(lambda: script(window, "[innerWidth, innerHeight]") == [width, height], "the size")
     stick = element(window, "#stick").rect
     for selector in ("#stop", "#zoom-in", "#fit", "#follow", "#tools", "aside", "header"):
@@ -595,10 +648,7 @@ def test_the_page_fits_a_phone(
     robot: SimulatedPage, shared_browser: SharedBrowser, tmp_path: Path
 ) -> None:
     with shared_browser.window(500, 860) as driver:
-        driver.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": True},
-        )
+        set_screen(driver, 390, 800, mobile=True)
         driver.execute_cdp_cmd(
             "Emulation.setEmulatedMedia",
             {"features": [{"name": "prefers-color-scheme", "value": "dark"}]},

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -23,8 +24,10 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchWorkMode,
     Twist,
 )
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.behaviour import teleop
@@ -83,6 +86,69 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         ok, text = await viewer.command("goMark", mark="A2")
         assert ok, text
         assert last(chassis, ExecTask).mark_no == "A2"
+
+
+@pytest.fixture
+def real_chassis() -> Iterator[SimulatorThread]:
+    """A chassis that reports the end of a task for a few milliseconds, as a real one does."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200", speed=5)) as running:
+        yield running
+
+
+@aio
+async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThread) -> None:
+    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert viewer.parts["result"] is None
+        ok, text = await viewer.command("goMark", mark="A2")
+        assert ok, text
+        begun = await viewer.until(lambda parts: parts["result"])
+        assert begun["text"].startswith("goMark to A2: executing")
+        done = await viewer.until(lambda parts: parts["result"]["tone"] and parts["result"])
+        assert (done["text"], done["tone"]) == ("goMark to A2: completed", "good")
+        assert begun["time"] < done["time"] <= time.time() * 1000
+        assert (await viewer.command("go", x=500.0, y=500.0, theta=0.0))[0]
+        failed = await viewer.until(
+            lambda parts: parts["result"]["tone"] == "bad" and parts["result"]
+        )
+        assert failed["text"].startswith("go: failed")
+        await viewer.until(lambda parts: "navigation did not succeed" in parts["result"]["text"])
+        real_chassis.set_emergency_stop(True)
+        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+        assert not (await viewer.command("goMark", mark="A2"))[0]
+        assert viewer.parts["result"]["time"] == failed["time"]  # a refused one has no result
+        async with page(running) as later:
+            assert (await later.until(lambda parts: parts["result"]))["time"] == failed["time"]
+
+
+@aio
+async def test_the_page_sees_what_became_of_a_task_while_the_link_was_lost(
+    real_chassis: SimulatorThread,
+) -> None:
+    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.until(lambda parts: "executing" in parts["result"]["text"])
+        real_chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        await eventually(
+            lambda: real_chassis.call(lambda simulator: simulator.chassis.tasks.history)
+        )
+        real_chassis.listen()
+        await viewer.until(lambda parts: parts["result"]["text"] == "goMark to A2: completed")
+
+
+@aio
+async def test_the_page_says_that_the_end_of_a_task_was_not_seen(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.until(lambda parts: "executing" in parts["result"]["text"])
+        chassis.push(TaskProc(robot_task_id=17, state=task.kExecuting))
+        result = await viewer.until(
+            lambda parts: parts["result"]["tone"] == "bad" and parts["result"]
+        )
+        assert "its end was not seen" in result["text"]
 
 
 @aio
@@ -421,6 +487,50 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
         sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
         assert all(each == Twist() for each in sent)
         await hold(viewer, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        async with viewer.holds(0.3):
+            await eventually(lambda: is_driving(chassis))
+            freeze = chassis.inject("freeze")
+            await viewer.until(lambda _: any("no data for " in each for each in viewer.refusals))
+        clock = await viewer.until(lambda parts: parts.pop("clock", 0))
+        await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
+        ok, text = await viewer.until(lambda _: viewer.replies.get(99))
+        assert not ok
+        assert "goMark was not sent: " in text
+        freeze.clear()
+        await eventually(lambda: is_stopped_by_zero(chassis))
+        await viewer.until(lambda parts: parts["link"]["good"])
+        assert chassis.counts[full_name(ExecTask)] == 0
+        await hold(viewer, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_press_may_rest_in_the_middle_of_the_stick(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+
+        async def rested() -> bool:
+            """Drive, rest for longer than a press may be silent, and drive on."""
+            viewer.press += 1
+            known = len(viewer.refusals)
+            for velocity, periods in ((0.3, 2), (0.0, 14), (0.3, 1)):
+                for _ in range(periods):
+                    await viewer.drive(velocity)
+                    await asyncio.sleep(0.05)
+            await viewer.drive(0.0)
+            await viewer.command("pause")  # its reply comes after the refusals
+            return len(viewer.refusals) == known
+
+        async def rest() -> None:
+            while not await rested():  # on a busy machine, the connection may be too slow
+                pass
+
+        await asyncio.wait_for(rest(), TIMEOUT)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import struct
 
 from PIL import Image
@@ -12,12 +13,20 @@ from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import dashboard, fetch, page
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SwitchWorkMode
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    PoseSpeed,
+    RobotState,
+    ScannerData,
+    TaskProc,
+)
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.part_data import robot_data
 from woosh_robot_agent.tools.dashboard.scan_frame import scan_frame
+from woosh_robot_agent.tools.robot_view import RobotView
 
 
 @aio
@@ -132,6 +141,17 @@ async def test_a_failed_task_has_its_reason(chassis: SimulatorThread) -> None:
         assert "navigation did not succeed" in found["reason"]
 
 
+def test_a_status_code_at_the_end_of_a_task_is_its_reason() -> None:
+    view = RobotView()
+    view.update(TaskProc(robot_task_id=7, state=task_pb2.kFailed, time=1_700_000_000))
+    # the time of a code is in milliseconds
+    for age, expected in ((10_000, ""), (500, "blocked")):
+        time = 1_700_000_000_000 - age
+        view.update(StatusCode(code=1, msg="blocked", level=StatusCode.kFault, time=time))
+        assert expected in robot_data(view)["task"]["reason"]
+        assert bool(expected) == bool(robot_data(view)["task"]["reason"])
+
+
 @aio
 async def test_scans_are_requested_only_while_somebody_watches(chassis: SimulatorThread) -> None:
     scanner = full_name(ScannerData)
@@ -188,6 +208,52 @@ async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread
         assert viewer.parts["robot"]["id"] == 30001
         chassis.listen()
         await viewer.until(lambda parts: parts["link"]["good"])
+
+
+@aio
+async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        freeze = chassis.inject("freeze")  # the connection stays, and pings are answered
+        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
+        assert re.fullmatch(r"no data for [1-9]\d* s", link["text"])
+        assert "the robot sends nothing" in link["detail"]
+        await viewer.until(lambda parts: parts["link"]["text"] > link["text"])  # it counts
+        assert "no data for " in running.robots[0].summary
+        freeze.clear()
+        await viewer.until(lambda parts: parts["link"]["good"])
+        assert "no data" not in running.robots[0].summary
+
+
+@aio
+async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, scan_rate=0.1) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        robot, probe = running.robots[0], full_name(RobotState)
+        before = chassis.counts[probe]
+
+        def is_asked() -> bool:
+            assert (robot.no_data, viewer.parts["link"]["good"]) == ("", True)
+            return chassis.counts[probe] > before + 3
+
+        await eventually(is_asked)
+
+
+@aio
+async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        robot = running.robots[0]
+        await viewer.until(lambda parts: parts["link"]["good"])
+        for cls in (RobotState, ScannerData):
+            chassis.delay(full_name(cls), 0.3)
+        await viewer.send(do="visible", visible=False)
+        await eventually(lambda: not robot.watched)
+        begin = await viewer.until(lambda parts: parts["clock"])
+        await viewer.until(lambda parts: parts["clock"] > begin + 1500)
+        count, seen = chassis.counts[full_name(ScannerData)], set()
+        robot.watch("somebody", lambda _: seen.add(robot.no_data))
+        await eventually(lambda: chassis.counts[full_name(ScannerData)] > count + 3)
+        assert seen == {""}
 
 
 @aio

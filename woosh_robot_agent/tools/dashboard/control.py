@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate, VelocityDriver, VelocityLimits
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.readiness import is_running
+from woosh_robot_agent.recent_dict import RecentDict
 from woosh_robot_agent.refusals import RefusalExplainer, type_of
+from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import (
     INTERRUPTING,
     CommandError,
@@ -39,10 +46,41 @@ _MAX_AGE = 0.5
 """Age of the newest time known to the page from which what it sends is too old, in seconds."""
 _MAX_COUNT = 1e15
 """Greatest time, in milliseconds, and number of a press in a message of the page."""
+_MAX_TASKS = 20
+"""Number of tasks of the page whose end is awaited."""
 _STICK_RATE = 20.0
 """Maximum rate of velocities that are sent to the robot, in Hz."""
 _MAX_INPUT = 100.0
 """Greatest velocity in a message of the page, in m/s and rad/s; the limits scale it down."""
+
+
+@dataclass
+class _GivenTask:
+    """A task that a page has given the robot.
+
+    Attributes:
+        command: name of the command.
+        known: the robot has accepted or reported it.
+        report: last report about it; None before the first one. Without a state, its end was not
+            seen.
+        at: Unix time of that report, in seconds.
+    """
+
+    command: str
+    known: bool = False
+    report: TaskProc | None = None
+    at: float = 0.0
+
+    @property
+    def ended(self) -> bool:
+        """True if no more reports are expected."""
+        return self.report is not None and not is_running(self.report)
+
+    def update(self, report: TaskProc) -> None:
+        """Take a report about the task."""
+        if self.report is None or self.report.state != report.state:
+            self.at = time.time()
+        self.known, self.report = True, report
 
 
 class Control:
@@ -57,8 +95,12 @@ class Control:
        connection is slow in one direction or the other, and neither a velocity nor a command that
        may start something is sent. The same holds for a time before the last stop: the viewer did
        not know of the stop.
-    6. Each press of the stick has a number. A stop, a refused velocity or a gap between the
-       velocities ends the press. Only another press drives again.
+    6. What becomes of the last task that a page has given is a part of its own, because a robot
+       reports the end of a task only for a few milliseconds.
+    7. Each press of the stick has a number. A stop, a refused velocity, a robot that sends nothing
+       or a gap between the velocities ends the press. Only another press drives again.
+    8. A robot that hangs may execute later what it gets now. While it sends nothing, it gets no
+       command that may start something.
 
     Args:
         robot: the robot.
@@ -87,7 +129,13 @@ class Control:
         self._driven_at = -math.inf
         """Loop time of the last velocity of this press."""
         self._stick_task: asyncio.Task[None] | None = None
+        self._tasks: RecentDict[int, _GivenTask] = RecentDict(_MAX_TASKS)
+        """Tasks that pages have given, by id, the last one last."""
+        robot.chassis.on_robot_changed(self._tasks.clear)
+        robot.chassis.on_snapshot(self._find_task)
+        robot.chassis.subscribe(TaskProc, self._task_reported)
         robot.add_slow_part("control", self._data)
+        robot.add_part("result", self._result)
 
     def start(self) -> None:
         """Start sending the velocities of the stick."""
@@ -130,7 +178,8 @@ class Control:
             CommandError: the command is refused.
         """
         request = request_for(name, args, self._robot.view.info)
-        if name not in INTERRUPTING and (reason := self._outdated(clock)):
+        reason = self._outdated(clock) or self._robot.no_data
+        if reason and name not in INTERRUPTING:
             raise CommandError(f"{name} was not sent: {reason}")
         if reason := self._claim(viewer):
             raise CommandError(reason)
@@ -149,6 +198,8 @@ class Control:
         if not (linear or angular):
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
+                if press == self._press and self._gap <= _STICK_TIMEOUT:
+                    self._driven_at = asyncio.get_running_loop().time()
             return
         if press <= viewer.ended_press:
             return
@@ -202,25 +253,66 @@ class Control:
             return "the robot was stopped in the meantime"
         return ""
 
+    @property
+    def _gap(self) -> float:
+        """Time since the last velocity of the press that drives, in seconds."""
+        return asyncio.get_running_loop().time() - self._driven_at
+
     def _objection(self, viewer: Viewer, press: int, clock: float) -> str:
         """Return the reason why a press of the stick may not drive; empty if it may."""
-        if reason := self._outdated(clock) or self._claim(viewer):
+        if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
-        gap = asyncio.get_running_loop().time() - self._driven_at
-        if press == self._press and gap > _STICK_TIMEOUT:
+        if press == self._press and self._gap > _STICK_TIMEOUT:
             return TOO_SLOW
         owner = self._gate.owner
         return f"{owner} is running: pause or cancel it to drive by hand" if owner else ""
 
     async def _execute(self, name: str, request: Message) -> tuple[bool, str]:
+        given = _GivenTask(name)
+        task_id = request.task_id if isinstance(request, ExecTask) else 0
+        if task_id:
+            self._tasks[task_id] = given
         try:
             answer = await self._gate.request(self._robot.requests.address(request))
-        except LinkError as error:
-            return False, str(error)
+        except LinkError as error:  # if the robot has got it, its reports tell
+            return False, f"{name}: {error}"
         if answer.ok:
+            given.known = True
+            self._robot.changed()
             return True, f"{name}: accepted"
+        self._tasks.pop(task_id, None)
         reason = await self._explainer.reason(type_of(request))
         return False, f"{name}: {answer.msg or 'refused'}{reason and f' ({reason})'}"
+
+    def _task_reported(self, report: TaskProc) -> None:
+        """Take a report about a task. The robot reports one at a time."""
+        if given := self._tasks.get(report.robot_task_id):
+            given.update(report)
+        self._miss_ends(report.robot_task_id)
+        self._robot.changed()
+
+    def _find_task(self, info: RobotInfo) -> None:
+        """Find out what has become of the tasks while there was no link."""
+        for report in (*info.task_history.tes, info.task_proc):
+            if given := self._tasks.get(report.robot_task_id):
+                given.update(report)
+        for given in self._tasks.values():
+            if given.known and given.report is None:
+                given.update(TaskProc())
+        self._miss_ends(info.task_proc.robot_task_id)
+
+    def _miss_ends(self, current: int) -> None:
+        """Note that the end of each other task was not seen that was running."""
+        for task_id, given in self._tasks.items():
+            if task_id != current and given.report is not None and not given.ended:
+                given.update(TaskProc(robot_task_id=task_id, dest=given.report.dest))
+
+    def _result(self) -> dict[str, Any] | None:
+        """Return what has become of the last task; None if it has not begun."""
+        given = next((each for each in reversed(self._tasks.values()) if each.known), None)
+        if given is None or given.report is None:
+            return None
+        return part_data.result_data(self._robot.view, given.command, given.report, given.at)
 
     def _stopped(self) -> None:
         self._stopped_at = asyncio.get_running_loop().time()

@@ -9,18 +9,22 @@ from typing import Any
 from woosh_robot_agent import readiness
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pb2 import Battery, DeviceState, NavPath, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    DeviceState,
+    NavPath,
+    RobotInfo,
+    TaskProc,
+)
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.readiness import (
-    Objection,
-    busy,
-    has_map,
+    accepts_task,
     is_running,
-    is_taskable,
-    objections,
+    pose_doubt,
+    rejections,
 )
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
@@ -33,8 +37,10 @@ _MAX_POINTS = 2000
 _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
 
-_SAME_MOMENT = 2000
-"""Longest time between the end of a task and its status code, in milliseconds."""
+_SAME_MOMENT = 2.0
+"""Longest time between the end of a task and its status code, in seconds."""
+_TONES = {task.kCompleted: "good", task.kCanceled: "warning", task.kFailed: "bad"}
+"""Colours of the ends of a task; other states have none."""
 
 _HERE = "on a page with control"
 _REMEDIES = {
@@ -59,13 +65,14 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
     pose, twist = info.pose_speed.pose, info.pose_speed.twist
     if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
         return None
+    doubt = pose_doubt(info)
     return {
         "x": round(pose.x, 4),
         "y": round(pose.y, 4),
         "theta": round(pose.theta, 4),
         "linear": _number(twist.linear),
         "angular": _number(twist.angular),
-        "hasMap": has_map(info),
+        "doubt": "" if doubt is None else doubt.reason,
     }
 
 
@@ -84,7 +91,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
         "modes": [info.mode.ctrl, info.mode.work],
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
-        "taskable": is_taskable(info),
+        "taskable": accepts_task(info),
         "objections": _objections(info),
         "battery": _battery(info),
         "task": _task(view),
@@ -95,20 +102,20 @@ def robot_data(view: RobotView) -> dict[str, Any]:
     }
 
 
-def summary(view: RobotView, address: str, *, linked: bool) -> str:
+def summary(view: RobotView, address: str, trouble: str) -> str:
     """Return address, name and state of a robot in one line, for a list of robots.
 
     Args:
         view: state of the robot.
         address: address of the robot.
-        linked: there is a connection to it.
+        trouble: why its state is not up to date; empty if it is.
     """
     info = view.info
     number = info.robot_id or info.genral.serial_number
     names = dict.fromkeys(str(each) for each in (number, info.setting.identity.name) if each)
     states = []
-    if not linked:
-        states.append("no connection")
+    if trouble:
+        states.append(trouble)
     elif view.has_robot_info:
         states.append(enum_name(robot.State, info.state))
         twist = info.pose_speed.twist
@@ -119,6 +126,24 @@ def summary(view: RobotView, address: str, *, linked: bool) -> str:
         if any(code.level == StatusCode.kFault for code in info.abnormal_codes.scs):
             states.append("fault")
     return f"{' '.join([*names, address])}: {', '.join(states) or 'unknown'}"
+
+
+def result_data(view: RobotView, command: str, proc: TaskProc, at: float) -> dict[str, Any]:
+    """Return what has become of a task that a page has given.
+
+    Args:
+        view: state of the robot.
+        command: name of the command.
+        proc: last report about the task; without a state, its end was not seen.
+        at: Unix time of that, in seconds.
+    """
+    text = f"{command} to {proc.dest}" if proc.dest else command
+    if proc.state == task.kStateUndefined:
+        state = "its end was not seen, and the robot no longer reports the task"
+        return {"text": f"{text}: {state}", "tone": "bad", "time": int(at * 1000)}
+    reasons = [proc.msg, _failure(view, proc) if proc.state == task.kFailed else ""]
+    told = ": ".join([text, enum_name(task.State, proc.state), *filter(None, reasons)])
+    return {"text": told, "tone": _TONES.get(proc.state, ""), "time": int(at * 1000)}
 
 
 def codes_data(view: RobotView) -> list[dict[str, Any]]:
@@ -166,9 +191,8 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
 
 
 def _objections(info: RobotInfo) -> list[list[str]]:
-    """Return why the robot rejects tasks now, its present task included, and what to do."""
-    found: dict[Objection, None] = dict.fromkeys([*objections(info), *busy(info)])
-    return [[each.reason, _REMEDIES.get(each.name, each.remedy)] for each in found]
+    """Return why the robot rejects a new task now, and what to do."""
+    return [[each.reason, _REMEDIES.get(each.name, each.remedy)] for each in rejections(info)]
 
 
 def _battery(info: RobotInfo) -> dict[str, Any] | None:
@@ -194,18 +218,17 @@ def _task(view: RobotView) -> dict[str, Any] | None:
         "state": enum_name(task.State, proc.state),
         "running": is_running(proc),
         "text": proc.msg,
-        "reason": _failure(view) if proc.state == task.kFailed else "",
+        "reason": _failure(view, proc) if proc.state == task.kFailed else "",
         "action": enum_name(action.Type, doing.type) if doing.type else "",
         "actionState": enum_name(action.State, doing.state) if doing.state else "",
     }
 
 
-def _failure(view: RobotView) -> str:
-    """Return the status code with which the last task failed, explained; empty if none is known."""
-    proc = view.info.task_proc
+def _failure(view: RobotView, proc: TaskProc) -> str:
+    """Return the status code with which a task failed, explained; empty if none is known."""
     for code in reversed(view.codes):
         of_task = code.robot_task_id == proc.robot_task_id
-        at_its_end = not code.robot_task_id and abs(code.time - proc.time) < _SAME_MOMENT
+        at_its_end = not code.robot_task_id and abs(code.time / 1000.0 - proc.time) < _SAME_MOMENT
         if code.level in (StatusCode.kWarn, StatusCode.kFault) and (of_task or at_its_end):
             return explained(code.code, code.msg)
     return ""

@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import asyncio
 import errno
-import ipaddress
 import logging
 import socket
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.log_once import log_to_stderr
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.dashboard.access import is_local
 from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
@@ -21,7 +20,7 @@ from woosh_robot_agent.tools.stop_event import stop_event
 
 _EPILOG = """\
 Without --control, nothing is sent that changes or moves something: the page only
-shows. --ip can be repeated; an address may have a port: --ip 127.0.0.1:5490."""
+shows. --ip can be repeated."""
 
 
 @exit_on_stdout_error
@@ -94,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "--max-viewers must be more than the number of robots with --control, so that there is "
             f"a place for somebody who stops them: {options.max_viewers}"
         )
+    robots = [link_config(parser, options, address) for address in options.ip]
     config = DashboardConfig(
         host=options.host,
         port=options.page_port,
@@ -103,11 +103,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         scan_rate=options.scan_rate,
         max_viewers=options.max_viewers,
     )
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    log_to_stderr(logging.WARNING, "%(levelname)s: %(message)s")
     # websockets logs every aborted handshake as an error. Port scans would fill the log.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
-        return asyncio.run(_run(_robots(parser, options), config))
+        return asyncio.run(_run(robots, config))
     except OSError as error:
         reason = error.strerror or error
         wrong_host = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
@@ -122,39 +122,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 1
-
-
-def _robots(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[LinkConfig]:
-    """Return the configuration of each robot; an invalid option ends the program."""
-    robots = []
-    for address in options.ip:
-        ip, port = _split(address)
-        if port is None and ":" in ip and not _is_ipv6(ip):
-            parser.error(
-                f"--ip must be HOST or HOST:PORT, with a port within 0 to 65535: {address}"
-            )
-        options.ip = ip
-        config = link_config(parser, options)
-        robots.append(config if port is None else replace(config, port=port))
-    return robots
-
-
-def _split(address: str) -> tuple[str, int | None]:
-    """Split `HOST:PORT`; a host alone, an IPv6 address among them, has no port."""
-    host, colon, port = address.rpartition(":")
-    if not colon or (":" in host and not host.endswith("]")):
-        return address.strip("[]"), None
-    if not port.isascii() or not port.isdecimal() or not int(port) < 2**16:
-        return address, None  # not valid either; the configuration of the link says why
-    return host.strip("[]"), int(port)
-
-
-def _is_ipv6(host: str) -> bool:
-    try:
-        ipaddress.IPv6Address(host)
-    except ValueError:
-        return False
-    return True
 
 
 async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:

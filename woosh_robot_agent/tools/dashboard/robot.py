@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 from collections.abc import Callable, Set
@@ -13,7 +14,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.endpoints import TOPICS, minimum_timeouts
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
-from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, ScannerData
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.protos import message_type
@@ -31,6 +32,15 @@ _UPDATE_PERIOD = 0.1
 """Shortest time between two updates of the viewers, in seconds."""
 _SLOW_PERIOD = 1.0
 """Time between two updates of what changes all the time, such as counters, in seconds."""
+_LISTEN_PERIOD = 0.1
+"""Time between two looks whether the robot has sent something, in seconds."""
+_PROBE_AFTER = 0.5
+"""Silence after which the robot is asked for something, in seconds.
+
+A standing robot pushes nothing, and scans may be rare.
+"""
+_BUSY = 0.3
+"""Delay of a look from which this program was busy, in seconds; that is no silence of the robot."""
 READ_ONLY = "the dashboard only shows: start it with --control to command the robot"
 """Reason for which commands are refused."""
 
@@ -55,6 +65,7 @@ class Robot:
         view: state of the robot as received so far.
         requests: puts the robot's id into requests, if there is one.
         map: the map of the robot.
+        silence: whole seconds for which a watched robot has sent nothing although it is connected.
         parts: last message of each part, by its name.
     """
 
@@ -67,6 +78,9 @@ class Robot:
         self.view = RobotView()
         self.requests = RequestMaker(config.robot_id)
         self.map = MapSource(self.chassis, self.changed)
+        self.silence = 0
+        self._heard_at = 0.0
+        """Loop time at which the last frame of the robot was noticed."""
         self.parts: dict[str, str | bytes] = {}
         self._scan_rate = scan_rate
         self._sources: dict[str, Callable[[], Any]] = {
@@ -96,7 +110,7 @@ class Robot:
         """Start connecting."""
         self.chassis.start()
         loop = asyncio.get_running_loop()
-        for work in (self._update(), self._update_slowly(), self._scan()):
+        for work in (self._update(), self._update_slowly(), self._scan(), self._listen()):
             self._tasks.append(loop.create_task(work, name="dashboard"))
 
     async def close(self) -> None:
@@ -128,6 +142,8 @@ class Robot:
 
     def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
         """Call `callback` with the names of parts that have changed, at first with all of them."""
+        if not self._watchers:
+            self._heard_at = asyncio.get_running_loop().time()
         self._watchers[viewer] = callback
         self._watched.set()
         self.changed()
@@ -138,6 +154,7 @@ class Robot:
         self._watchers.pop(viewer, None)
         if not self._watchers:
             self._watched.clear()
+            self.silence = 0
 
     @property
     def watched(self) -> bool:
@@ -147,8 +164,13 @@ class Robot:
     @property
     def summary(self) -> str:
         """Address, name and state in one line."""
-        linked = self.chassis.state is LinkState.READY
-        return part_data.summary(self.view, self.chassis.config.address, linked=linked)
+        trouble = self.no_data if self.chassis.state is LinkState.READY else "no connection"
+        return part_data.summary(self.view, self.chassis.config.address, trouble)
+
+    @property
+    def no_data(self) -> str:
+        """For how long the robot has sent nothing; empty if it does. Measured while watched."""
+        return f"no data for {self.silence} s" if self.silence else ""
 
     def _received(self, message: Message) -> None:
         self.view.update(message)
@@ -200,6 +222,34 @@ class Robot:
             if self.chassis.state is LinkState.READY:
                 await self._request_scan()
 
+    async def _listen(self) -> None:
+        """Measure the silence of the robot, and tell the viewers of each second of it."""
+        loop = asyncio.get_running_loop()
+        received, asking = 0, None
+        while True:
+            await self._watched.wait()
+            due = loop.time() + _LISTEN_PERIOD
+            await asyncio.sleep(_LISTEN_PERIOD)
+            now = loop.time()
+            if now - due > _BUSY:
+                self._heard_at += now - due
+            if self.chassis.state is not LinkState.READY or self.chassis.stats.rx != received:
+                self._heard_at = now
+            received = self.chassis.stats.rx
+            silence = now - self._heard_at
+            if silence > _PROBE_AFTER and (asking is None or asking.done()):
+                asking = loop.create_task(self._ask(), name="dashboard probe")
+            if int(silence) != self.silence:
+                self.silence = int(silence)
+                self._publish({"link": self._link_data})
+
+    async def _ask(self) -> None:
+        """Request something small."""
+        with contextlib.suppress(LinkError):  # the page shows the silence
+            answer = await self.chassis.request(self.requests.empty(RobotState))
+            if answer.ok and isinstance(answer.body, RobotState):
+                self._received(answer.body)
+
     async def _request_scan(self) -> None:
         try:
             answer = await self.chassis.request(self.requests.empty(ScannerData))
@@ -215,6 +265,9 @@ class Robot:
 
     def _link_data(self) -> dict[str, Any]:
         report = link_report(self.chassis)
+        if report.good and self.no_data:
+            detail = "connected, but the robot sends nothing: its program or the network may hang"
+            return {"good": False, "text": self.no_data, "detail": detail}
         return {"good": report.good, "text": report.text, "detail": report.detail}
 
     def _map_data(self) -> dict[str, Any]:

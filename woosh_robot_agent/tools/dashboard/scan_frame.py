@@ -33,7 +33,7 @@ def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | N
     values = (*pose, scan.offset.x, scan.offset.y, scan.angle_min, scan.angle_increment)
     if not all(map(math.isfinite, values)):
         return None
-    low, high = scan.range_min, min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
+    low, high = max(0.0, scan.range_min), min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
     # a comparison with NaN is False
     measured = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
     ranges = array.array("H", measured)

@@ -2,12 +2,15 @@
 
 const PERIOD = 100; // milliseconds between two velocities while the stick is held
 const DEAD_ZONE = 0.12; // share of the stick's radius
+const DOUBLE_CLICK = 500; // milliseconds within which the same command is given once
 
 export class Controls {
   /**
    * @param {import("./connection.js").Connection} connection
-   * @param {(ok: boolean, text: string) => void} show shows the result of a command
-   * @param {(text: string) => void} alarm shows why a stop has failed; without a text, nothing
+   * @param {(ok: boolean, text: string, robot?: number) => void} show shows the answer to a command,
+   *   and for which robot it was
+   * @param {(text: string, robot: number) => void} alarm shows why a stop of a robot has failed;
+   *   without a text, it ends the alarm
    */
   constructor(connection, show, alarm) {
     this.connection = connection;
@@ -20,6 +23,9 @@ export class Controls {
     this.velocity = null; // {linear, angular} while the stick or the slider is held
     this.press = 0; // number of the current or last press
     this.pointer = null; // id of the pointer that holds the stick
+    this.centre = {x: 0, y: 0}; // where it went down, in pixels
+    this.stopPointer = null; // id of the pointer that went down on STOP
+    this.given = new Map(); // when each command was last given, and if its answer is pending
     this.enabled = false;
     this.modes = []; // numbers of control and work mode as the lists have followed them
     this.bind();
@@ -40,23 +46,44 @@ export class Controls {
     this.modes = modes;
   }
 
+  /** Give a command. A double click, or a click while the answer is pending, gives no other one. */
   async run(name, args = {}) {
+    const {robot} = this.connection, now = performance.now();
+    const task = name === "go" || name === "goMark"; // one click, one task, wherever it was
+    const key = JSON.stringify(task ? [robot] : [robot, name, args]);
+    const {since, pending} = this.given.get(key) ?? {since: -Infinity, pending: false};
+    if (now < since + DOUBLE_CLICK) return;
+    if (pending) {
+      this.show(false, `${name} was not sent: the robot has not answered the former one`, robot);
+      return;
+    }
+    this.given.set(key, {since: now, pending: true});
     const {ok, text} = await this.connection.command(name, args);
-    this.show(ok, text);
+    this.given.set(key, {since: now, pending: false});
+    this.show(ok, text, robot);
   }
 
   async stop() {
     this.letGo();
-    this.show(true, "stopping");
+    const {robot} = this.connection;
+    this.show(true, "stopping", robot);
     const {ok, text} = await this.connection.stop();
-    this.show(ok, text);
-    this.alarm(ok ? "" : `STOP not confirmed, use the emergency stop on the robot: ${text}`);
+    this.show(ok, text, robot);
+    this.alarm(ok ? "" : `Press the emergency stop: STOP is not confirmed (${text})`, robot);
   }
 
   bind() {
     const on = (selector, event, call) =>
       document.querySelector(selector).addEventListener(event, call);
-    on("#stop", "click", () => this.stop());
+    // at once, and also while another finger holds the stick: that makes no click
+    on("#stop", "pointerdown", ({pointerId}) => {
+      this.stopPointer = pointerId;
+      this.stop();
+    });
+    on("#stop", "click", ({pointerId}) => { // of the keyboard or of an assistive technology
+      if (pointerId !== this.stopPointer) this.stop();
+      this.stopPointer = null;
+    });
     on("#release", "click", () => this.connection.send({do: "release"}));
     for (const button of document.querySelectorAll("[data-command]")) {
       button.addEventListener("click", () => this.run(button.dataset.command));
@@ -78,6 +105,7 @@ export class Controls {
     this.stick.addEventListener("pointerdown", (event) => {
       if (this.velocity || event.button !== 0) return;
       this.pointer = event.pointerId;
+      this.centre = {x: event.clientX, y: event.clientY};
       this.stick.setPointerCapture(event.pointerId);
       this.moveStick(event);
     });
@@ -108,11 +136,11 @@ export class Controls {
     addEventListener("pagehide", () => this.letGo());
   }
 
+  /** Drive by the way of the pointer since it went down, wherever the stick is. */
   moveStick(event) {
-    const box = this.stick.getBoundingClientRect();
-    const radius = box.width / 2;
-    let x = (event.clientX - box.left) / radius - 1;
-    let y = 1 - (event.clientY - box.top) / radius;
+    const radius = this.stick.offsetWidth / 2;
+    let x = (event.clientX - this.centre.x) / radius;
+    let y = (this.centre.y - event.clientY) / radius;
     const length = Math.hypot(x, y);
     if (length > 1) [x, y] = [x / length, y / length];
     this.knob.style.transform = `translate(${x * radius}px, ${-y * radius}px)`;

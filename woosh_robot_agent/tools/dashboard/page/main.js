@@ -6,6 +6,8 @@ import {MapView} from "./map_view.js";
 import {showCodes, showPose, showRobot} from "./panel.js";
 import {Simulator} from "./simulator.js";
 
+const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
+
 const find = (selector) => document.querySelector(selector);
 
 if (new URLSearchParams(location.search).has("token")) {
@@ -22,6 +24,8 @@ let robotIndex = 0; // of the robot that is chosen
 let toolChosen = false;
 let shownMap = ""; // address of the map picture
 let watching = 0; // index of the robot whose parts arrive
+const alarms = new Map(); // why stops have failed, by the index of the robot
+let standingSince = 0; // time since which the robot is seen to stand still
 
 const parts = {
   hello: ({you: name, control, robots}) => {
@@ -50,7 +54,7 @@ const parts = {
   pose: (pose) => {
     showPose(pose);
     view.setPose(pose);
-    endAlarm();
+    checkAlarm();
   },
   outline: (outline) => view.set("outline", outline),
   path: (path) => view.set("path", path),
@@ -68,6 +72,9 @@ const parts = {
     find("#owner").textContent = !owner ? "" : mine ? "you have control" : `${owner} has control`;
     find("#release").hidden = !mine;
   },
+  result: (result) => {
+    show("#result", result?.text ?? "", result?.tone, result?.time);
+  },
   stick: (text) => {
     controls.letGo();
     showMessage(false, text);
@@ -80,7 +87,7 @@ const parts = {
 };
 
 const robotParts = new Set(
-  ["link", "robot", "pose", "outline", "path", "codes", "map", "control", "simulator"]);
+  ["link", "robot", "pose", "outline", "path", "codes", "map", "control", "result", "simulator"]);
 
 const connection = new Connection(
   (name, data) => {
@@ -89,7 +96,9 @@ const connection = new Connection(
     else parts[name]?.(data);
   },
   (scan) => {
-    if (watching === robotIndex) view.setScan(scan);
+    if (watching !== robotIndex) return;
+    view.setScan(scan);
+    checkAlarm();
   },
   (reason) => {
     problem = reason;
@@ -110,13 +119,13 @@ view.onAct = (tool, place, theta, mark, obstacle) => {
     controls.run("goMark", {mark: mark.number});
     return;
   }
-  // without a direction: the way from the robot to the place, or as it stands
-  const pose = view.pose;
-  let direction = theta;
-  if (direction === null) {
-    direction = !pose ? 0
-      : tool === "setPose" ? pose.theta : Math.atan2(place.y - pose.y, place.x - pose.x);
+  const {pose} = view;
+  if (tool === "setPose" && theta === null) {
+    showMessage(false, "Set pose: press where the robot is, and drag in its direction");
+    return;
   }
+  // without a direction: that from the robot to the place
+  const direction = theta ?? (pose ? Math.atan2(place.y - pose.y, place.x - pose.x) : 0);
   controls.run(tool, {x: place.x, y: place.y, theta: direction});
 };
 view.corner = () => {
@@ -140,6 +149,10 @@ find("#follow").addEventListener("change", ({target}) => {
 find("#robots").addEventListener("change", ({target}) => {
   controls.letGo();
   robotIndex = Number(target.value);
+  link = {good: false, text: "", detail: ""}; // until that of the new one arrives
+  showMessage(true, "");
+  parts.result(null);
+  checkAlarm();
   controls.modes = [];
   view.forget();
   connection.watch(robotIndex);
@@ -164,22 +177,40 @@ function showLink() {
   find("#outdated").textContent =
     known ? "OUTDATED: this is the last known state" : "The robot has not reported its state yet";
   document.body.classList.toggle("outdated", !good);
-  endAlarm();
+  checkAlarm();
 }
 
-/** Hide the alarm of an unconfirmed stop once the robot is seen to stand still. */
-function endAlarm() {
-  const {pose} = view;
-  if (link.good && !problem && pose && !pose.linear && !pose.angular) showAlarm("");
+/** End the alarm of an unconfirmed stop once that robot is seen to stand still for a while. */
+function checkAlarm() {
+  const {pose} = view, now = performance.now();
+  const seen = link.good && !problem && watching === robotIndex;
+  if (!(seen && pose && !pose.linear && !pose.angular)) standingSince = now;
+  if (now - standingSince > STANDSTILL) showAlarm("", robotIndex);
 }
 
-function showAlarm(text) {
-  find("#alarm").hidden = !text;
-  find("#alarm").textContent = text;
+/** Show that a stop of a robot has failed; without a text, that it has not. */
+function showAlarm(text, robot) {
+  alarms.delete(robot);
+  if (text) alarms.set(robot, `${text}${ofRobot(robot)}`);
+  standingSince = performance.now();
+  find("#alarm").hidden = !alarms.size;
+  if (!alarms.size) find("#alarm details").open = false;
+  find("#alarm summary span").textContent = [...alarms.values()].join("; ");
 }
 
-function showMessage(ok, text) {
-  const message = find("#message");
-  message.textContent = text;
-  message.className = ok ? "good" : "bad";
+function showMessage(ok, text, robot = robotIndex) {
+  show("#message", text && `${text}${robot === robotIndex ? "" : ofRobot(robot)}`, ok ? "" : "bad");
+}
+
+/** Show a text after the time of what it tells. */
+function show(selector, text, tone = "", time = Date.now()) {
+  const clock = new Date(time).toLocaleTimeString("en-GB");
+  find(selector).textContent = text && `${clock} ${text}`;
+  find(selector).className = tone;
+}
+
+/** Return which robot something is about, if there are several. */
+function ofRobot(robot) {
+  const {options} = find("#robots");
+  return options.length > 1 ? ` (${options[robot].text.split(": ")[0]})` : "";
 }

@@ -6,6 +6,7 @@ const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const TRAIL_STEP = 0.05; // metres between two points of the trail
 const TRAIL_LENGTH = 4000; // points
 const DRAG = 8; // pixels from which a press is a drag
+const DIRECTION = 24; // pixels from which a drag gives a direction
 const HIT = 18; // pixels within which a click hits a mark or an obstacle
 
 export class MapView {
@@ -186,7 +187,8 @@ export class MapView {
       const spread = (p) => Math.max(1, Math.hypot(p.x - other.x, p.y - other.y));
       this.zoom(spread(now) / spread(before), (now.x + other.x) / 2, (now.y + other.y) / 2);
     } else if (this.acting && this.tool !== "obstacle") {
-      this.arrow = this.dragged ? {from: this.start, to: now} : null;
+      const length = Math.hypot(now.x - this.start.x, now.y - this.start.y);
+      this.arrow = length < DIRECTION ? null : {from: this.start, to: now};
     } else if (this.dragged) {
       this.centre.x -= (now.x - before.x) / this.scale;
       this.centre.y += (now.y - before.y) / this.scale;

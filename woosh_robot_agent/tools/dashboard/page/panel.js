@@ -54,7 +54,7 @@ export function showPose(pose) {
     ? `x ${pose.x.toFixed(2)} m, y ${pose.y.toFixed(2)} m, ${degrees(pose.theta)}°; ` +
       `${pose.linear.toFixed(2)} m/s, ${pose.angular.toFixed(2)} rad/s`
     : "unknown";
-  if (pose && pose.hasMap === false) value.textContent += " (the robot uses no map)";
+  if (pose?.doubt) value.textContent += ` (${pose.doubt})`;
 }
 
 /** Show the last status codes. */

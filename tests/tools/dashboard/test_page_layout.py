@@ -1,0 +1,283 @@
+"""The places of the stick and of STOP, at the sizes of phones, tablets and computers."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.browsers import (
+    SharedBrowser,
+    element,
+    eventually,
+    script,
+    set_screen,
+    text,
+    touch,
+)
+from tests.tools.dashboard.pages import page, program
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import SimulatorThread
+
+pytestmark = pytest.mark.timeout(300)
+_SCREENS = [(360, 640), (390, 844), (667, 375), (768, 1024), (1024, 768), (1440, 900)]
+_STICK_RADIUS = 60.0
+"""Radius of the stick on a phone, in pixels."""
+
+_OBSERVE = """
+globalThis.boxes = {"#stop": new Set(), "#stick": new Set()};
+globalThis.shifts = [];
+new PerformanceObserver((list) => {
+  for (const {sources} of list.getEntries()) {
+    for (const {node, previousRect, currentRect} of sources) {
+      for (const selector in boxes) {
+        if (!node?.contains?.(document.querySelector(selector))) continue;
+        shifts.push(`${selector} by ${node.nodeName} ${node.id}: ` +
+          `${JSON.stringify(previousRect)} ${JSON.stringify(currentRect)}`);
+      }
+    }
+  }
+}).observe({type: "layout-shift", buffered: true});
+(function look() {
+  for (const [selector, seen] of Object.entries(boxes)) {
+    const box = document.querySelector(selector)?.getBoundingClientRect();
+    if (box?.width) seen.add([box.x, box.y, box.width, box.height].join(" "));
+  }
+  requestAnimationFrame(look);
+})();
+"""
+"""Collects the boxes of the stick and STOP in all frames, and the shifts of the layout."""
+
+_COVERED = """["#stop", "#stick"].flatMap((selector) => {
+  const target = document.querySelector(selector);
+  const {x, y, width, height} = target.getBoundingClientRect();
+  return [[.5, .5], [.5, .06], [.5, .94], [.06, .5], [.94, .5]]
+    .map(([right, down]) => document.elementFromPoint(x + right * width, y + down * height))
+    .filter((found) => !target.contains(found))
+    .map((found) => `${selector} is covered by ${found?.outerHTML}`);
+})
+"""
+
+
+class _Served:
+    """Simulated robots, and a program that serves their page."""
+
+    def __init__(self, robots: list[SimulatorThread], process: Any, url: str) -> None:
+        self.robots = robots
+        self._process = process
+        self.url = url
+
+    @contextmanager
+    def silent(self) -> Iterator[None]:
+        """Stop the program for a while; the connections stay open."""
+        os.kill(self._process.pid, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            os.kill(self._process.pid, signal.SIGCONT)
+
+    @contextmanager
+    def commanded_by_another(self) -> Iterator[None]:
+        """Let another page have the control."""
+        loop = asyncio.new_event_loop()
+        other = page(SimpleNamespace(url=self.url))  # type: ignore[arg-type]
+        viewer = loop.run_until_complete(other.__aenter__())
+        try:
+            loop.run_until_complete(viewer.command("pause"))
+            yield
+        finally:
+            loop.run_until_complete(other.__aexit__(None, None, None))
+            loop.close()
+
+
+@pytest.fixture(params=[1, 2], ids=["one robot", "two robots"])
+def served(request: pytest.FixtureRequest) -> Iterator[_Served]:
+    with contextlib.ExitStack() as running:
+        robots = [
+            running.enter_context(
+                SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=number))
+            )
+            for number in range(30001, 30001 + request.param)
+        ]
+        process, address = running.enter_context(program(*robots))
+        yield _Served(robots, process, address.url)
+
+
+@contextmanager
+def opened(shared_browser: SharedBrowser, url: str, width: int, height: int) -> Iterator[Any]:
+    """Open the page on a screen of this size, observed by `_OBSERVE` from the beginning."""
+    with shared_browser.window() as browser:
+        set_screen(browser, width, height, mobile=width < 1000)
+        browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _OBSERVE})
+        browser.get(url)
+        eventually(lambda: script(browser, "[innerWidth, innerHeight]") == [width, height], "size")
+        eventually(
+            lambda: script(browser, "mapView.image !== null && mapView.scan !== null"), "the map"
+        )
+        eventually(lambda: element(browser, "#stop").is_displayed(), "STOP")
+        yield browser
+
+
+def hold_stick(browser: Any, x: float, y: float, beside: float = 0.0) -> tuple[float, float]:
+    """Press the stick with a finger and move it; return where the finger is then.
+
+    End the touch and call it again if the page has let go: on a busy machine, the connection may
+    be too slow for a moment.
+
+    Args:
+        browser: the browser.
+        x: how far to move to the right, in pixels.
+        y: how far to move down, in pixels.
+        beside: how far below the middle of the stick to press, in pixels.
+    """
+    across, down = middle(browser, "#stick")
+    touch(browser, "touchStart", (across, down + beside))
+    end = across + x, down + beside + y
+    touch(browser, "touchMove", end)
+    return end
+
+
+def middle(browser: Any, selector: str) -> tuple[float, float]:
+    box = element(browser, selector).rect
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+@pytest.mark.parametrize(("width", "height"), _SCREENS)
+def test_nothing_moves_or_covers_the_stick_and_stop(
+    served: _Served, shared_browser: SharedBrowser, width: int, height: int
+) -> None:
+    first = served.robots[0]
+    with opened(shared_browser, served.url, width, height) as browser:
+
+        def check(state: str) -> None:
+            assert script(browser, _COVERED) == [], state
+            for selector in ("#stop", "#stick"):
+                boxes = script(browser, f"[...boxes['{selector}']]")
+                assert len(boxes) == 1, (state, selector, boxes)
+            assert script(browser, "shifts") == [], state
+            assert script(browser, "document.documentElement.scrollWidth") <= width, state
+
+        stop = element(browser, "#stop").rect
+        assert stop["height"] >= 64
+        assert stop["width"] >= 98
+        assert element(browser, "#robots").is_displayed() == (len(served.robots) > 1)
+        check("standing")
+        with served.commanded_by_another():
+            eventually(lambda: text(browser, "#owner").startswith("viewer "), "the other owner")
+            check("control of another viewer")
+        eventually(lambda: text(browser, "#owner") == "", "the end of the other's control")
+
+        hold_stick(browser, 30, 0)  # turns in place
+
+        def has_control() -> bool:
+            if script(browser, "controls.velocity === null"):
+                touch(browser, "touchEnd")
+                hold_stick(browser, 30, 0)
+            return text(browser, "#owner") == "you have control"
+
+        eventually(has_control, "the control")
+        assert element(browser, "#release").is_displayed()
+        check("control taken")
+        touch(browser, "touchEnd")
+        script(browser, "controls.show(false, 'a long reason '.repeat(30))")
+        check("a long answer")
+
+        freeze = first.inject("freeze")
+        eventually(lambda: "no data for " in text(browser, "#link"), "the silence of the robot")
+        check("no data")
+        freeze.clear()
+        eventually(lambda: text(browser, "#link").startswith("connected"), "the robot")
+        first.stop_listening()
+        eventually(lambda: "connection lost" in text(browser, "#link"), "the loss of the link")
+        assert element(browser, "#outdated").is_displayed()
+        check("link lost")
+        first.listen()
+        eventually(lambda: text(browser, "#link").startswith("connected"), "the link")
+
+        with served.silent():
+            eventually(lambda: "no answer from" in text(browser, "#link"), "the silence")
+            check("dashboard silent")
+            element(browser, "#stop").click()
+            eventually(lambda: element(browser, "#alarm").is_displayed(), "the alarm")
+            line = element(browser, "#alarm").rect
+            assert line["height"] < 40, "one line"
+            alarm = "document.querySelector('#alarm')"
+            assert script(browser, f"{alarm}.scrollWidth <= {alarm}.clientWidth")
+            assert "Press the emergency stop" in text(browser, "#alarm")
+            assert "stands still" not in text(browser, "#alarm")
+            check("alarm")
+            element(browser, "#alarm summary").click()
+            assert "no answer" in text(browser, "#alarm")
+            assert "stands still" in text(browser, "#alarm")
+            assert element(browser, "#alarm").rect["height"] > line["height"]
+            check("alarm read in full")
+            element(browser, "#alarm summary").click()
+            assert element(browser, "#alarm").rect == line
+        eventually(lambda: not element(browser, "#alarm").is_displayed(), "the end of the alarm")
+        check("after the alarm")
+
+
+@pytest.mark.parametrize("width", [360, 390])
+def test_the_first_press_of_the_stick_drives_where_the_finger_goes(
+    shared_browser: SharedBrowser, width: int
+) -> None:
+    with (
+        SimulatorThread(quick_config(port=0, tcp_port=0)) as robot,
+        program(robot) as (_, running),
+        opened(shared_browser, running.url, width, 700) as browser,
+    ):
+        beside = 0.4 * _STICK_RADIUS  # the finger need not hit the middle
+        hold_stick(browser, 0, 0, beside)
+        assert script(browser, "[controls.velocity.linear, controls.velocity.angular]") == [0, 0]
+        back = 0.25 * _STICK_RADIUS
+        touch(browser, "touchEnd")
+        x, y = hold_stick(browser, 0, back, beside)
+
+        def drives_back() -> bool:
+            if script(browser, "controls.velocity === null"):
+                touch(browser, "touchEnd")
+                hold_stick(browser, 0, back, beside)
+            return robot.state.velocity.forward < -0.05
+
+        eventually(drives_back, "the robot to drive back")
+        eventually(lambda: text(browser, "#owner") == "you have control", "the control")
+        touch(browser, "touchMove", (x, y + 1))
+        touch(browser, "touchEnd")
+        eventually(lambda: robot.last(full_name(Twist)) == Twist(), "the end")
+        sent = [each.message for each in robot.received if each.type == full_name(Twist)]
+        limit = script(browser, "controls.limits.linear")
+        assert min(each.linear for each in sent) >= -0.3 * limit
+        assert max(each.linear for each in sent) == 0.0
+        assert {each.angular for each in sent} == {0.0}
+
+
+def test_stop_works_for_a_finger_while_another_one_holds_the_stick(
+    shared_browser: SharedBrowser,
+) -> None:
+    with (
+        SimulatorThread(quick_config(port=0, tcp_port=0)) as robot,
+        program(robot) as (_, running),
+        opened(shared_browser, running.url, 390, 800) as browser,
+    ):
+        x, y = hold_stick(browser, 0, -40)
+
+        def drives() -> bool:
+            if script(browser, "controls.velocity === null"):
+                touch(browser, "touchEnd")
+                hold_stick(browser, 0, -40)
+            return robot.state.velocity.forward > 0.05
+
+        eventually(drives, "the robot to drive")
+        touch(browser, "touchStart", (x, y), middle(browser, "#stop"))
+        eventually(lambda: "stopped" in text(browser, "#message"), "the answer")
+        assert script(browser, "controls.velocity === null")
+        touch(browser, "touchEnd")
