@@ -9,6 +9,7 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     DeviceState,
@@ -16,10 +17,22 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Mode,
     OperationState,
     RobotInfo,
+    TaskProc,
 )
+from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.readiness import has_map, is_located, is_taskable, objections
-from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.readiness import (
+    accepts_task,
+    is_located,
+    is_taskable,
+    objections,
+    pose_doubt,
+    rejections,
+)
+from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 
 
@@ -88,6 +101,86 @@ def test_sufficient_reasons_do_not_depend_on_the_taskable_bit(
         assert all(objections(info)[0])
 
 
+BUSY: list[tuple[str, Callable[[RobotInfo], object]]] = [
+    ("executing task 7", lambda i: i.task_proc.MergeFrom(running(7, task.kExecuting))),
+    ("executing task 8", lambda i: i.task_proc.MergeFrom(running(8, task.kPaused))),
+    ("executing task 9", lambda i: i.task_proc.MergeFrom(running(9, task.kActionWait))),
+    ("executing a task", lambda i: i.MergeFrom(RobotInfo(state=robot.kTask))),
+    ("charging or parking task", lambda i: i.MergeFrom(RobotInfo(state=robot.kParking))),
+    ("building a map", lambda i: i.MergeFrom(RobotInfo(state=robot.kMapping))),
+    ("following a person", lambda i: i.MergeFrom(RobotInfo(state=robot.kFollowing))),
+]
+
+
+def running(number: int, state: task.State) -> TaskProc:
+    return TaskProc(robot_task_id=number, type=task.kPick, state=state)
+
+
+@pytest.mark.parametrize(("text", "change"), BUSY, ids=[case[0] for case in BUSY])
+def test_a_busy_robot_rejects_a_new_task(text: str, change: Callable[[RobotInfo], object]) -> None:
+    """Whether or not it clears its taskable bit meanwhile."""
+    for info in (ready(), not_taskable()):
+        change(info)
+        (only,) = rejections(info)
+        assert text in only.reason
+        assert accepts_task(info) is False
+
+
+def test_the_chassis_refuses_a_task_while_it_is_judged_to_do_so():
+    chassis = Chassis(SimulatorConfig(seed=1))
+    first, other = (ExecTask(task_id=n, type=task.kPick, mark_no="A2") for n in (5, 6))
+    assert accepts_task(robot_info(chassis)) is True
+    assert dispatch(chassis, first).ok
+    for order in (None, action.kPause, action.kContinue):
+        if order is not None:
+            assert dispatch(chassis, ActionOrder(order=order)).ok
+        for _ in range(40):
+            assert accepts_task(robot_info(chassis)) is False
+            assert not dispatch(chassis, other).ok
+            chassis.tick(TIME_STEP)
+    while chassis.tasks.active:
+        assert accepts_task(robot_info(chassis)) is False
+        chassis.tick(TIME_STEP)
+    chassis.tick(TIME_STEP)  # the robot reports for some milliseconds more that it has a task
+    assert accepts_task(robot_info(chassis)) is True
+    assert dispatch(chassis, other).ok
+
+
+@pytest.mark.parametrize("state", [task.kCompleted, task.kFailed, task.kCanceled])
+def test_a_robot_accepts_a_task_after_the_end_of_the_last_one(state: task.State) -> None:
+    info = ready()
+    info.task_proc.MergeFrom(running(7, state))
+    assert rejections(info) == []
+    assert accepts_task(info) is True
+
+
+def test_what_a_robot_does_is_told_beside_other_reasons():
+    info = ready()
+    info.device_state.MergeFrom(DeviceState(hardware=DeviceState.kEmgBtn))
+    info.task_proc.MergeFrom(running(7, task.kPaused))
+    assert [each.name for each in rejections(info)] == ["emergency_stop", "busy"]
+
+
+def test_it_is_unknown_whether_a_silent_robot_accepts_a_task():
+    assert rejections(RobotInfo()) == []
+    assert accepts_task(RobotInfo()) is None
+
+
+def test_a_pose_without_a_map_is_told_from_one_on_a_map_with_the_id_0():
+    info = ready()
+    assert pose_doubt(info) is None
+    info.pose_speed.map_id = 0
+    doubt = pose_doubt(info)
+    assert doubt is not None
+    assert "it belongs to no map" in doubt.reason
+    info.scene.map_id = 0
+    doubt = pose_doubt(info)
+    assert doubt is not None
+    assert "it belongs to no map" not in doubt.reason
+    assert "map wooshmap has the id 0" in doubt.reason
+    assert pose_doubt(RobotInfo()) is None
+
+
 def test_a_robot_that_builds_a_map_is_not_lost_and_has_a_map():
     info = ready()
     info.MergeFrom(RobotInfo(state=robot.kMapping))
@@ -95,10 +188,10 @@ def test_a_robot_that_builds_a_map_is_not_lost_and_has_a_map():
     info.pose_speed.map_id = 0
     assert names(info) == []
     assert is_located(info) is None
-    assert has_map(info) is True
+    assert pose_doubt(info) is None
     info.state = robot.kIdle
     assert names(info) == ["lost"]
-    assert has_map(info) is False
+    assert pose_doubt(info) is not None
 
 
 def test_all_reasons_are_given_at_once():

@@ -1,4 +1,7 @@
-"""Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS."""
+"""Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS.
+
+`rejections` is the judgement whether a new task would be accepted.
+"""
 
 from __future__ import annotations
 
@@ -94,11 +97,6 @@ NOT_TASKABLE = Objection(
     "the robot reports that it rejects tasks, but not why",
     "wait until it has finished what it is doing, or check its status codes and its screen",
 )
-NO_MAP = Objection(
-    "no_map",
-    "the pose may mean nothing, because the robot uses no map (map_id 0)",
-    "load a map with robot/SwitchMap, then call robot/InitRobot",
-)
 MAPPING = Objection(
     "mapping",
     "the robot is building a map",
@@ -136,6 +134,11 @@ _BUSY_STATES = {
     robot.kMapping: MAPPING,
     robot.kFollowing: _STATES[robot.kFollowing],
 }
+_NO_MAP = Objection(
+    "no_map",
+    "the pose may mean nothing, because it belongs to no map (map_id 0)",
+    "load a map with robot/SwitchMap, then call robot/InitRobot",
+)
 _RUNNING = (
     task.kInit,
     task.kReady,
@@ -147,8 +150,24 @@ _RUNNING = (
 """States of a task that has not ended."""
 
 
+def rejections(info: RobotInfo) -> list[Objection]:
+    """Return every reason for which the robot rejects a new task now, its present task included.
+
+    Args:
+        info: State of the robot.
+    """
+    doing = busy(info)
+    found = [each for each in objections(info) if not (doing and each == NOT_TASKABLE)]
+    return list(dict.fromkeys([*found, *doing]))
+
+
+def accepts_task(info: RobotInfo) -> bool | None:
+    """Return True if the robot would accept a new task; None if it does not report enough."""
+    return False if rejections(info) else is_taskable(info)
+
+
 def objections(info: RobotInfo) -> list[Objection]:
-    """Return every reason for which the robot rejects tasks now.
+    """Return every reason for which the robot rejects tasks, whatever it is doing now.
 
     A part that is absent from `info` gives no reason. If the robot reports that it is not taskable
     and no part tells why, the only reason is `not_taskable`.
@@ -200,14 +219,23 @@ def is_located(info: RobotInfo) -> bool | None:
     return None if not located and info.state == robot.kMapping else located
 
 
-def has_map(info: RobotInfo) -> bool | None:
-    """Return True if the robot's pose belongs to a map; None if it does not report its pose.
+def pose_doubt(info: RobotInfo) -> Objection | None:
+    """Return why the reported pose may mean nothing; None if there is no reason, or no pose.
 
     While the robot builds a map, its pose belongs to that map, which may have no id yet.
     """
-    if not info.HasField("pose_speed"):
+    pose = info.pose_speed
+    if not info.HasField("pose_speed") or pose.map_id or info.state == robot.kMapping:
         return None
-    return info.state == robot.kMapping or bool(info.pose_speed.map_id)
+    if not info.scene.map_name or info.scene.map_id:
+        return _NO_MAP
+    return Objection(
+        "map_id_0",
+        f"the pose may mean nothing, because map {info.scene.map_name} has the id 0, as if there "
+        "were no map",
+        "compare the pose with where the robot is; if they differ, load the map again with "
+        "robot/SwitchMap, then call robot/InitRobot",
+    )
 
 
 def _certain(info: RobotInfo) -> Iterator[Objection]:

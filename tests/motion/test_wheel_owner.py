@@ -11,7 +11,7 @@ from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, so
 from tests.motion.gate_checks import TWIST, answer_all, ok, types
 from tests.motion.moving import MOVING
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kExecute, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -191,6 +191,55 @@ async def test_a_reported_task_or_action_owns_the_wheels(
         assert gate.owner == ""
         await wire.push(*push)
         await eventually(lambda: gate.owner == owner)
+
+
+@pytest.mark.parametrize(
+    ("state", "action", "owner"),
+    [
+        ("kInit", "kStateUndefined", "task 7"),
+        ("kReady", "kStateUndefined", "task 7"),
+        ("kActionWait", "kRosExecuting", "task 7"),
+        ("kTaskWait", "kRosExecuting", "task 7"),
+        ("kPaused", "kRosWarning", "task 7"),  # an obstacle
+        ("kPaused", "kTraffiCtrl", "task 7"),
+        ("kPaused", "kSuspend", ""),
+        ("kPaused", "kRosCancel", ""),
+        ("kPaused", "kStateUndefined", ""),
+        ("kCompleted", "kRosSuccess", ""),
+        ("kStateUndefined", "kStateUndefined", ""),
+    ],
+)
+@aio
+async def test_a_task_owns_the_wheels_while_it_may_drive_on_by_itself(
+    state: str, action: str, owner: str
+) -> None:
+    other = ("woosh.robot.TaskProc", {"robotTaskId": "6", "state": "kExecuting"})
+    this = {"robotTaskId": "7", "state": state, "action": {"type": "kNav", "state": action}}
+    async with Peer() as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await wire.push(*other)
+        await eventually(lambda: gate.owner == "task 6")
+        await wire.push("woosh.robot.TaskProc", this)
+        await eventually(lambda: gate.owner == owner)
+
+
+@aio
+async def test_a_task_that_goes_on_after_an_obstacle_takes_no_velocity_over(
+    long_drive: None,
+) -> None:
+    """The velocity was sent while the task owned the wheels, so it still needs its zero."""
+    held = {"robotTaskId": "7", "state": "kPaused", "action": {"state": "kRosWarning"}}
+    async with Peer(script=answer_all) as peer, peer.client() as client:
+        gate = MotionGate(client)
+        wire = await peer.wire()
+        await wire.push(*STARTS[0][:2])
+        await eventually(lambda: gate.owner)
+        await wire.push("woosh.robot.TaskProc", held)
+        await ok(gate.request(Twist(linear=1)))
+        await wire.push(*STARTS[0][:2])
+        await ok(gate.request(Speak()))  # answered after the push
+        assert gate.driving
 
 
 @aio

@@ -139,6 +139,7 @@ def test_the_link_of_the_agent_is_shown(watching, agent, simulator):
     simulator.stop_listening()
     link = watching.wait_link(lambda link: not link.good)
     assert "the agent is not connected to 127.0.0.1" in link.text
+    assert f"doctor --ip 127.0.0.1:{simulator.port}`" in link.detail
     simulator.listen()
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
 

@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
+from woosh_robot_agent.pb.robot.robot_pb2 import OperationState, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.doctor import main
 from woosh_robot_agent.tools.doctor.examination import CHECKS
@@ -224,6 +226,18 @@ def test_each_reason_to_reject_a_task_is_named(
     assert text in report.text(check)
 
 
+def test_a_robot_that_executes_a_task_rejects_another_one(examine, chassis):
+    def start(frame: Any) -> list[Any]:
+        frame.body.task_proc.MergeFrom(TaskProc(robot_task_id=7, state=task.kExecuting))
+        assert frame.body.operation_state.robot & OperationState.kTaskable
+        return [frame]
+
+    chassis.intercept(start)
+    report = examine(chassis.port)
+    assert (report.status, report.with_status("fail")) == (1, ["taskable"])
+    assert "executing task 7 -> wait for its end, or cancel it" in report.text("taskable")
+
+
 def test_initialisation_hidden_by_a_fault_is_skipped(examine, chassis, set_state):
     set_state(emergency_stop=True, initialised=False)
     assert "initialisation" in examine(chassis.port).with_status("skip")
@@ -282,7 +296,8 @@ def test_a_robot_that_builds_a_map_needs_no_localisation(chassis, examine):
 
     chassis.intercept(build)
     report = examine(chassis.port)
-    assert report.status == 0
+    assert report.with_status("fail") == ["taskable"]
+    assert "building a map" in report.text("taskable")
     assert "localisation" in report.with_status("skip")
     assert "building a map" in report.text("localisation")
 

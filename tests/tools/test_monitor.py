@@ -18,15 +18,18 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from tests.tools.test_tool_programs import HOSTILE, harmless
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     DeviceState,
+    General,
     Mode,
     OperationState,
     PoseSpeed,
     RobotInfo,
     RobotState,
+    Scene,
     TaskProc,
 )
 from woosh_robot_agent.pb.ros import ros_pack_pb2
@@ -139,6 +142,16 @@ def test_every_reason_to_reject_a_task_is_shown():
     assert "turn the key switch to automatic" in text
 
 
+def test_a_task_that_is_executed_is_a_reason_to_reject_another_one():
+    view = seen(
+        OperationState(robot=OperationState.kTaskable),
+        TaskProc(robot_task_id=7, type=task.kPick, state=task.kPaused),
+    )
+    text = shown(view)
+    assert row(text, "new task") == "would be rejected"
+    assert "- the robot is executing task 7: wait for its end, or cancel it" in text
+
+
 def test_status_codes_are_shown_with_their_meaning():
     codes = [StatusCode(code=110201000013), StatusCode(code=110301000042, msg="左电机过热")]
     text = shown(seen(*codes))
@@ -176,10 +189,18 @@ def test_an_outdated_view_is_marked():
 
 
 def test_texts_of_the_robot_cannot_control_the_terminal():
-    view = seen(TaskProc(state=task.kFailed, msg="\x1b]0;owned\x07 [red]x[/red]"))
-    text = shown(view)
-    assert "\x1b" not in text
-    assert "\x07" not in text
+    view = seen(
+        TaskProc(state=task.kFailed, dest=HOSTILE, msg=f"{HOSTILE} [red]x[/red]"),
+        General(display_model=HOSTILE),
+        Scene(scene_name=HOSTILE, map_name=HOSTILE),
+        PoseSpeed(pose=Pose2D(x=1.0)),
+        StatusCode(code=1, msg=HOSTILE),
+        AbnormalCodes(scs=[StatusCode(code=2, msg=HOSTILE)]),
+        ros_pack_pb2.Feedback(action=f"a.{HOSTILE}", code=3, msg=HOSTILE),
+    )
+    text = shown(view, LinkReport(False, HOSTILE, HOSTILE))
+    assert harmless(text)
+    assert text.count("owned") >= 11
     assert "[red]x[/red]" in text
 
 

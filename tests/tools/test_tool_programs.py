@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
+import json
 import re
+import shlex
 import signal
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.simulator.sim_wire import JsonClient
 from tests.tools.test_recording import numbered
 from woosh_robot_agent.endpoints import QUERIES
-from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools import record, replay
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneDataEasy, SceneList
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.tools import doctor, maps, record, replay
+from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.records import Event
@@ -25,6 +35,8 @@ from woosh_robot_agent.tools.replay.playback import prepare
 
 TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
+HOSTILE = "\x1b]0;owned\x07 \x9b31m \u202e gnp \u2028 \r\nok    taskable"
+"""Text that sets a terminal's title, rings, colours, runs backwards and makes lines of its own."""
 TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
 
 
@@ -95,6 +107,97 @@ def test_the_programs_do_not_import_ros() -> None:
     assert out.stdout == "[]\n"
 
 
+def harmless(text: str) -> bool:
+    return all(character.isprintable() or character == "\n" for character in text)
+
+
+def test_texts_of_the_robot_cannot_control_the_terminal_of_doctor(
+    chassis: SimulatorThread, capsys: Any
+) -> None:
+    def intercept(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, RobotInfo):
+            frame.body.genral.display_model = HOSTILE
+            frame.body.abnormal_codes.scs.add(code=1, msg=HOSTILE)
+        return [frame]
+
+    chassis.intercept(intercept)
+    doctor.main(address(chassis))
+    out, err = capsys.readouterr()
+    assert harmless(out + err)
+    assert len([line for line in out.splitlines() if "taskable" in line[:14]]) == 1
+    doctor.main([*address(chassis), "--json"])
+    out, err = capsys.readouterr()
+    assert harmless(out + err)
+    assert HOSTILE in json.loads(out)["checks"][3]["text"]
+
+    chassis.intercept(lambda frame: [replace(frame, ok=False, msg=HOSTILE)])
+    assert doctor.main(address(chassis)) == 1
+    out, err = capsys.readouterr()
+    assert harmless(out + err)
+
+
+def test_texts_of_the_robot_cannot_control_the_terminal_of_maps(
+    chassis: SimulatorThread, capsys: Any
+) -> None:
+    def run_maps(*arguments: str) -> tuple[int, str]:
+        status = maps.main([*address(chassis), *arguments])
+        out, err = capsys.readouterr()
+        assert harmless(out + err)
+        return status, out + err
+
+    def name_all(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, SceneList):
+            del frame.body.scenes[1:]
+            frame.body.scenes[0].name = HOSTILE
+        if frame.request == full_name(SceneDataEasy):
+            body = SceneDataEasy(maps=[SceneDataEasy.Map(name=HOSTILE, floor=HOSTILE)])
+            return [replace(frame, type=frame.request, ok=True, body=body)]
+        return [frame]
+
+    chassis.intercept(name_all)
+    status, text = run_maps("list")
+    assert (status, len(text.splitlines())) == (0, 2)
+    assert "owned" in text
+    status, text = run_maps("list", "--json")
+    assert json.loads(text)[0]["scene"] == HOSTILE
+    status, text = run_maps("download", "nothing")
+    assert status == 1
+    assert "owned" in text
+    assert run_maps("rename", HOSTILE, "a b")[0] == 1
+    chassis.intercept(lambda frame: [replace(frame, ok=frame.sn == 1, msg=HOSTILE)])
+    assert run_maps("list")[0] == 1
+
+
+def test_texts_of_clients_cannot_control_the_terminal_of_replay(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
+    file.event(1, "open", "client")
+    file.close()
+    with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
+        try:
+            assert process.stdout is not None
+            ready = next(line for line in process.stdout if "replayed chassis ready" in line)
+            port = re.search(r"ws://127\.0\.0\.1:(\d+)", ready)
+            assert port
+            client = JsonClient(int(port[1]))
+            assert not client.request(HOSTILE, {})["ok"]
+            client.close()
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert "owned" in err
+    assert harmless(err)
+
+
+def test_the_logs_of_all_programs_are_harmless() -> None:
+    """They all log by `log_to_stderr`, whose formatter has tests of its own."""
+    package = ROOT / "woosh_robot_agent"
+    for folder in ("simulator", "tools", "vda5050"):
+        for file in (package / folder).rglob("*.py"):
+            assert not re.search(r"\b(basicConfig|StreamHandler)\b", file.read_text()), file
+
+
 def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with start("record", *address(chassis), "--output", str(path)) as process:
@@ -119,6 +222,100 @@ def test_record_ends_after_its_duration(chassis: SimulatorThread, tmp_path: Path
     assert read_recording(path).damage == ""
 
 
+def parsed(*arguments: str) -> LinkConfig:
+    parser = argparse.ArgumentParser(prog="tool")
+    add_link_options(parser)
+    return link_config(parser, parser.parse_args(arguments))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "host", "port"),
+    [
+        (["--ip", "robot.local"], "robot.local", 5480),
+        (["--ip", "robot.local", "--transport", "tcp"], "robot.local", 5481),
+        (["--ip", "1.1.1.1:5490"], "1.1.1.1", 5490),
+        (["--ip", "1.1.1.1:5490", "--port", "5491"], "1.1.1.1", 5490),
+        (["--ip", "1.1.1.1", "--port", "5491"], "1.1.1.1", 5491),
+        (["--ip", "::1"], "::1", 5480),
+        (["--ip", "[::1]", "--port", "5491"], "::1", 5491),
+        (["--ip", "[::1]:5490"], "::1", 5490),
+    ],
+)
+def test_the_address_of_the_robot_may_have_a_port(
+    arguments: list[str], host: str, port: int
+) -> None:
+    config = parsed(*arguments)
+    assert (config.ip, config.effective_port) == (host, port)
+    assert parsed(*shlex.split(link_arguments(config))) == config
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["1.1.1.1:99999", "1.1.1.1:", "1.1.1.1:http", ":5480", "ws://1.1.1.1:5480", "[::1", "::1]", ""],
+)
+@pytest.mark.parametrize("tool", ["dashboard", "monitor", "doctor", "record", "maps", "vda5050"])
+def test_every_tool_refuses_a_wrong_address_in_the_same_words(
+    tool: str, address: str, capsys: Any
+) -> None:
+    name = f"{'' if tool == 'vda5050' else 'tools.'}{tool}.program"
+    main = importlib.import_module(f"woosh_robot_agent.{name}").main
+    more = {"maps": ["list"], "vda5050": ["--broker", "mqtt://127.0.0.1"]}.get(tool, [])
+    with pytest.raises(SystemExit) as ending:
+        main(["--ip", address, *more])
+    assert ending.value.code == 2
+    expected = "argument --ip: must be HOST or HOST:PORT, with a port within 1 to 65535: "
+    assert f"{expected}{address!r}" in capsys.readouterr().err
+
+
+def test_the_options_of_a_hint_are_those_that_were_given() -> None:
+    assert link_arguments(parsed("--ip", "robot.local")) == "--ip robot.local"
+    given = ["--ip", "[fe80::1]:5490", "--transport", "tcp", "--encoding", "protobuf"]
+    given += ["--robot-id", "7"]
+    assert shlex.split(link_arguments(parsed(*given))) == given
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments"),
+    [
+        ("doctor", []),
+        ("monitor", ["--once"]),
+        ("maps", ["list"]),
+        ("record", ["--duration", "2", "--output", "a.mcap"]),
+    ],
+)
+def test_every_tool_connects_to_an_address_with_a_port(
+    tool: str, arguments: list[str], chassis: SimulatorThread, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    status, out, err = run(tool, "--ip", f"127.0.0.1:{chassis.port}", *arguments)
+    assert (status, "error" in err) == (0, False), out + err
+
+
+@pytest.mark.parametrize("tool", ["monitor", "maps", "record"])
+def test_a_hint_has_the_given_port_and_transport(tool: str, tmp_path: Path) -> None:
+    arguments = {
+        "monitor": ["--once", "--timeout", "0.5"],
+        "maps": ["list"],
+        "record": ["--duration", "0.5", "--output", str(tmp_path / "a.mcap")],
+    }[tool]
+    where = "--ip 127.0.0.1:1 --transport tcp"
+    status, out, err = run(tool, *where.split(), *arguments)
+    assert status == 1
+    assert f"doctor {where}" in " ".join((out + err).replace("│", " ").split())
+
+
+@pytest.mark.parametrize("transport", ["websocket", "tcp"])
+def test_record_of_a_program_that_is_no_robot_fails(transport: str, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        arguments = ["--ip", f"127.0.0.1:{port}", "--transport", transport, "--duration", "1"]
+        status, _, err = run("record", *arguments, "--output", str(tmp_path / "a.mcap"))
+    scheme = "ws" if transport == "websocket" else "tcp"
+    assert status == 1
+    assert f"error: no robot answered at {scheme}://127.0.0.1:{port}: " in err
+
+
 def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path)]
@@ -127,11 +324,12 @@ def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> No
             assert process.stderr is not None
             assert any("cannot be reached: " in line for line in process.stderr)
             process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=TIMEOUT)
+            out, err = process.communicate(timeout=TIMEOUT)
         finally:
             process.kill()
     assert process.returncode == 1
-    assert "no frame was recorded: check that the robot is on and reachable at ws://" in err
+    assert "error: no robot answered at ws://127.0.0.1:1: Connection refused; check that" in err
+    assert "recorded" not in out
     records = read_recording(path).records
     assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
 
@@ -197,7 +395,7 @@ def test_record_warns_if_other_machines_can_connect(
     status, _, err = run("record", *address(chassis), *arguments)
     assert status == 1
     assert "everybody who can reach 0.0.0.0 can command the robot" in err
-    assert "no frame was recorded: no client connected" in err
+    assert "nothing was recorded: no client connected" in err
 
 
 def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:

@@ -8,10 +8,12 @@ from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
-from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.readiness import is_running
 
-_RUNNING = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
+_HELD = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
+"""States of an action that an obstacle or traffic control holds up: the robot ends the pause."""
 _DRIVING_ACTIONS = {
     full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
 }
@@ -38,8 +40,8 @@ class WheelOwner:
 
     @property
     def name(self) -> str:
-        """Name of the task or the actions that drive the robot now; empty if none does."""
-        if _is_running(self._task):
+        """Name of the task or the actions that may drive the robot now; empty if none may."""
+        if _may_drive(self._task):
             return f"task {self._task.robot_task_id}"
         return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
 
@@ -49,7 +51,7 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         before, self._task = self._task, report
         same_task = before.robot_task_id == report.robot_task_id
-        if _is_running(report) and not (_is_running(before) and same_task):
+        if _may_drive(report) and not (_may_drive(before) and same_task):
             self._on_start()
 
     def _reported(self, reports: Feedbacks) -> None:
@@ -71,5 +73,7 @@ class WheelOwner:
             self._actions.clear()
 
 
-def _is_running(task: TaskProc) -> bool:
-    return task.state in _RUNNING
+def _may_drive(task: TaskProc) -> bool:
+    """Return True if a task drives, or may drive on without an order; a paused one may not."""
+    paused = task.state == task_pb2.kPaused and task.action.state not in _HELD
+    return is_running(task) and not paused

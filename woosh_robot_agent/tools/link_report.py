@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 
 from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.tools.options import link_arguments
 
 
 @dataclass(frozen=True)
@@ -36,5 +38,12 @@ def link_report(chassis: ChassisClient) -> LinkReport:
         return LinkReport(True, f"connected since {since}", ping + counts)
     state = "connection lost" if stats.connects else "not connected"
     reason = f": {chassis.last_error}" if chassis.last_error else ""
-    remedy = f"run `doctor --ip {chassis.config.ip}` to find the cause"
+    remedy = f"run `doctor {link_arguments(chassis.config)}` to find the cause"
     return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)
+
+
+def system_text(error: OSError) -> str:
+    """Return the operating system's text for an error, without what asyncio adds."""
+    if error.errno and error.errno > 0:  # negative: a host name that cannot be resolved
+        return os.strerror(error.errno)
+    return error.strerror or str(error) or type(error).__name__

@@ -1,17 +1,25 @@
-"""Command-line options that several of the programs have."""
+"""Command-line options that several of the programs have, and hints that repeat them."""
 
 from __future__ import annotations
 
 import argparse
 import ipaddress
+import re
 import sys
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
 
 _LOCALHOST = "127.0.0.1"
+
+
+class Address(NamedTuple):
+    """Value of `--ip`: an address or host name, and the port if there is one in it, or else 0."""
+
+    ip: str
+    port: int = 0
 
 
 def add_link_options(
@@ -28,7 +36,7 @@ def add_link_options(
         ip_required: `--ip` must be given.
         again: This is a subparser of a parser that has the options too. They may come before or
             after the command, so the subparser has no defaults and no help for them.
-        several: `--ip` can be repeated, and its value is a list.
+        several: `--ip` can be repeated, and its value is a list of `Address`.
     """
     default = LinkConfig()
 
@@ -38,12 +46,19 @@ def add_link_options(
         parser.add_argument(name, **keywords)
 
     repeated = {"action": "append"} if several else {}
-    add("--ip", required=ip_required, help="address or host name of the robot", **repeated)
+    add(
+        "--ip",
+        type=_address,
+        metavar="HOST[:PORT]",
+        required=ip_required,
+        help="address or host name of the robot, with its port if that is not the default",
+        **repeated,
+    )
     add(
         "--port",
         type=int,
         default=default.port,
-        help="port of the robot (default: "
+        help="port of the robot if --ip has none (default: "
         + ", ".join(f"{port} for {name}" for name, port in DEFAULT_PORTS.items())
         + ")",
     )
@@ -73,10 +88,20 @@ def add_link_options(
     )
 
 
-def link_config(parser: argparse.ArgumentParser, options: argparse.Namespace) -> LinkConfig:
-    """Return the configuration of the link; an invalid option ends the program."""
+def link_config(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, address: Address | None = None
+) -> LinkConfig:
+    """Return the configuration of the link; an invalid option ends the program.
+
+    Args:
+        parser: The parser of the options.
+        options: The options.
+        address: Address of the robot; by default the only one in the options.
+    """
     names = {field.name for field in fields(LinkConfig)}
     given = {name: value for name, value in vars(options).items() if name in names}
+    ip, port = options.ip if address is None else address
+    given |= {"ip": ip, "port": port or options.port}
     timeouts = dict.fromkeys(
         ("connect_timeout", "handshake_timeout", "request_timeout"), options.timeout
     )
@@ -84,6 +109,32 @@ def link_config(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
         return LinkConfig(**given, **timeouts)
     except ValueError as error:
         parser.error(str(error))
+
+
+def link_arguments(config: LinkConfig) -> str:
+    """Return the options with which another tool reaches the same robot, for a hint."""
+    host = f"[{config.ip}]:{config.port}" if ":" in config.ip else f"{config.ip}:{config.port}"
+    arguments = f"--ip {host if config.port else config.ip}"
+    for name in ("transport", "encoding", "robot_id"):
+        value = getattr(config, name)
+        if value != getattr(LinkConfig, name):
+            arguments += f" --{name.replace('_', '-')} {value}"
+    return arguments
+
+
+def _address(text: str) -> Address:
+    """Parse `HOST`, `HOST:PORT`, an IPv6 address or `[IPV6]:PORT`."""
+    match = re.fullmatch(r"(\[.*\]|[^:]*):([0-9]{1,5})", text)
+    host, port = (match[1], int(match[2])) if match else (text, 0)
+    try:
+        if match and port == 0:
+            raise ValueError("no port of a robot")
+        config = LinkConfig(ip=re.sub(r"^\[(.*:.*)\]$", r"\1", host), port=port)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"must be HOST or HOST:PORT, with a port within 1 to 65535: {text!r}"
+        ) from None
+    return Address(config.ip, config.port)
 
 
 def host_and_port(text: str) -> tuple[str, int]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 # Import nothing slow here: until `program` runs, Ctrl-C ends the program with a traceback.
 import importlib
+import sys
+
+from woosh_robot_agent.library_versions import import_problem
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -25,6 +28,11 @@ def program(module: str) -> Callable[..., int]:
             status: int = importlib.import_module(module).main(arguments)
         except KeyboardInterrupt:
             return INTERRUPTED
+        except ImportError as error:
+            if not (problem := import_problem(error)):
+                raise
+            print(f"error: {problem}", file=sys.stderr)
+            return 1
         return status
 
     return main

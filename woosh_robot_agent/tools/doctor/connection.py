@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import os
 import socket
 from typing import NamedTuple
 
@@ -13,6 +12,7 @@ from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.link.transport.base import Transport, TransportClosedError
 from woosh_robot_agent.link.transport.opening import open_transport
 from woosh_robot_agent.tools.doctor.result import CheckFailedError
+from woosh_robot_agent.tools.link_report import system_text
 
 
 class Address(NamedTuple):
@@ -77,7 +77,7 @@ async def _try_port(config: LinkConfig, address: Address) -> str | None:
             config.connect_timeout, asyncio.open_connection(*address)
         )
     except ConnectionError as error:  # sent by the other end, which is therefore reachable
-        return _system_text(error)
+        return system_text(error)
     except TimeoutError:
         raise CheckFailedError(
             f"{address.ip} did not answer within {config.connect_timeout:g} s",
@@ -87,7 +87,7 @@ async def _try_port(config: LinkConfig, address: Address) -> str | None:
     except OSError as error:
         has_no_route = error.errno in (errno.ENETUNREACH, errno.EADDRNOTAVAIL)
         raise CheckFailedError(
-            f"{address.ip} cannot be reached: {_system_text(error)}",
+            f"{address.ip} cannot be reached: {system_text(error)}",
             "connect this computer to the robot's network, with an address in the same subnet"
             if has_no_route
             else "check that the robot is switched on and in this network, and that --ip is right",
@@ -125,11 +125,6 @@ async def open_link(config: LinkConfig) -> Transport:
         ) from None
     except OSError as error:
         raise CheckFailedError(
-            f"the connection was lost: {_system_text(error)}",
+            f"the connection was lost: {system_text(error)}",
             "try again; if it happens repeatedly, the network or the robot's program is unstable",
         ) from None
-
-
-def _system_text(error: OSError) -> str:
-    """Return the operating system's text for an error, without what asyncio adds."""
-    return os.strerror(error.errno) if error.errno else str(error) or type(error).__name__

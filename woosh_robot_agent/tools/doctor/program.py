@@ -8,6 +8,7 @@ import json
 from collections.abc import Sequence
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.log_once import printable
 from woosh_robot_agent.robot_clock import TOLERANCE
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.doctor.examination import CHECKS, NOT_REACHED, examine
@@ -56,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = asyncio.run(_examine(config, options.max_skew, quiet=options.json))
     failed = any(result.status is Status.FAIL for result in results)
     if options.json:
-        print(json.dumps(_as_json(config, results, failed), indent=2, ensure_ascii=False))
+        print(json.dumps(_as_json(config, results, failed), indent=2))
     return int(failed)
 
 
@@ -76,9 +77,9 @@ async def _examine(config: LinkConfig, max_skew: float, *, quiet: bool) -> list[
 
 
 def _line(result: Result) -> str:
-    line = f"{result.status.value:<5} {result.check:<{_NAME_WIDTH}}  {result.text}"
+    line = f"{result.status.value:<5} {result.check:<{_NAME_WIDTH}}  {printable(result.text)}"
     if result.remedy:
-        line += f"\n{'':<5} {'':<{_NAME_WIDTH}}  -> {result.remedy}"
+        line += f"\n{'':<5} {'':<{_NAME_WIDTH}}  -> {printable(result.remedy)}"
     return line
 
 

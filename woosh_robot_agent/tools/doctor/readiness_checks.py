@@ -11,15 +11,15 @@ from woosh_robot_agent.readiness import (
     MAINTENANCE,
     MANUAL,
     NO_CONTROL_MODE,
-    NO_MAP,
     NO_WORK_MODE,
     NOT_INITIALISED,
     SCHEDULE,
     Objection,
-    has_map,
+    accepts_task,
     is_located,
-    is_taskable,
     objections,
+    pose_doubt,
+    rejections,
 )
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.doctor.result import Result, Status
@@ -62,8 +62,9 @@ def check_localisation(info: RobotInfo) -> Result:
     if info.state == robot.kMapping:
         return Result(Status.SKIPPED, "not checked while the robot is building a map")
     result = _check(is_located(info), LOST, "the robot knows its position")
-    if result.status is Status.OK and has_map(info) is False:
-        return Result(Status.WARN, NO_MAP.reason, NO_MAP.remedy)
+    doubt = pose_doubt(info)
+    if result.status is Status.OK and doubt is not None:
+        return Result(Status.WARN, doubt.reason, doubt.remedy)
     return result
 
 
@@ -75,20 +76,20 @@ def check_emergency_stop(info: RobotInfo) -> Result:
 
 
 def check_taskable(info: RobotInfo) -> Result:
-    """Check whether the robot reports that it accepts tasks."""
-    taskable = is_taskable(info)
-    if taskable is None:
-        return _NOT_REPORTED
-    if taskable:
-        return Result(Status.OK, "the robot reports that it accepts tasks")
+    """Check whether the robot would accept a new task."""
     reported = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
-    if others := [objection for objection in objections(info) if objection not in reported]:
+    found = rejections(info)
+    if others := [objection for objection in found if objection not in reported]:
         return _failed(others)
-    return Result(
-        Status.FAIL,
-        "the robot rejects tasks, for the reasons above",
-        "resolve the failed checks above",
-    )
+    if found:
+        return Result(
+            Status.FAIL,
+            "the robot rejects tasks, for the reasons above",
+            "resolve the failed checks above",
+        )
+    if accepts_task(info) is None:
+        return _NOT_REPORTED
+    return Result(Status.OK, "the robot accepts a new task")
 
 
 def check_codes(info: RobotInfo) -> Result:

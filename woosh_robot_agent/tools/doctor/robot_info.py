@@ -13,6 +13,7 @@ from woosh_robot_agent.link.transport.base import Transport, TransportClosedErro
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.tools.doctor.result import CheckFailedError, Result, Status
+from woosh_robot_agent.tools.options import link_arguments
 
 _SN = 1
 """Serial number of the request."""
@@ -70,7 +71,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
             "program hangs: switch the robot off and on",
         ) from None
     received_at = time.time()
-    info = _body(codec, answer)
+    info = _body(codec, answer, config)
     half_way = (sent_at + received_at) / 2
     skew = answer.timestamp / 1000 - half_way if answer.timestamp else None
     return RobotInfoAnswer(info, skew, received_at - sent_at)
@@ -89,7 +90,7 @@ async def _receive_answer(
                 return envelope
 
 
-def _body(codec: Codec, answer: Envelope) -> RobotInfo:
+def _body(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotInfo:
     if not answer.ok:
         raise CheckFailedError(
             f"the robot refused the request: {answer.msg or 'no reason given'}",
@@ -105,8 +106,8 @@ def _body(codec: Codec, answer: Envelope) -> RobotInfo:
     except FrameError as error:
         raise CheckFailedError(
             f"the answer cannot be read: {error}",
-            "the firmware may be newer than this package: make a recording with `record` and "
-            "report the problem",
+            "the firmware may be newer than this package: make a recording with "
+            f"`record {link_arguments(config)}` and report the problem",
         ) from None
 
 

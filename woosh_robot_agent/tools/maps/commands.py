@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from woosh_robot_agent.link.log_once import printable
 from woosh_robot_agent.pb.map.map_pack_pb2 import Rename
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storages
 from woosh_robot_agent.tools.maps.errors import MapsError
@@ -44,9 +45,12 @@ async def list_maps(robot: Robot, *, as_json: bool) -> None:
                 }
             )
     if as_json:
-        print(json.dumps(rows, indent=2, ensure_ascii=False))
+        print(json.dumps(rows, indent=2))
         return
-    table = [_HEADINGS, *(tuple(map(str, list(row.values())[:-1])) for row in rows)]
+    table = [
+        _HEADINGS,
+        *(tuple(printable(str(value)) for value in list(row.values())[:-1]) for row in rows),
+    ]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for index, cells in enumerate(table):
         line = "  ".join(f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True))
@@ -71,19 +75,16 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
     for target in targets.values():
         check_writable(target, force=force)
     for scene, target in targets.items():
-        async with receiving(robot.chassis, f"downloading {scene}"):
+        async with receiving(robot.chassis, f"downloading {printable(scene)}"):
             data = await robot.scene_data(scene)
             files = await robot.download(scene)
         data.name = scene
         unusable = write_scene(target, data, files, force=force)
         marks = sum(len(area.mark_info.storages) for area in data.maps)
-        print(
-            f"downloaded scene {scene} to {target}: maps {len(data.maps)}, marks {marks}, "
-            f"files {len(files)}",
-            flush=True,
-        )
+        counts = f"maps {len(data.maps)}, marks {marks}, files {len(files)}"
+        print(printable(f"downloaded scene {scene} to {target}: {counts}"), flush=True)
         for text in unusable:
-            print(f"warning: {text}", file=sys.stderr)
+            print(f"warning: {printable(text)}", file=sys.stderr)
 
 
 async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force: bool) -> None:
@@ -120,7 +121,7 @@ async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
     if area:
         request.old_map_name, request.new_map_name = area, new_name
     await robot.rename(request)
-    print(f"renamed {what} to {new_name}")
+    print(printable(f"renamed {what} to {new_name}"))
 
 
 async def delete(robot: Robot, scene: str, area: str) -> None:
@@ -132,18 +133,19 @@ async def delete(robot: Robot, scene: str, area: str) -> None:
             f"{what} cannot be deleted: the robot is using it; switch to another one first"
         )
     await robot.delete(scene, area)
-    print(f"deleted {what}")
+    print(printable(f"deleted {what}"))
 
 
 async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
     size = sum(map(len, scene.files.values()))
-    async with sending(robot.chassis, f"uploading {name}", size):
+    async with sending(robot.chassis, f"uploading {printable(name)}", size):
         await robot.upload(name, scene.files)
     if name not in await robot.scenes():
         raise MapsError(f"the robot accepted scene {name} but does not list it")
     for area in scene.loose_marks:
         await _bring_marks(robot, name, area, scene)
-    print(f"uploaded scene {name}: maps {len(scene.maps)}, files {len(scene.files)}", flush=True)
+    text = f"uploaded scene {name}: maps {len(scene.maps)}, files {len(scene.files)}"
+    print(printable(text), flush=True)
 
 
 async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:

@@ -13,11 +13,12 @@ from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.link.log_once import printable
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.maps import commands
 from woosh_robot_agent.tools.maps.errors import MapsError
 from woosh_robot_agent.tools.maps.robot import SLOW_ANSWERS, Robot
-from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
 from woosh_robot_agent.tools.start import INTERRUPTED
 
 _MAX_FRAME = 256 * MIB
@@ -55,8 +56,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except (MapsError, LinkError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except MapsError as error:
+        print(printable(f"error: {error}"), file=sys.stderr)
+        return 1
+    except LinkError as error:  # while connecting
+        hint = f"`doctor {link_arguments(config)}` finds the cause"
+        print(printable(f"error: {error}; {hint}"), file=sys.stderr)
         return 1
     return 0
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.live import Live
 
 from woosh_robot_agent.endpoints import NAMESPACE
+from woosh_robot_agent.library_versions import import_problem
 from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.monitor.keyboard import key_presses
@@ -90,10 +91,9 @@ def _make_source(
     try:
         from woosh_robot_agent.tools.monitor.ros_source import RosSource
     except ImportError as error:
-        parser.error(
-            f"ROS is not available ({error}): source the setup files of ROS and of the workspace, "
-            "or use --ip"
-        )
+        if not (problem := import_problem(error)):
+            raise
+        parser.error(f"{problem}, or use --ip")
     try:
         return RosSource(options.namespace, ros_args)
     except Exception as error:  # rclpy raises a different type for each kind of invalid argument

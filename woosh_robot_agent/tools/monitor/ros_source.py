@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import threading
 import time
@@ -19,12 +20,15 @@ from std_msgs.msg import Bool
 from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.last_known import parts_of
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.logs import with_possible_log_files
 from woosh_robot_agent.participants import UNKNOWN_NODE
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_type
 from woosh_robot_agent.qos import latched
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.link_report import LinkReport
+from woosh_robot_agent.tools.options import link_arguments
 from woosh_robot_agent.tools.robot_view import RobotView
 from woosh_robot_agent.tools.spinning import spin_until
 
@@ -48,7 +52,7 @@ _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(Robo
 _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
 """Topic whose publisher is taken for the agent."""
-_PARAMETERS = ("transport", "ip", "port", "enable_connected")
+_PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id", "enable_connected")
 """Parameters requested from the agent, to show the address and to see that it is alive."""
 
 
@@ -119,7 +123,7 @@ class RosSource:
     ) -> None:
         self.view = RobotView()
         self._context = Context()
-        rclpy.init(args=list(ros_args), context=self._context, domain_id=domain)
+        rclpy.init(args=with_possible_log_files(ros_args), context=self._context, domain_id=domain)
         try:
             self._node = Node(f"monitor_{os.getpid()}", namespace=namespace, context=self._context)
         except BaseException:
@@ -132,6 +136,8 @@ class RosSource:
         self._agent_answered_at = 0.0
         """Time of the agent's last answer; 0 before the first one."""
         self._address = ""
+        self._doctor = "doctor"
+        """Command that examines the agent's robot."""
         self._connected: bool | None = None
         """Last value of the topic `connected`; None before the first one."""
         self._received: set[str] = set()
@@ -199,7 +205,7 @@ class RosSource:
             return LinkReport(
                 False,
                 f"the agent is not connected to {address}",
-                "see its log, or run `doctor` to find the cause",
+                f"see its log, or run `{self._doctor}` to find the cause",
             )
         if self._connected:
             return LinkReport(True, f"the agent is connected to {address}", self._problems())
@@ -324,9 +330,18 @@ class RosSource:
         self._expected.clear()
 
     def _on_parameters(self, response: Any) -> None:
-        transport, ip, port, enable_connected = response.values
+        transport, ip, port, encoding, robot_id, enable_connected = response.values
         self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
         self._address += f" over {transport.string_value}"
+        config: dict[str, Any] = {
+            "ip": ip.string_value,
+            "port": port.integer_value,
+            "transport": transport.string_value,
+            "encoding": encoding.string_value,
+            "robot_id": robot_id.integer_value,
+        }
+        with contextlib.suppress(ValueError):  # the agent has no such parameter, or refuses it
+            self._doctor = f"doctor {link_arguments(LinkConfig(**config))}"
         if enable_connected.bool_value:
             self._expected.add(_CONNECTED)
         self._agent_answered_at = time.monotonic()

@@ -10,13 +10,14 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from woosh_robot_agent.link.log_once import printable
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import NO_MAP, has_map, is_taskable, objections
+from woosh_robot_agent.readiness import accepts_task, pose_doubt, rejections
 from woosh_robot_agent.status_codes import explained
 from woosh_robot_agent.tools.enum_names import enum_name
 from woosh_robot_agent.tools.link_report import LinkReport
@@ -48,7 +49,7 @@ def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> Render
         for title, content in _robot(view.info):
             rows.add_row(title, content)
         for action_name in sorted(view.actions):
-            rows.add_row(_printable(action_name), _action(view, action_name))
+            rows.add_row(printable(action_name), _action(view, action_name))
         rows.add_row("problems", _problems(view.info))
         rows.add_row("codes", _codes(view))
     style = "" if link.good else _FAINT
@@ -65,14 +66,9 @@ def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> Render
     )
 
 
-def _printable(text: str) -> str:
-    """Replace characters of a robot's text that could control the terminal."""
-    return "".join(char if char.isprintable() else "�" for char in text)
-
-
 def _link(link: LinkReport) -> Text:
-    text = Text(_printable(link.text), _GOOD if link.good else _BAD)
-    return text.append(f"  {_printable(link.detail)}" if link.detail else "", "not bold default")
+    text = Text(printable(link.text), _GOOD if link.good else _BAD)
+    return text.append(f"  {printable(link.detail)}" if link.detail else "", "not bold default")
 
 
 def _robot(info: RobotInfo) -> list[tuple[str, Text]]:
@@ -98,7 +94,7 @@ def _name(info: RobotInfo) -> Text:
         f"scene {info.scene.scene_name}" if info.scene.scene_name else "",
         f"map {info.scene.map_name}" if info.scene.map_name else "",
     ]
-    text = "  ".join(_printable(part) for part in parts if part)
+    text = "  ".join(printable(part) for part in parts if part)
     return Text(text) if text else _UNKNOWN
 
 
@@ -112,16 +108,14 @@ def _mode(info: RobotInfo) -> Text:
 
 
 def _taskable(info: RobotInfo) -> Text:
-    found = objections(info)
+    found = rejections(info)
     if found:
         text = Text("would be rejected", _BAD)
         for objection in found:
-            text.append(f"\n- {_printable(objection.reason)}", _BAD)
-            text.append(f": {_printable(objection.remedy)}", "not bold default")
+            text.append(f"\n- {printable(objection.reason)}", _BAD)
+            text.append(f": {printable(objection.remedy)}", "not bold default")
         return text
-    if is_taskable(info) is None:
-        return _UNKNOWN
-    return Text("would be accepted", _GOOD)
+    return Text("would be accepted", _GOOD) if accepts_task(info) else _UNKNOWN
 
 
 def _pose(info: RobotInfo) -> Text:
@@ -132,7 +126,8 @@ def _pose(info: RobotInfo) -> Text:
     text = Text(
         f"x {pose.x:.3f} m   y {pose.y:.3f} m   theta {pose.theta:.3f} rad ({degrees:.1f}°)"
     )
-    return text if has_map(info) else text.append(f"\n{NO_MAP.reason}", _WARNING)
+    doubt = pose_doubt(info)
+    return text if doubt is None else text.append(f"\n{printable(doubt.reason)}", _WARNING)
 
 
 def _speed(info: RobotInfo) -> Text:
@@ -160,14 +155,14 @@ def _task(info: RobotInfo) -> Text:
     parts = [
         str(proc.robot_task_id),
         enum_name(task.Type, proc.type),
-        f"to {_printable(proc.dest)}" if proc.dest else "",
+        f"to {printable(proc.dest)}" if proc.dest else "",
     ]
     text = Text(" ".join(part for part in parts if part) + "   ")
     style = (
         _BAD if proc.state == task.kFailed else _GOOD if proc.state == task.kCompleted else "bold"
     )
     text.append(enum_name(task.State, proc.state), style)
-    return text.append(f"   {_printable(proc.msg)}" if proc.msg else "")
+    return text.append(f"   {printable(proc.msg)}" if proc.msg else "")
 
 
 def _task_action(info: RobotInfo) -> Text:
@@ -183,8 +178,8 @@ def _action(view: RobotView, name: str) -> Text:
     feedback = view.actions[name]
     text = Text(enum_name(ActionState, feedback.state))
     if feedback.code:
-        return text.append(f"   {_printable(explained(feedback.code, feedback.msg))}")
-    return text.append(f"   {_printable(feedback.msg)}" if feedback.msg else "")
+        return text.append(f"   {printable(explained(feedback.code, feedback.msg))}")
+    return text.append(f"   {printable(feedback.msg)}" if feedback.msg else "")
 
 
 def _problems(info: RobotInfo) -> Text:
@@ -192,7 +187,7 @@ def _problems(info: RobotInfo) -> Text:
     if not info.HasField("abnormal_codes"):
         return _UNKNOWN
     lines = [
-        Text(_printable(explained(code.code, code.msg)), _LEVEL_STYLES.get(code.level, ""))
+        Text(printable(explained(code.code, code.msg)), _LEVEL_STYLES.get(code.level, ""))
         for code in info.abnormal_codes.scs
     ]
     return Text("\n").join(lines) if lines else Text("none", _FAINT)
@@ -204,7 +199,7 @@ def _codes(view: RobotView) -> Text:
         when = time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000))
         level = enum_name(StatusCode.Level, code.level)
         text.append(
-            f"{when}  {level:<6}  {_printable(explained(code.code, code.msg))}\n",
+            f"{when}  {level:<6}  {printable(explained(code.code, code.msg))}\n",
             _LEVEL_STYLES.get(code.level, ""),
         )
     text.rstrip()

@@ -15,12 +15,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from woosh_robot_agent.endpoints import NAMESPACE
+from woosh_robot_agent.library_versions import import_problem
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.link.log_once import log_to_stderr, printable
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import (
     add_link_options,
     host_and_port,
+    link_arguments,
     link_config,
     warn_if_not_local,
 )
@@ -64,12 +67,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = link_config(parser, options)
     for name in ("max_size", "split_size", "duration", "split_duration"):
         _check_limit(parser, options, name)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    log_to_stderr(logging.INFO, "%(message)s")
     try:
         require_libraries()
         return asyncio.run(_run(config, options))
     except (OSError, RecordingError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(printable(f"error: {error}"), file=sys.stderr)
         return 1
 
 
@@ -209,7 +212,9 @@ def _start_ros(
     try:
         from woosh_robot_agent.tools.record.ros_recorder import RosRecorder
     except ImportError as error:
-        raise RecordingError(f"--ros needs ROS, which is not sourced: {error}") from None
+        if not (problem := import_problem(error)):
+            raise
+        raise RecordingError(f"--ros: {problem}") from None
     output = options.output
     path = output.with_name(f"{output.stem}_ros{output.suffix}")
     try:
@@ -224,22 +229,29 @@ def _report_frames(
     writer: RecordingWriter, config: LinkConfig, options: argparse.Namespace
 ) -> bool:
     """Print the result of a recording; return True if something is missing."""
-    print(
-        f"recorded {writer.frames} frames of {writer.connections} connections to "
-        f"{_names(writer.paths)}"
-    )
+    if writer.frames:
+        print(
+            f"recorded {writer.frames} frames of {writer.connections} connections to "
+            f"{_names(writer.paths)}"
+        )
     if writer.lost:
         print(f"error: frames that passed but are not recorded: {writer.lost}", file=sys.stderr)
-    elif not writer.frames:
-        if options.listen and not writer.connections:
-            reason = "no client connected to the address of --listen"
+    elif options.listen and not (writer.connections or writer.refusal):
+        print(
+            "error: nothing was recorded: no client connected to the address of --listen",
+            file=sys.stderr,
+        )
+    elif not writer.answered:
+        if writer.connections:
+            problem = "the connection was accepted, but no frame came; check --port and --transport"
         else:
-            reason = (
-                f"check that the robot is on and reachable at {config.address} (--ip, --port, "
-                "--transport)"
-            )
-        print(f"error: no frame was recorded: {reason}", file=sys.stderr)
-    return writer.failed or bool(writer.lost) or not writer.frames
+            problem = f"{writer.refusal}; check that it is switched on and in this network"
+        hint = f"run `doctor {link_arguments(config)}` to find the cause"
+        print(
+            printable(f"error: no robot answered at {config.address}: {problem}, or {hint}"),
+            file=sys.stderr,
+        )
+    return writer.failed or bool(writer.lost) or not writer.answered
 
 
 def _report_ros(recorder: RosRecorder, namespace: str) -> bool:
@@ -271,7 +283,12 @@ def _print_instructions(config: LinkConfig, host: str, port: int, path: Path) ->
     print(
         f"recording {config.address} to {path}; connect the agent to {host}:{port}, e.g. with\n"
         f"  ros2 run woosh_robot_agent agent --ros-args -r __ns:=/woosh_robot "
-        f"-p ip:={host} -p port:={port} -p transport:={config.transport}",
+        f"-p ip:={host} -p port:={port} -p transport:={config.transport}"
+        + "".join(
+            f" -p {name}:={getattr(config, name)}"
+            for name in ("encoding", "robot_id")
+            if getattr(config, name) != getattr(LinkConfig, name)
+        ),
         flush=True,
     )
 

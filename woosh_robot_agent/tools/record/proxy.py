@@ -12,6 +12,7 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.server.listener import Listener
 from woosh_robot_agent.link.timeouts import cancel_and_wait, run_with_timeout
+from woosh_robot_agent.tools.link_report import system_text
 from woosh_robot_agent.tools.record.frame_parsers import (
     DelimitedParser,
     FrameParser,
@@ -135,7 +136,9 @@ class RecordingProxy:
             opening = asyncio.open_connection(config.ip, config.effective_port)
             chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
-            reason = error.strerror or str(error) or type(error).__name__
+            reason = system_text(error)
+            if isinstance(error, TimeoutError) and not error.errno:
+                reason = f"no answer within {config.connect_timeout:g} s"
             self._recorder.event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
             return

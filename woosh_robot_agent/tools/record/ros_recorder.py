@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.logs import with_possible_log_files
 from woosh_robot_agent.ros_release import SubscriptionEventCallbacks, WithMessageInfo, type_hash
 from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, definition
@@ -63,7 +64,7 @@ class RosRecorder:
     ) -> None:
         self.lost: Counter[str] = Counter()
         self._context = Context()
-        rclpy.init(args=[], context=self._context)
+        rclpy.init(args=with_possible_log_files([]), context=self._context)
         try:
             self._node = Node(f"record_{os.getpid()}", namespace=namespace, context=self._context)
             self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, ROS_PROFILE)

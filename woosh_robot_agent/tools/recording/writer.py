@@ -66,7 +66,9 @@ class RecordingWriter:
         on_early_end: Called once with the reason if the recording ends before `close`.
 
     Attributes:
-        connections: Number of connections seen.
+        connections: Number of connections between a client and the chassis.
+        answered: True once the chassis has sent a frame.
+        refusal: Why the chassis could not be reached the last time; empty if it always could.
 
     Raises:
         OSError: The file cannot be created.
@@ -76,6 +78,8 @@ class RecordingWriter:
         self, path: Path, address: str, limits: Limits, on_early_end: Callable[[str], None]
     ) -> None:
         self.connections = 0
+        self.answered = False
+        self.refusal = ""
         self._seen = 0
         """Number of frames passed to `frame`."""
         self._log = LogOnce(_LOG)
@@ -138,6 +142,7 @@ class RecordingWriter:
             received: Time at which it passed, by `now`; None if it has just passed.
         """
         self._seen += 1
+        self.answered |= sender == "chassis"
         if not self._files.is_open:
             return
         frame: str | bytes | None = data
@@ -159,7 +164,9 @@ class RecordingWriter:
 
     def event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
         """Write an event that has just happened."""
-        self.connections = max(self.connections, connection)
+        self.connections += kind == "open"
+        if kind == "refused":
+            self.refusal = text
         message = EventMessage(connection=connection, kind=kind, by=by, text=text)
         self._files.add(EVENTS, self.now(), message.SerializeToString())
 

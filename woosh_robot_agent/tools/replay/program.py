@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from woosh_robot_agent.link.config import DEFAULT_PORTS
+from woosh_robot_agent.link.log_once import log_to_stderr, printable
 from woosh_robot_agent.stdout_errors import exit_on_stdout_error
 from woosh_robot_agent.tools.options import warn_if_not_local
 from woosh_robot_agent.tools.recording.errors import RecordingError
@@ -78,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for port in (options.port, options.tcp_port):
         if not 0 <= port < 2**16:
             parser.error(f"port must be in 0..65535: {port}")
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    log_to_stderr(logging.INFO, "%(message)s")
     # The library logs each interrupted handshake; a recorded loss causes some of them.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
@@ -89,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         playback = prepare(recording)
         _print_summary(options.file[0], playback, recording)
     except (OSError, RecordingError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(printable(f"error: {error}"), file=sys.stderr)
         return 1
     try:
         asyncio.run(_run(playback, options))
@@ -109,7 +110,8 @@ def _print_summary(path: Path, playback: Playback, recording: Recording) -> None
         f"{len(playback.answers.types)} types of requests"
     )
     if recording.damage:
-        print(f"warning: the end of the recording is missing: {recording.damage}", file=sys.stderr)
+        text = f"warning: the end of the recording is missing: {recording.damage}"
+        print(printable(text), file=sys.stderr)
     if recording.missing_parts:
         numbers = ", ".join(map(str, recording.missing_parts))
         print(
