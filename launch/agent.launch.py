@@ -2,9 +2,9 @@
 
     ros2 launch woosh_robot_agent agent.launch.py ip:=172.20.8.74
 
-Arguments: ip and port of the chassis, namespace, and params_file (config/agent.yaml lists all
-parameters). Arguments override the file. If the file has a list of robots, as config/robots.yaml
-does, one process serves all of them.
+Arguments: ip and port of the chassis, namespace, frame_prefix, and params_file (config/agent.yaml
+lists all parameters). Arguments override the file. If the file has a list of robots, as
+config/robots.yaml does, one process serves all of them.
 """
 
 from launch import LaunchDescription
@@ -12,7 +12,7 @@ from launch.actions import OpaqueFunction
 
 from woosh_robot_agent import launch_arguments
 
-ARGUMENTS = ("ip", "port", "namespace", "params_file")
+ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "params_file")
 
 
 def generate_launch_description():
@@ -22,4 +22,4 @@ def generate_launch_description():
 
 
 def _agent(context):
-    return [launch_arguments.agent(launch_arguments.given(context, *ARGUMENTS))]
+    return [launch_arguments.agent(launch_arguments.given(context, __file__, *ARGUMENTS))]

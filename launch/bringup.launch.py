@@ -2,10 +2,9 @@
 
     ros2 launch woosh_robot_agent bringup.launch.py ip:=172.20.8.74
 
-Arguments: those of agent.launch.py; frame_prefix, for several robots that share /tf (default: from
-params_file); urdf, your own model. If robot_state_publisher is not installed (apt install
-ros-$ROS_DISTRO-robot-state-publisher), no model is published, and the agent publishes the pose of
-the laser if the robot's firmware reports it.
+Arguments: those of agent.launch.py; urdf, your own model. If robot_state_publisher is not installed
+(apt install ros-$ROS_DISTRO-robot-state-publisher), no model is published, and the agent publishes
+the pose of the laser if the robot's firmware reports it.
 """
 
 import re
@@ -14,7 +13,7 @@ from pathlib import Path
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchDescription
-from launch.actions import OpaqueFunction
+from launch.actions import LogInfo, OpaqueFunction
 from launch_ros.actions import Node
 
 from woosh_robot_agent import launch_arguments
@@ -31,7 +30,7 @@ def generate_launch_description():
 
 
 def _nodes(context):
-    given = launch_arguments.given(context, *ARGUMENTS)
+    given = launch_arguments.given(context, __file__, *ARGUMENTS)
     node = f"/{given['namespace'].strip('/')}/agent".replace("//", "/")
     with_model = _is_installed("robot_state_publisher")
     agent = launch_arguments.agent(
@@ -40,7 +39,8 @@ def _nodes(context):
         publish_laser_tf=not with_model,  # the model contains the pose of the laser
     )
     if not with_model:
-        return [agent]
+        text = "robot_state_publisher is not installed, so the model is not published: "
+        return [agent, LogInfo(msg=text + given["urdf"])]
     model = Node(
         package="robot_state_publisher",
         executable="robot_state_publisher",

@@ -12,7 +12,6 @@ import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
 from woosh_robot_agent import launch_arguments
 
@@ -39,6 +38,7 @@ def generate_launch_description():
 
 
 def _robots(context):
+    file = launch_arguments.given(context, __file__, "robots")["robots"]
     return [
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(
@@ -46,7 +46,7 @@ def _robots(context):
             ),
             launch_arguments=[(key, str(value)) for key, value in arguments.items()],
         )
-        for arguments in fleet(Path(LaunchConfiguration("robots").perform(context)))
+        for arguments in fleet(Path(file))
     ]
 
 

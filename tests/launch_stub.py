@@ -23,12 +23,26 @@ class Part:
             raise AttributeError(name) from None
 
 
+class Context(dict[str, Any]):
+    """A launch context: the launch configurations by name.
+
+    Attributes:
+        argv: launch arguments of the command line, e.g. `port:=5490`.
+        is_shutdown: True once the launch ends.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.argv: list[str] = []
+        self.is_shutdown = False
+
+
 class LaunchConfiguration(Part):
-    def perform(self, context: dict[str, Any]) -> str:
+    def perform(self, context: Context) -> Any:
         return resolve(self, context)
 
 
-def resolve(value: Any, context: dict[str, Any]) -> Any:
+def resolve(value: Any, context: Context) -> Any:
     """Return the value of a substitution; other values are returned as they are."""
     kind = type(value).__name__
     if kind == "LaunchConfiguration":
@@ -42,6 +56,7 @@ _MODULES = {
         "DeclareLaunchArgument",
         "ExecuteProcess",
         "IncludeLaunchDescription",
+        "LogInfo",
         "OpaqueFunction",
     ],
     "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],

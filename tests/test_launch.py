@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import runpy
+import socket
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -54,16 +56,18 @@ class Launch:
         declared: names of the launch arguments that it declares.
         nodes: the nodes that it starts, with resolved parameters.
         included: the launch files that it includes.
+        messages: texts that it logs.
         others: everything else that it starts.
     """
 
-    def __init__(self, name: str, context: dict[str, Any] | None = None, **given: str) -> None:
+    def __init__(self, name: str, context: launch_stub.Context | None = None, **given: str) -> None:
         self.given = given
         self.declared: set[str] = set()
         self.nodes: list[dict[str, Any]] = []
         self.included: list[Launch] = []
+        self.messages: list[str] = []
         self.others: list[Any] = []
-        self.context = {} if context is None else context
+        self.context = launch_stub.Context() if context is None else context
         self.context.update(given)
         with launch_stub.installed():
             path = ROOT / "launch" / f"{name}.launch.py"
@@ -89,6 +93,8 @@ class Launch:
             given = {key: self._resolve(value) for key, value in part.launch_arguments}
             name = path.name.removesuffix(".launch.py")
             self.included.append(Launch(name, self.context, **given))
+        elif kind == "LogInfo":
+            self.messages.append(part.msg)
         elif kind == "Node":
             self.nodes.append(self._node(part))
         else:
@@ -132,6 +138,11 @@ def robot_state_publisher(share: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(packages, "get_package_prefix", lambda _name: "/opt/ros/jazzy")
 
 
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
 def params_file(folder: Path, **values: Any) -> str:
     """Write a parameter file that holds for any node; return its path."""
     path = folder / "mine.yaml"
@@ -156,17 +167,33 @@ class TestLaunch:
     @pytest.mark.parametrize("name", ["agent", "bringup"])
     def test_launch_arguments_override_the_parameter_file(self, name: str, tmp_path: Path):
         file = params_file(tmp_path, ip="172.20.8.74", port=5999)
-        (node,) = Launch(name, params_file=file, ip="172.20.8.75", port="0").nodes
+        (node,) = Launch(
+            name, params_file=file, ip="172.20.8.75", port="0", frame_prefix="r1/"
+        ).nodes
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
+        assert values["frame_prefix"] == "r1/"
 
     @pytest.mark.parametrize("name", ["agent", "bringup"])
     def test_a_port_that_is_no_number_is_refused(self, name: str):
-        with pytest.raises(ValueError, match="port must be a whole number, not '548O'"):
+        with pytest.raises(
+            ValueError, match="port must be a whole number from 0 to 65535, not '548O'"
+        ):
             Launch(name, port="548O")
 
+    @pytest.mark.parametrize("name", ["agent", "bringup", "sim"])
+    def test_a_parameter_file_that_does_not_exist_is_refused(self, name: str):
+        """`ros2 launch` would start the agent without it, with the default address."""
+        with pytest.raises(ValueError, match=r"params_file is not a file: nowhere\.yaml"):
+            Launch(name, params_file="nowhere.yaml", **({"port": "0"} if name == "sim" else {}))
+
     def test_bringup_works_without_robot_state_publisher(self):
-        (node,) = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/").nodes
+        launch = Launch("bringup", ip="172.20.8.74", frame_prefix="r1/", urdf="mine.urdf")
+        (node,) = launch.nodes
+        (message,) = launch.messages
+        assert message == (
+            "robot_state_publisher is not installed, so the model is not published: mine.urdf"
+        )
         values = check_agent(node)
         assert values["publish_tf"] is True
         assert values["publish_laser_tf"] is True
@@ -215,14 +242,92 @@ class TestLaunch:
         assert model["values"]["frame_prefix"] == prefix
 
     def test_sim_starts_agent_and_simulator(self):
-        launch = Launch("sim", port="5490", speed="2")
+        port = str(free_port())
+        launch = Launch("sim", port=port, speed="2")
         (simulator,) = launch.others
-        path, *arguments = [launch_stub.resolve(each, launch.context) for each in simulator.cmd]
+        path, *arguments = simulator.cmd
         assert Path(path).name in EXECUTABLES
-        assert arguments == ["--port", "5490", "--tcp-port", "0", "--speed", "2"]
+        assert arguments == (
+            ["--host", "127.0.0.1", "--port", port, "--tcp-port", "0", "--speed", "2"]
+        )
         (bringup,) = launch.included
         values = check_agent(bringup.nodes[0])
-        assert (values["ip"], values["port"]) == ("127.0.0.1", 5490)
+        assert (values["ip"], values["port"]) == ("127.0.0.1", int(port))
+
+    def test_sim_finds_a_free_port(self):
+        """Port 0 means the standard port to the agent, where another chassis may be."""
+        launch = Launch("sim", port="0")
+        (simulator,) = launch.others
+        (bringup,) = launch.included
+        port = check_agent(bringup.nodes[0])["port"]
+        assert port > 0
+        assert simulator.cmd[simulator.cmd.index("--port") + 1] == str(port)
+
+    def test_sim_does_not_start_at_a_port_in_use(self):
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            port = str(taken.getsockname()[1])
+            with pytest.raises(ValueError, match=rf"cannot use port {port}.*in use.*port:="):
+                Launch("sim", port=port)
+
+    @pytest.mark.parametrize("port", ["548O", "65536", "-1", ""])
+    def test_sim_refuses_what_is_no_port(self, port: str):
+        with pytest.raises(ValueError, match=f"from 0 to 65535, not '{port}'"):
+            Launch("sim", port=port)
+
+    def test_the_end_of_the_simulator_ends_sim(self):
+        """The agent would reconnect to whatever listens at the port next."""
+        launch = Launch("sim", port="0")
+        (simulator,) = launch.others
+        ended = SimpleNamespace(returncode=1)
+        # an exception ends the launch, with status 1
+        with pytest.raises(RuntimeError, match="the simulated chassis has ended, with status 1"):
+            simulator.on_exit(ended, launch.context)
+        launch.context.is_shutdown = True
+        assert simulator.on_exit(ended, launch.context) is None
+
+    @pytest.mark.parametrize("as_path", [False, True])
+    @pytest.mark.parametrize(
+        ("name", "argument"),
+        [
+            ("agent", "urdf:=mine.urdf"),
+            ("bringup", "adress:=172.20.8.74"),
+            ("sim", "ip:=172.20.8.74"),
+            ("fleet", "robot:=my_robots.yaml"),
+        ],
+    )
+    def test_unknown_arguments_of_the_command_line_are_refused(
+        self, monkeypatch: pytest.MonkeyPatch, name: str, argument: str, as_path: bool
+    ):
+        """`ros2 launch` ignores them."""
+        file = f"{name}.launch.py"
+        words = [f"launch/{file}"] if as_path else ["woosh_robot_agent", file]
+        monkeypatch.chdir(ROOT)
+        monkeypatch.setattr("sys.argv", ["/opt/ros/jazzy/bin/ros2", "launch", *words, argument])
+        context = launch_stub.Context()
+        context.argv = [argument]
+        unknown = argument.partition(":=")[0]
+        with pytest.raises(ValueError, match=rf"{file} has no argument {unknown}; it has \w+"):
+            Launch(name, context)
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ["mine", "all.launch.py"],
+            ["mine", "sim.launch.py"],
+            ["sim.launch.py"],  # in a folder of the user
+            ["woosh_robot_agent", "sim.launch.py", "--launch-prefix", "gdb"],
+        ],
+    )
+    def test_other_arguments_are_accepted(
+        self, monkeypatch: pytest.MonkeyPatch, words: list[str], tmp_path: Path
+    ):
+        """Launch files that include these have arguments of their own, and `launch` has some."""
+        (tmp_path / "sim.launch.py").touch()
+        monkeypatch.chdir(tmp_path)
+        context = launch_stub.Context()
+        context.argv = ["launch-prefix:=gdb"] if "gdb" in words else ["world:=hall", "port:=0"]
+        monkeypatch.setattr("sys.argv", ["ros2", "launch", *words, *context.argv])
+        assert Launch("sim", context, port="0").others
 
     def test_fleet_starts_all_robots(self):
         agents = [check_agent(each.nodes[0]) for each in Launch("fleet").included]
@@ -256,7 +361,7 @@ class TestLaunch:
     @pytest.mark.parametrize("name", ["fleet", "sim"])
     def test_included_files_get_all_their_arguments(self, name: str):
         """ROS would take a missing argument from another launch file."""
-        for each in Launch(name).included:
+        for each in Launch(name, **({"port": "0"} if name == "sim" else {})).included:
             assert set(each.given) == each.declared
 
     @pytest.mark.parametrize(

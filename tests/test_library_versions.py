@@ -1,6 +1,10 @@
-"""Libraries that are too old are named, with the remedy."""
+"""Libraries that are too old or missing are named, with the remedy."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
 
 import google.protobuf
 import pytest
@@ -23,7 +27,7 @@ def test_the_agent_names_old_libraries_and_ends(
     protobuf: str,
     named: str,
 ) -> None:
-    monkeypatch.setattr(library_versions, "websockets_version", websockets)
+    monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
     assert agent._run([], signals=None) == 2  # type: ignore[arg-type]
     assert capsys.readouterr().err == (
@@ -36,6 +40,66 @@ def test_the_agent_names_old_libraries_and_ends(
 def test_supported_libraries_are_accepted(
     monkeypatch: pytest.MonkeyPatch, websockets: str, protobuf: str
 ) -> None:
-    monkeypatch.setattr(library_versions, "websockets_version", websockets)
+    monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
     assert library_versions.outdated_libraries() == ""
+
+
+def run_without(module: str, program: str, *arguments: str) -> tuple[int, str]:
+    """Run a program where a module cannot be imported; return its exit status and stderr."""
+    code = f"""
+import runpy, sys
+sys.modules[{module!r}] = None
+runpy.run_module("woosh_robot_agent.{program}", run_name="__main__")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+    )
+    assert not done.stdout
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("module", ["rclpy", "rclpy._rclpy_pybind11", "rcl_interfaces"])
+@pytest.mark.parametrize(
+    ("program", "arguments"),
+    [("agent", []), ("tools.monitor", []), ("tools.record", ["--ip", "127.0.0.1", "--ros"])],
+)
+def test_a_program_that_needs_ros_tells_how_to_get_it(
+    module: str, program: str, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rclpy")
+    if program == "tools.record":
+        arguments = [*arguments, "--port", "1", "--output", str(tmp_path / "a.mcap")]
+    status, said = run_without(module, program, *arguments)
+    assert status in (1, 2)
+    assert "ROS is not available" in said
+    assert "source the setup files of ROS and of the workspace" in said
+    assert "Traceback" not in said
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("program", ["agent", "simulator", "tools.doctor", "vda5050"])
+@pytest.mark.parametrize(
+    ("module", "remedy"), [("websockets", "'websockets>=10.4'"), ("google", "'protobuf>=3.21'")]
+)
+def test_a_missing_library_is_named(program: str, module: str, remedy: str) -> None:
+    status, said = run_without(module, program)
+    assert status in (1, 2)
+    assert said.endswith(f"not installed here; run: python3 -m pip install {remedy}\n"), said
+    assert len(said.splitlines()) == 1
+
+
+def test_modules_that_are_not_compiled_are_named() -> None:
+    status, said = run_without("woosh_robot_agent.pb", "simulator")
+    assert (status, said) == (1, f"error: {NOT_COMPILED}\n")
+
+
+NOT_COMPILED = (
+    "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
+)
+
+
+def test_an_error_of_an_import_in_this_package_is_not_hidden() -> None:
+    status, said = run_without("woosh_robot_agent.link", "tools.doctor")
+    assert status == 1
+    assert "Traceback" in said

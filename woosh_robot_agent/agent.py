@@ -5,11 +5,12 @@ from __future__ import annotations
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
 
-from woosh_robot_agent.standard_streams import open_standard_streams
+from woosh_robot_agent.standard_streams import open_standard_streams, too_few_descriptors
 from woosh_robot_agent.stop_signals import StopSignals
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from typing import Any
 
 _SPIN_TIMEOUT = 5.0
@@ -20,6 +21,37 @@ A signal does not interrupt rclpy's wait. The link thread is notified at once, t
 """
 _CLOSE_SPIN_TIMEOUT = 0.05
 """Duration of one executor turn while the agents close, in seconds."""
+_FAILED = 2
+"""Exit status of an agent that could not start."""
+_HELP = """\
+usage: agent [-h] [--version] [--ros-args ...]
+
+Drive a Woosh robot from ROS 2. Parameters are passed as ROS arguments:
+
+  ros2 run woosh_robot_agent agent --ros-args -r __ns:=/woosh_robot -p ip:=172.20.8.74
+
+ROS arguments that most robots need:
+  -r __ns:=/NAME          namespace of the robot
+  -p ip:=ADDRESS          address of the chassis (default: 169.254.128.2, over its own cable)
+  -p port:=PORT           port of the chassis (default: that of the transport)
+  -p publish_tf:=true     publish the transforms of the robot
+  -p frame_prefix:=r1/    prefix of all frames, for several robots that share /tf
+  -p observe_only:=true   never command the robot
+  --params-file FILE      parameter file, for one robot or several
+
+options:
+  -h, --help              print this text
+  --version               print the version
+
+config/agent.yaml lists all parameters; it is installed in the folder that
+"ros2 pkg prefix --share woosh_robot_agent" prints. The documentation is README.md
+and docs/ in the source of the package."""
+_EXAMPLE = ("-p", "ip:=172.20.8.74")
+_ROS_OPTION = (
+    "-[epr]|--(param|remap|params-file|enclave|log-level|log-config-file"
+    "|(en|dis)able-(rosout|stdout|external-lib)-logs)"
+)
+"""Pattern of the options that ROS takes after `--ros-args`."""
 
 
 def make_executor(name: str, context: Any = None) -> Any:
@@ -30,15 +62,19 @@ def make_executor(name: str, context: Any = None) -> Any:
             `single` instead.
         context: rclpy context; by default the global one.
     """
-    if name == "events":
-        from woosh_robot_agent.ros_release import events_executor
+    from rclpy.executors import SingleThreadedExecutor
 
+    from woosh_robot_agent.rclpy_private import take_with_info
+    from woosh_robot_agent.ros_release import WithMessageInfo, drops_message_info, events_executor
+
+    if name == "events":
         if (executor := events_executor(context)) is not None:
             return executor
         _warn_no_events_executor()
-    from rclpy.executors import SingleThreadedExecutor
-
-    return SingleThreadedExecutor(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    if drops_message_info():
+        take_with_info(executor, lambda callback: isinstance(callback, WithMessageInfo))
+    return executor
 
 
 def _warn_no_events_executor() -> None:
@@ -54,17 +90,32 @@ def main(args: list[str] | None = None) -> int:
     """Run the agents until SIGINT or SIGTERM; return the exit status.
 
     Further signals are ignored from then on, because the process is about to end.
+
+    Args:
+        args: arguments of the command line; None for those of this process.
     """
     open_standard_streams()
+    if problem := too_few_descriptors():
+        print("agent:", problem, file=sys.stderr)
+        return _FAILED
     signals = StopSignals()
     try:
-        return _run(args, signals)
+        return _run(sys.argv[1:] if args is None else args, signals)
+    except ImportError as error:
+        from woosh_robot_agent.library_versions import import_problem
+
+        if not (problem := import_problem(error)):
+            raise
+        print("agent:", problem, file=sys.stderr)
+        return _FAILED
     finally:
         signals.ignore()
 
 
-def _run(args: list[str] | None, signals: StopSignals) -> int:
+def _run(args: list[str], signals: StopSignals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
+    if own := _outside_ros_args(args):
+        return _answer(own)
     from woosh_robot_agent.memory import (
         Heap,
         disable_collection,
@@ -72,16 +123,18 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     )
 
     disable_collection()
+    import rclpy
+
     from woosh_robot_agent.library_versions import outdated_libraries
 
     if outdated := outdated_libraries():
         print("agent:", outdated, file=sys.stderr)
-        return 2
-    import rclpy
+        return _FAILED
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.signals import SignalHandlerOptions
 
     from woosh_robot_agent.fleet import Fleet
+    from woosh_robot_agent.logs import with_possible_log_files
     from woosh_robot_agent.process_exit import exit_process
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
     from woosh_robot_agent.ros_release import error_text, exit_withdraws_endpoints
@@ -92,7 +145,9 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     try:
         try:
             # rclpy's handlers would shut the context down before goals and robot have been stopped
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(
+                args=with_possible_log_files(args), signal_handler_options=SignalHandlerOptions.NO
+            )
             fleet = Fleet(lambda: signals.received)
         except (
             ValueError,
@@ -101,10 +156,10 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
             RCLError,
         ) as error:
             print("agent:", *error_text(error).split(), file=sys.stderr)
-            return 2
+            return _FAILED
         except UnknownROSArgsError as error:  # its text is the list of them
             print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)
-            return 2
+            return _FAILED
         executor = make_executor(fleet.executor)
         for agent in fleet.agents:
             executor.add_node(agent.node)
@@ -123,6 +178,73 @@ def _run(args: list[str] | None, signals: StopSignals) -> int:
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _outside_ros_args(args: list[str]) -> list[str]:
+    """Return the arguments that ROS ignores: those outside of `--ros-args ... --`."""
+    outside, in_ros_args = [], False
+    for each in args:
+        if each == "--ros-args":
+            in_ros_args = True
+        elif in_ros_args:
+            in_ros_args = each != "--"
+        else:
+            outside.append(each)
+    return outside
+
+
+def _answer(arguments: list[str]) -> int:
+    """Print the help or the version, or refuse arguments; return the exit status.
+
+    Args:
+        arguments: arguments outside of `--ros-args`; at least one.
+    """
+    if not {"-h", "--help"}.isdisjoint(arguments):
+        print(_HELP)
+        return 0
+    if arguments == ["--version"]:
+        print("agent", _version())
+        return 0
+    import shlex
+
+    right = shlex.join(["agent", "--ros-args", *_as_ros_args(arguments)])
+    print(
+        f"agent: unknown argument: {shlex.quote(arguments[0])}; pass parameters as ROS arguments, "
+        f"e.g. {right}; see agent --help",
+        file=sys.stderr,
+    )
+    return _FAILED
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("woosh_robot_agent")
+    except PackageNotFoundError:
+        return "of unknown version, because the package is not installed"
+
+
+def _as_ros_args(arguments: list[str]) -> Sequence[str]:
+    """Return the ROS arguments that were probably meant, or an example."""
+    import re
+
+    first, *rest = arguments
+    if re.fullmatch(_ROS_OPTION, first):
+        return arguments
+    try:
+        from woosh_robot_agent.parameters import PARAMETERS
+    except ImportError:  # without ROS
+        return _EXAMPLE
+    name, separator, value = first.lstrip("-").replace(":=", "=").partition("=")
+    for each in PARAMETERS:
+        if each.name == name.replace("-", "_"):
+            if not separator and rest and not rest[0].startswith("-"):
+                value = rest[0]
+            elif not separator:
+                value = "true" if isinstance(each.default, bool) else "VALUE"
+            return "-p", f"{each.name}:={value}"
+    return _EXAMPLE
 
 
 def _spin_once(executor: Any, timeout: float) -> None:

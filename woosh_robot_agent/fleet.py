@@ -16,6 +16,7 @@ from woosh_robot_agent.node import Agent, stop_all
 from woosh_robot_agent.parameter_node import ParameterNode
 from woosh_robot_agent.parameters import Settings
 from woosh_robot_agent.ros_release import error_text
+from woosh_robot_agent.standard_streams import too_few_descriptors
 
 _STOP_TIMEOUT = 0.3
 """Timeout for the end of the link thread, in seconds."""
@@ -117,6 +118,8 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
         return [first]
     own = first.get_namespace()
     first.destroy_node()  # it was needed only for the parameter `robots`
+    if problem := too_few_descriptors(len(robots)):
+        raise ValueError(problem)
     nodes: list[ParameterNode] = []
     try:
         for name, namespace in namespaces(robots, own).items():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,10 @@ DESCRIPTIONS = {
 }
 """Descriptions of the arguments, by name."""
 
+_OF_LAUNCH = {"emulate_tty", "launch-prefix", "launch-prefix-filter"} | {
+    f"{name}_timeout" for name in ("sigterm", "sigkill")
+}
+"""Arguments that `launch` itself takes from the command line."""
 _PARAMETERS = ("ip", "port", "frame_prefix")
 """Arguments that are parameters of the agent. Empty ones are not set."""
 
@@ -49,9 +55,33 @@ def declare(*names: str) -> list[DeclareLaunchArgument]:
     ]
 
 
-def given(context: Any, *names: str) -> dict[str, str]:
-    """Return the values of some arguments in a launch context."""
+def given(context: Any, file: str, *names: str) -> dict[str, str]:
+    """Return the values of the arguments of a launch file.
+
+    Args:
+        context: launch context.
+        file: path of the launch file.
+        names: all arguments that it declares.
+
+    Raises:
+        ValueError: the command line has another argument, which `ros2 launch` would ignore.
+    """
+    if _is_on_command_line(file, sys.argv):
+        on_command_line = {each.partition(":=")[0] for each in context.argv}
+        if unknown := sorted(on_command_line - {*names} - _OF_LAUNCH):
+            raise ValueError(
+                f"{Path(file).name} has no argument {', '.join(unknown)}; it has {', '.join(names)}"
+            )
     return {name: LaunchConfiguration(name).perform(context) for name in names}
+
+
+def _is_on_command_line(file: str, command_line: Sequence[str]) -> bool:
+    """Return False if another launch file includes this one; it may have further arguments."""
+    path = Path(file)
+    return (PACKAGE, path.name) in pairwise(command_line) or any(
+        word.endswith(path.name) and Path(word).is_file() and path.samefile(word)
+        for word in command_line
+    )
 
 
 def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
@@ -62,13 +92,15 @@ def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
         parameters: further parameters, which override both.
 
     Raises:
-        ValueError: the port is not a number.
+        ValueError: the port is not a number, or the parameter file does not exist.
     """
     values: dict[str, object] = {
         name: arguments[name] for name in _PARAMETERS if arguments.get(name)
     }
     if port := arguments.get("port"):
-        values["port"] = _port(port)
+        values["port"] = port_number(port)
+    if not Path(arguments["params_file"]).is_file():  # the agent would start without it
+        raise ValueError(f"params_file is not a file: {arguments['params_file']}")
     return Node(
         package=PACKAGE,
         executable="agent",
@@ -79,8 +111,12 @@ def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
     )
 
 
-def _port(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"port must be a whole number, not {text!r}") from None
+def port_number(text: str) -> int:
+    """Return the value of an argument `port`.
+
+    Raises:
+        ValueError: it is not a number from 0 to 65535.
+    """
+    if not text.isdecimal() or int(text) > 65535:
+        raise ValueError(f"port must be a whole number from 0 to 65535, not {text!r}")
+    return int(text)

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import contextvars
 import logging
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.logging import LoggingSeverity, get_logger
@@ -30,7 +34,8 @@ _SEVERITIES = (
 
 _FORMATTER = logging.Formatter()
 _NODE_LOGGER = contextvars.ContextVar[Any]("node_logger", default=None)
-
+_NO_LOG_FILES = "--disable-external-lib-logs"
+"""ROS argument with which rclpy writes no log files."""
 
 _CLOSING: set[str] = set()
 """Names of the loggers of the nodes that are closing."""
@@ -82,6 +87,33 @@ def _severity(level: int) -> LoggingSeverity:
 
 
 _HANDLER = RosLogHandler()
+
+
+def with_possible_log_files(arguments: Sequence[str]) -> list[str]:
+    """Return arguments for `rclpy.init`, without log files if their folder cannot be written.
+
+    Otherwise rclpy would not start. A warning on stderr tells the reason.
+    """
+    if _NO_LOG_FILES in arguments:
+        return list(arguments)
+    folder = os.environ.get("ROS_LOG_DIR") or os.path.join(
+        os.environ.get("ROS_HOME") or "~/.ros", "log"
+    )
+    try:
+        if folder.startswith("~"):
+            if not (home := os.environ.get("HOME")):
+                raise OSError("HOME is not set")
+            folder = home + folder[1:]
+        os.makedirs(folder, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        print(
+            f"warning: no log file is written: cannot write to {folder}: "
+            f"{error.strerror or error}; set ROS_LOG_DIR to another folder",
+            file=sys.stderr,
+        )
+        return [*arguments, "--ros-args", _NO_LOG_FILES]
+    return list(arguments)
 
 
 def log_to_ros() -> None:

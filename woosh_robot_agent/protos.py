@@ -6,9 +6,10 @@ The build of the package compiles `proto/` into the modules of `woosh_robot_agen
 from __future__ import annotations
 
 import importlib
-import pkgutil
+import os
 from functools import cache
-from typing import Any
+from pathlib import Path
+from typing import Any, NoReturn
 
 from google.protobuf.message import Message
 
@@ -16,20 +17,28 @@ try:
     from woosh_robot_agent import pb
 except ImportError as error:  # a checkout that has not been built
     raise ImportError(
-        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
+        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto",
+        name=f"{__package__}.pb",
     ) from error
 
 
 @cache
 def message_types() -> dict[str, type[Message]]:
-    """Return all message classes, nested ones included, by protobuf full name."""
+    """Return all message classes, nested ones included, by protobuf full name.
+
+    Raises:
+        OSError: a folder of the modules cannot be read, e.g. for lack of file descriptors.
+    """
     found: dict[str, type[Message]] = {}
-    for module_info in pkgutil.walk_packages(pb.__path__, pb.__name__ + "."):
-        if module_info.ispkg:
-            continue
-        module = importlib.import_module(module_info.name)
-        for name in module.DESCRIPTOR.message_types_by_name:
-            _collect(getattr(module, name), found)
+    root = Path(pb.__path__[0])
+    # pkgutil.walk_packages would silently omit a folder that cannot be read
+    for folder, _, files in os.walk(root, onerror=_raise):
+        for file in files:
+            if file.endswith("_pb2.py"):
+                parts = Path(folder, file).relative_to(root).with_suffix("").parts
+                module = importlib.import_module(".".join((pb.__name__, *parts)))
+                for name in module.DESCRIPTOR.message_types_by_name:
+                    _collect(getattr(module, name), found)
     return found
 
 
@@ -45,6 +54,10 @@ def message_type(full_name: str) -> type[Message]:
 def full_name(message: Message | type[Message]) -> str:
     """Return the protobuf full name of a message or its class, as used in a frame's `type`."""
     return str(message.DESCRIPTOR.full_name)
+
+
+def _raise(error: OSError) -> NoReturn:
+    raise error
 
 
 def _collect(cls: Any, found: dict[str, type[Message]]) -> None:

@@ -1,10 +1,17 @@
-"""Standard streams that the caller has closed, e.g. by `2>&-`."""
+"""File descriptors as the caller passed them: closed standard streams, too low a limit."""
 
 from __future__ import annotations
 
 # Import nothing slow here: programs import this module before they can handle signals.
 import os
+import resource
 import sys
+
+_DESCRIPTORS = 64
+"""File descriptors that the agent needs besides the connections of its robots.
+
+It opens 24, and the middleware some for each other ROS program on the computer.
+"""
 
 
 def open_standard_streams() -> None:
@@ -23,3 +30,20 @@ def open_standard_streams() -> None:
             mode = "r" if name == "stdin" else "w"
             stream = open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115
             setattr(sys, name, stream)
+
+
+def too_few_descriptors(robots: int = 1) -> str:
+    """Return that the limit of file descriptors is too low, and what to do; empty if it is not.
+
+    Beyond the limit, libraries fail with errors that do not tell why, or silently.
+
+    Args:
+        robots: Number of robots that the agent connects to.
+    """
+    limit, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _DESCRIPTORS + robots - 1
+    if limit >= needed or limit == resource.RLIM_INFINITY:
+        return ""
+    return (
+        f"too few file descriptors: the limit is {limit}, and {needed} are needed; raise it with "
+        "ulimit -n 1024, in a systemd unit with LimitNOFILE=1024"
+    )

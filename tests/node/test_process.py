@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
@@ -18,7 +19,8 @@ import pytest
 
 from tests.harness import HUMBLE, TIMEOUT, Client, Program, wait_until
 from tests.node.goals import ABORTED, EXECUTING, lift3, slow_down, step, stop_time, task
-from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent import agent
+from woosh_robot_agent.parameters import EXECUTORS, PARAMETERS
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing.domains import domain_variables
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -292,3 +294,151 @@ def drive(client: Client, linear: float = 0.2) -> Any:
     response = client.call(Twist, "robot/Twist", arg=TwistMsg(linear=linear))
     assert response.ok
     return response
+
+
+def run_agent(*arguments: str, **options: Any) -> tuple[int, str, str]:
+    """Run the agent until it ends; return its exit status, stdout and stderr."""
+    done = subprocess.run(
+        [sys.executable, "-m", "woosh_robot_agent.agent", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT,
+        **options,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--ip", "1", "--help"]])
+def test_help_names_the_parameters_that_matter(arguments: list[str]) -> None:
+    status, out, err = run_agent(*arguments)
+    assert (status, err) == (0, "")
+    assert "--ros-args -r __ns:=/woosh_robot -p ip:=" in out
+    named = set(re.findall(r"-p (\w+):=", out))
+    assert {"ip", "port"} <= named <= {each.name for each in PARAMETERS}
+    assert next(each.initial for each in PARAMETERS if each.name == "ip") in out
+    assert "agent.yaml" in out
+    assert "docs/" in out
+
+
+def test_help_and_version_need_no_ros() -> None:
+    for argument in ("--help", "--version"):
+        # -S: without the folder in which rclpy is installed
+        bare = [sys.executable, "-S", "-m", "woosh_robot_agent.agent", argument]
+        root = str(Path(agent.__file__).parents[1])
+        done = subprocess.run(
+            bare, capture_output=True, text=True, check=False, env={"PYTHONPATH": root}
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "agent" in done.stdout
+
+
+def test_version_is_that_of_the_package() -> None:
+    root = Path(agent.__file__).parents[1]
+    declared = re.search(r"<version>(.*)</version>", (root / "package.xml").read_text())
+    assert declared
+    assert run_agent("--version") == (0, f"agent {declared[1]}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "right"),
+    [
+        ("--ip 127.0.0.1", "agent --ros-args -p ip:=127.0.0.1"),
+        ("--ip=127.0.0.1", "agent --ros-args -p ip:=127.0.0.1"),
+        ("ip:=127.0.0.1", "agent --ros-args -p ip:=127.0.0.1"),
+        ("--observe-only --ip 1", "agent --ros-args -p observe_only:=true"),
+        ("--port --ip 1", "agent --ros-args -p port:=VALUE"),
+        ("-p ip:=127.0.0.1 -p port:=1", "agent --ros-args -p ip:=127.0.0.1 -p port:=1"),
+        ("--params-file mine.yaml", "agent --ros-args --params-file mine.yaml"),
+        ("--nonsense", "agent --ros-args -p ip:=172.20.8.74"),
+        ("leftover", "agent --ros-args -p ip:=172.20.8.74"),
+        ("--ros-args -p port:=1 -- --ip 127.0.0.1", "agent --ros-args -p ip:=127.0.0.1"),
+    ],
+)
+def test_arguments_that_ros_ignores_are_refused_with_the_right_way(
+    arguments: str, right: str
+) -> None:
+    """The agent would connect to a robot at the default address."""
+    words = arguments.split()
+    # at the end, so that an agent that starts nevertheless stays on this computer
+    status, out, err = run_agent(*words, "--ros-args", "-p", "ip:=127.0.0.1", "-p", "port:=1")
+    assert (status, out) == (2, "")
+    first = words[0] if words[0] != "--ros-args" else "--ip"
+    assert err == (
+        f"agent: unknown argument: {first}; pass parameters as ROS arguments, e.g. {right}; see "
+        "agent --help\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "variable", ["HOME=", "HOME={file}", "ROS_HOME={file}", "ROS_LOG_DIR=/proc"]
+)
+@pytest.mark.parametrize("arguments", [[], ["--enable-external-lib-logs"]])
+def test_agent_runs_where_logs_cannot_be_written(
+    start_program: Callable[..., Program],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    variable: str,
+    arguments: list[str],
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(*variable.format(file=file).split("="))
+    program = start_program(*parameters(ip="127.0.0.1", port=1), *arguments)
+    program.wait_says("cannot connect")
+    program.end()
+    warning = program.lines[0]
+    assert re.match("warning: no log file is written: cannot write to ", warning)
+    assert "set ROS_LOG_DIR" in warning
+
+
+def test_log_files_are_written_where_possible(
+    start_program: Callable[..., Program], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "new" / "logs"))
+    program = start_program(*parameters(ip="127.0.0.1", port=1))
+    program.wait_says("cannot connect")
+    program.end()
+    (file,) = (tmp_path / "new" / "logs").iterdir()
+    assert "cannot connect" in file.read_text()
+    assert "warning: " not in program.output
+
+
+def limit_descriptors(limit: int) -> None:
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+
+
+@pytest.mark.parametrize("limit", [16, 24, 40, 63])
+def test_too_few_file_descriptors_are_named(limit: int) -> None:
+    arguments = ["--ros-args", "-p", "ip:=127.0.0.1", "-p", "port:=1"]
+    status, out, err = run_agent(*arguments, preexec_fn=lambda: limit_descriptors(limit))
+    assert (status, out) == (2, "")
+    assert err.startswith(f"agent: too few file descriptors: the limit is {limit}, and 64 are ")
+    assert "ulimit -n" in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_folder_of_messages_that_cannot_be_read_is_not_omitted() -> None:
+    """Otherwise each message in it would be unknown, and nothing would tell why."""
+    code = """
+import os, resource
+from woosh_robot_agent.protos import message_types
+free = os.dup(0)
+os.close(free)
+resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
+try:
+    message_types()
+except OSError as error:
+    print(error.strerror)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "Too many open files\n"
+
+
+def test_each_robot_needs_a_file_descriptor() -> None:
+    arguments = ["--ros-args", "-p", "robots:=[r1, r2, r3]"]
+    status, _, err = run_agent(*arguments, preexec_fn=lambda: limit_descriptors(64))
+    assert status == 2
+    assert "the limit is 64, and 66 are needed" in err

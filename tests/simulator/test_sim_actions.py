@@ -202,6 +202,33 @@ def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     client.ask("woosh.robot.ActionOrder", {"order": 3})
 
 
+@pytest.mark.parametrize(
+    ("start", "cancel"),
+    [
+        (step_request(1, 3.0, speed=0.1), {"stepControl": {"steps": [{"value": 0}]}}),
+        (step_request(1, 3.0, speed=0.1), {"stepControl": {"steps": [{"mode": 1, "value": 1}]}}),
+        (
+            {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}},
+            {"moveBase": {"targetPose": {"x": 1, "y": -5}, "poses": [{"x": 1, "y": -5}]}},
+        ),
+        (
+            {"liftControl3": {"action": 1, "executeMode": 1, "height": 0.5, "speed": 0.01}},
+            {"liftControl3": {"executeMode": 1, "height": 0.1}},
+        ),
+    ],
+)
+def test_cancel_moves_nothing_whatever_else_the_command_contains(
+    simulator: SimulatorThread, client: JsonClient, start: Json, cancel: Json
+) -> None:
+    before = simulator.state
+    assert "is not running" in client.refusal(CALL, cancel)
+    assert (simulator.state.pose, simulator.state.column) == (before.pose, before.column)
+    client.ask(CALL, start)
+    assert next_feedback(client)["state"] == EXECUTING
+    client.ask(CALL, cancel)
+    assert feedback_until_end(client)[-1]["state"] == CANCEL
+
+
 def test_emergency_stop_ends_actions(simulator: SimulatorThread, client: JsonClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     assert next_feedback(client)["state"] == EXECUTING

@@ -55,13 +55,37 @@ def write_scene(folder: Path, text: str = SCENE) -> Path:
     return folder
 
 
+@pytest.mark.parametrize(
+    ("given", "ids"),
+    [
+        ([None, None], [1, 2]),
+        ([None, 1, None], [2, 1, 3]),
+        ([0, None], [0, 1]),  # logs of real robots have maps with this id, too
+    ],
+)
+def test_maps_without_an_id_get_one_that_is_not_0(
+    tmp_path: Path, given: list[int | None], ids: list[int]
+) -> None:
+    text = "maps:\n"
+    for number, id_ in enumerate(given):
+        key = "" if id_ is None else f"id: {id_}, "
+        text += f"  - {{name: m{number}, {key}walls: [[0, 0, 9, 0, 9, 9]]}}\n"
+    (tmp_path / "scene.yaml").write_text(text)
+    assert [area.id for area in load_scene(tmp_path).maps] == ids
+
+
+def test_maps_of_map_server_have_ids_that_are_not_0(tmp_path: Path) -> None:
+    write_map(tmp_path, room_picture())
+    assert [area.id for area in load_scene(tmp_path).maps] == [1]
+
+
 def test_custom_scene_is_loaded(tmp_path: Path) -> None:
     chassis = Chassis(quick_config(seed=1, scenes=(write_scene(tmp_path),)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "lab"]
     assert (chassis.scene.name, chassis.map.name) == ("lab", "upstairs")
     assert chassis.base.pose == Pose(1.0, 0.0, 0.5)
     ground, upstairs = chassis.scene.maps
-    assert (ground.id, ground.floor, ground.version) == (0, "1F", 1)
+    assert (ground.id, ground.floor, ground.version) == (1, "1F", 1)
     assert (ground.low, ground.high) == ((0.0, 0.0), (8.0, 6.0))
     assert ground.marks["A1"].kind is MarkKind.RACK
     assert ground.marks["17"].id == 2
@@ -99,7 +123,7 @@ INVALID_SCENES = [
     ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of name, start, maps, tasks"),
     ("name: ground\n", "floor: x\n", "scene.yaml: maps[0]: name is missing"),
     ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is used twice"),
-    ("id: 9", "id: 0", "maps[1]: id 0 is used twice"),
+    ("name: ground\n", "name: ground\n    id: 9\n", "maps[1]: id 9 is used twice"),
     ("id: 9", "id: -1", "maps[1].id: must be a whole number from 0 to 4294967295, not -1"),
     ("version: 5", "version: true", "maps[1].version: must be a whole number"),
     ("image: room.yaml", "image: attic.yaml", "attic.yaml"),
@@ -205,7 +229,7 @@ def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
         client.close()
         answered = simulator.call(lambda s: dispatch(s.chassis, SceneData()).body)
     assert [each["name"] for each in easy["maps"]] == ["ground", "upstairs"]
-    assert [each["id"] for each in data["maps"]] == [0, 9]
+    assert [each["id"] for each in data["maps"]] == [1, 9]
     assert isinstance(answered, SceneData)
     ground, upstairs = answered.maps
     assert (ground.mark_info.version, ground.mark_info.floor_name) == (1, "1F")

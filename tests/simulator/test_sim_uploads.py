@@ -137,7 +137,7 @@ def test_new_picture_of_a_map_keeps_its_marks(client: JsonClient) -> None:
 def test_uploaded_scene_brings_maps_marks_and_tasks(client: JsonClient) -> None:
     files = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png(), "notes_txt": b"hi"}
     scene = switch_map(client, switch_request("lab", **files))
-    assert (scene["mapName"], scene["mapId"], scene["version"]) == ("hall", 0, "1")
+    assert (scene["mapName"], scene["mapId"], scene["version"]) == ("hall", 1, "1")
     assert distance_ahead(client) == pytest.approx(9.0 - 4.0 - 0.25, abs=0.02)
     assert set(maps(client)) == {"hall", "yard"}
     assert maps(client)["hall"]["storages"]["racks"][0]["identity"]["no"] == "X1"

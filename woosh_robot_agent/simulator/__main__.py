@@ -27,6 +27,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from woosh_robot_agent.simulator.command_line import run
 
         return run(arguments, signals)
+    except ImportError as error:
+        from woosh_robot_agent.library_versions import import_problem
+
+        if not (problem := import_problem(error)):
+            raise
+        print(f"error: {problem}", file=sys.stderr)
+        return 1
     finally:
         if arguments is None:
             signals.ignore()

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
+from woosh_robot_agent.link.log_once import log_to_stderr
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
 from woosh_robot_agent.simulator.profile_files import SHIPPED
@@ -64,9 +65,9 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     if options.list_faults:
         print(markdown())
         return 0
-    logging.basicConfig(
-        level=[logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
-        format="%(levelname)s %(name)s: %(message)s",
+    log_to_stderr(
+        [logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
+        "%(levelname)s %(name)s: %(message)s",
     )
     # websockets logs every aborted handshake as an error. Port scans would fill the log.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)

@@ -6,7 +6,7 @@
     start: {map: ground, pose: [1.0, 2.0, 0.0]}  # initial pose of the robot
     maps:
       - name: ground
-        id: 7                       # default: its index in the list, from 0
+        id: 7                       # default: the first one from 1 that no map has
         floor: 1F
         version: 3                  # default: 1
         image: ground.yaml          # a map of map_server, with its PNG or PGM beside it
@@ -39,7 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -157,7 +157,15 @@ def read_maps(names: Collection[str], read: Read) -> list[Map]:
                 grid, image = _grid(each, description, read)
                 low, high = _bounds(description, [grid.low, grid.high])
                 area = Map(
-                    len(maps), stem, _DEFAULT_FLOOR, 1, low, high, walls=(), grid=grid, image=image
+                    len(maps) + 1,
+                    stem,
+                    _DEFAULT_FLOOR,
+                    1,
+                    low,
+                    high,
+                    walls=(),
+                    grid=grid,
+                    image=image,
                 )
                 if stem + MARK_INFO in names:
                     info = read_mark_info(stem + MARK_INFO, read)
@@ -179,8 +187,11 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
     if not nodes:
         raise root.required("maps").error("a scene needs at least one map")
     maps: list[Map] = []
+    # Not from 0, with which robots report a pose that belongs to no map.
+    given = [id_.value for node in nodes if (id_ := node.get("id"))]
+    free_ids = (number for number in count(1) if number not in given)
     for node in nodes:
-        maps.append(_map(node, len(maps), read))
+        maps.append(_map(node, free_ids, read))
         _check_pictures(node, maps)
     _all_different(nodes, "name", [each.name for each in maps])
     _all_different(nodes, "id", [each.id for each in maps])
@@ -206,7 +217,7 @@ def _scene(root: Node, name: str, read: Read) -> Scene:
     return scene
 
 
-def _map(node: Node, number: int, read: Read) -> Map:
+def _map(node: Node, free_ids: Iterator[int], read: Read) -> Map:
     node.check_keys(
         ("name", "id", "floor", "version", "image", "area", "walls", "marks", "mark_info")
     )
@@ -234,7 +245,7 @@ def _map(node: Node, number: int, read: Read) -> Map:
         corners += [grid.low, grid.high] if grid else []
     low, high = _bounds(area or node, corners)
     return Map(
-        id=id_.integer(0, _UINT32) if id_ else number,
+        id=id_.integer(0, _UINT32) if id_ else next(free_ids),
         name=node.required("name").text(),
         floor=floor.text() if floor else info.floor_name or _DEFAULT_FLOOR,
         version=version.integer(1, _INT32) if version else min(max(1, info.version), _INT32),
