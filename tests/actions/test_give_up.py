@@ -179,10 +179,33 @@ CASES = [
     # An accepted cancel
     Case("cancel accepted", [(1, "cancel_accepted")], 17, "accepted the cancel"),
     Case(
-        "cancel accepted, then a report: the robot is still busy, so the wait starts again",
-        [(1, "cancel_accepted"), (10, "report")],
+        "cancel accepted, and reports that the goal goes on",
+        [(1, "cancel_accepted"), *((t, "report") for t in range(2, 17))],
+        17,
+        "accepted the cancel, but the goal did not end within 16 s",
+    ),
+    Case(
+        "cancel accepted twice: the first one counts",
+        [(1, "cancel_accepted"), (10, "report"), (11, "cancel_accepted")],
+        17,
+        "accepted the cancel",
+    ),
+    Case(
+        "cancel accepted, then the next task of a set: it needs a cancel of its own",
+        [(1, "cancel_accepted"), (5, "part_begun"), (6, "report")],
+        None,
+    ),
+    Case(
+        "cancel accepted for two tasks of a set",
+        [(1, "cancel_accepted"), (5, "part_begun"), (6, "report"), (7, "cancel_accepted")],
+        23,
+        "accepted the cancel",
+    ),
+    Case(
+        "cancel accepted, the link lost for long, then a report that the goal goes on",
+        [(1, "cancel_accepted"), (12, "link_lost", "reset"), (18, "link_restored")],
         26,
-        "accepted the cancel, but no report on the goal came for 16 s",
+        "the link was lost",
     ),
     Case(
         "cancel accepted, then the link lost: the link's deadline counts, even if it is later",

@@ -81,31 +81,28 @@ def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClien
     return client.send_goal(StepControl, "ros/StepControl", step_goal(value, action))
 
 
-def lift_goal(mode: int) -> Any:
+def lift_goal(mode: int, action: int = EXECUTE) -> Any:
     goal = LiftControl.Goal()
-    goal.arg.action.value = EXECUTE
+    goal.arg.action.value = action
     goal.arg.execute_mode.value = mode
     return goal
 
 
-def lift(client: Client, mode: int = 1) -> GoalClient:
-    return client.send_goal(LiftControl, "ros/LiftControl", lift_goal(mode))
+def lift(client: Client, mode: int = 1, action: int = EXECUTE) -> GoalClient:
+    return client.send_goal(LiftControl, "ros/LiftControl", lift_goal(mode, action))
 
 
-def lift3(client: Client, height: float, speed: float = 0.0) -> GoalClient:
+def lift3(client: Client, height: float, speed: float = 0.0, action: int = EXECUTE) -> GoalClient:
     goal = LiftControl3.Goal()
-    goal.arg.action.value = EXECUTE
+    goal.arg.action.value = action
     goal.arg.execute_mode.value = 1
     goal.arg.height = height
     goal.arg.speed = speed
     return client.send_goal(LiftControl3, "ros/LiftControl3", goal)
 
 
-def move_base(client: Client, ahead: float, action: int = CANCEL) -> GoalClient:
-    """Start a drive to a place `ahead` m in front of `START`.
-
-    By default without an action, like the documented example.
-    """
+def move_base(client: Client, ahead: float, action: int = EXECUTE) -> GoalClient:
+    """Start a drive to a place `ahead` m in front of `START`, or send another order."""
     goal = MoveBase.Goal()
     x, y, theta = START
     goal.arg.target_pose.x = x + ahead * math.cos(theta)

@@ -124,6 +124,11 @@ def test_nan_is_not_sent(client: Client, simulator: SimulatorThread, field: str,
     assert simulator.counts[EXEC_TASK] == 0
 
 
+def test_the_replacement_character_is_sent(client: Client, simulator: SimulatorThread) -> None:
+    task(client, "a\ufffd谢").result()
+    assert simulator.last(EXEC_TASK).mark_no == "a\ufffd谢"
+
+
 def test_task_in_manual_mode_is_refused(client: Client, simulator: SimulatorThread) -> None:
     request = SwitchControlMode.Request()
     request.arg.mode.value = 2

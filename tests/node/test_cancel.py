@@ -83,7 +83,7 @@ def test_task_can_be_cancelled(client: Client, simulator: SimulatorThread) -> No
     ("start", "member"),
     [
         (lambda client: step(client, 20.0), "step_control"),
-        (lambda client: move_base(client, 4.0, EXECUTE), "move_base"),
+        (lambda client: move_base(client, 4.0), "move_base"),
         (lift, "lift_control"),
         (lambda client: lift3(client, 0.4), "lift_control3"),
     ],

@@ -17,7 +17,7 @@ from woosh_robot_msgs.msg import DeviceStateSoftwareBit as Software
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo
 
-SUCCEEDED = 4
+SUCCEEDED, ABORTED = 4, 6
 PAUSED, COMPLETED = 4, 7
 FOLLOWING = 7
 
@@ -28,6 +28,8 @@ WRONG = {
     """ros2 action send_goal /woosh_robot/ros/StepControl woosh_ros_msgs/action/StepControl "{arg:{action:{value: 1}, steps:[{mode:{value: 1}}, speed: 0.5, value: 2}]}}" --feedback""": yaml.YAMLError,  # noqa: E501
 }
 """Wrong examples of the manual, and the error that the `ros2` tool raises for each."""
+MOVE_BASE = """ros2 action send_goal /woosh_robot/ros/MoveBase woosh_ros_msgs/action/MoveBase "{arg:{poses:[{x: 0.57, y: 2.54, theta: 1.57}], target_pose:{x: 0.57, y: 2.54, theta: 1.57}}}" --feedback"""  # noqa: E501
+"""Example of the manual that leaves out the action, which makes it a cancel."""
 
 
 class Robot:
@@ -205,3 +207,11 @@ def test_documented_commands_work_in_the_documented_order(simulator, agent, clie
 def test_wrong_examples_are_rejected_by_the_tool(line, error):
     with pytest.raises(error):
         parse(line.strip()).filled()
+
+
+def test_move_base_as_printed_only_cancels(simulator, agent, client):
+    before = simulator.state
+    command = parse(MOVE_BASE)
+    status, ret = client.send_goal(command.cls, command.name, command.filled()).result()
+    assert (status, "action: {value: 1}" in ret.msg) == (ABORTED, True)
+    assert simulator.state.pose == before.pose

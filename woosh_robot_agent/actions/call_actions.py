@@ -14,6 +14,7 @@ from woosh_robot_agent.actions.attribution import Attribution
 from woosh_robot_agent.actions.context import Context
 from woosh_robot_agent.actions.kind import Findings, Order, Report, Start
 from woosh_robot_agent.actions.outcome import Outcome
+from woosh_robot_agent.convert import BadFieldError
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
@@ -26,6 +27,17 @@ _OUTCOMES = {
 }
 _NOT_OF_ACTIONS = (ros_pack_pb2.kRosWiFiCode, ros_pack_pb2.kRosWiFiJson)
 """States of feedback that does not concern an action."""
+_RUNNING = (
+    ros_pack_pb2.kRosExecuting,
+    ros_pack_pb2.kRosPause,
+    ros_pack_pb2.kRosPauseFailed,
+    ros_pack_pb2.kRosErrMsg,
+)
+"""States of an action that has begun and not ended."""
+_ONLY_CANCELS = (
+    "action 0 (K_CANCEL, also the default) only cancels; to execute the command, set "
+    "action: {value: 1}"
+)
 
 
 class CallActionGoal:
@@ -55,25 +67,38 @@ class CallActionGoal:
         self._member = member
         self._command: Any = None
         """The command to the chassis; set by `request`."""
+        self._is_cancel = False
+        """True if the command is a cancel; set by `request`."""
         predecessors = context.open_goals.possibly_running(action)
+        previous = last_feedback.get(action)
+        self._may_run = bool(predecessors) or (previous is not None and previous.state in _RUNNING)
+        """True if the action was running when the goal came, as far as is known."""
         self.attribution = Attribution(
             predecessors,
             # another program's action may still report its cancel
             inherited=Outcome if predecessors else (Outcome.CANCELED,),
             repeats_ends=True,
-            previous=last_feedback.get(action),
+            previous=previous,
         )
 
     def request(self) -> Start | Order:
-        self._command = self._context.to_proto(self._arg)
+        self._command = self._read_command()
         if not _has_action(self._command):  # a setting, such as NavigationMode: nothing to report
             return Order(self._call(), self._success)
-        action = self._command.action
-        # the documented MoveBase example omits `action`, which then reads as 0, cancel
-        if action == action_pb2.kCancel and not _is_empty(self._command):
-            action = action_pb2.kExecute
-        call = self._call(action)
-        return Start(call) if action == action_pb2.kExecute else Order(call, self._success)
+        if self._command.action == action_pb2.kExecute:
+            return Start(self._call())
+        self._is_cancel = self._command.action == action_pb2.kCancel
+        needs_report = self._is_cancel and not self._may_run
+        return Order(self._call(), self._success, needs_cancel_report=needs_report)
+
+    def _read_command(self) -> Message:
+        try:
+            return self._context.to_proto(self._arg)
+        except BadFieldError:
+            control = getattr(self._arg, "action", None)
+            if control is None or control.value != action_pb2.kCancel:
+                raise
+            return self._context.to_proto(type(self._arg)())  # nothing may prevent a cancel
 
     def cancel_request(self) -> Message:
         return self._call(action_pb2.kCancel)
@@ -101,10 +126,15 @@ class CallActionGoal:
         return Findings(tuple(self.read(body)))
 
     def failure(self, reason: str) -> Message:
-        return Feedback(action=self.name, state=ros_pack_pb2.kRosFailure, msg=reason)
+        return self._result(ros_pack_pb2.kRosFailure, reason)
 
     def _success(self, text: str) -> Message:
-        return Feedback(action=self.name, state=ros_pack_pb2.kRosSuccess, msg=text)
+        return self._result(ros_pack_pb2.kRosSuccess, text)
+
+    def _result(self, state: ros_pack_pb2.State, text: str) -> Feedback:
+        if self._is_cancel:
+            text = f"{text}; {_ONLY_CANCELS}" if text else _ONLY_CANCELS
+        return Feedback(action=self.name, state=state, msg=text)
 
     def _call(self, action: int | None = None) -> CallAction:
         call = CallAction()
@@ -118,11 +148,3 @@ class CallActionGoal:
 def _has_action(command: Message) -> bool:
     """Return True if a command can be executed, paused, resumed and cancelled."""
     return "action" in command.DESCRIPTOR.fields_by_name
-
-
-def _is_empty(command: Message) -> bool:
-    """Return True if no field of a command is set, apart from `action`."""
-    return all(
-        field.name == "action" or (hasattr(value, "ListFields") and _is_empty(value))
-        for field, value in command.ListFields()
-    )

@@ -1,4 +1,4 @@
-"""Giving up on a goal when the chassis stops reporting on it."""
+"""Giving up on a goal when the chassis stops reporting on it, or does not obey a cancel."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ _CHECK = "check the robot, and stop it with the `stop` service if necessary"
 
 
 class GiveUp:
-    """Decides when to give up on a goal. Any of four limits can end the wait for a report on it.
+    """Decides when to give up on a goal. Any of four limits can end the wait for its end.
 
     - A deadline, set when the link or the answer to the start request is lost, or when the chassis
       falls silent. There is only one: a later cause replaces an earlier one, except that silence
       replaces nothing.
     - A number of consecutive polls without a report. They do not count while a deadline is set.
     - A number of consecutive polls that found the goal unknown to the chassis.
-    - A timeout after an accepted cancel. It does not count while a deadline is set.
+    - A timeout after an accepted cancel, which reports that the goal goes on do not extend. It does
+      not count while a deadline is set.
 
     Args:
         timing: the timeouts.
@@ -63,7 +64,7 @@ class GiveUp:
             return None
         if self._deadline is None:
             return (
-                "the chassis accepted the cancel, but no report on the goal came for "
+                "the chassis accepted the cancel, but the goal did not end within "
                 f"{self._timing.cancel_timeout:g} s; the robot may still be executing it: {_CHECK}"
             )
         return (
@@ -93,12 +94,16 @@ class GiveUp:
             self._deadline = None
         self._fruitless_polls = 0
         self._unknown_polls = 0
-        if self._cancel_deadline < inf:
-            self.cancel_accepted()
 
     def cancel_accepted(self) -> None:
-        """Start the timeout for the next report on a goal whose cancel was accepted."""
-        self._cancel_deadline = self._clock() + self._timing.cancel_timeout
+        """Start the timeout for the end of the goal, unless an earlier cancel has started it."""
+        self._cancel_deadline = min(
+            self._cancel_deadline, self._clock() + self._timing.cancel_timeout
+        )
+
+    def part_begun(self) -> None:
+        """End the timeout of a cancel: the chassis goes on with a part that needs its own."""
+        self._cancel_deadline = inf
 
     # Results of polls
 

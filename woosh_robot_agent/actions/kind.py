@@ -49,6 +49,9 @@ class Order:
     message: Message
     result: Callable[[str], Message]
     """Makes the result from the text of the answer."""
+    needs_cancel_report: bool = False
+    """True for a cancel of something that may not be running: it succeeds only if the chassis also
+    reports that something was cancelled."""
 
 
 class GoalKind(Protocol):

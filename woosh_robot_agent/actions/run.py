@@ -37,6 +37,7 @@ from woosh_robot_agent.link import (
     LinkState,
     RequestTimeoutError,
 )
+from woosh_robot_agent.link.timeouts import run_with_timeout
 from woosh_robot_agent.watch.refusal_log import GOAL_CANCEL
 
 _LOG = logging.getLogger(__name__)
@@ -44,6 +45,7 @@ _LOG = logging.getLogger(__name__)
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
+_NOTHING_CANCELLED = "the chassis accepted the cancel, but reported no end: nothing was running"
 _NO_REASON = "the chassis refused the goal without giving a reason"
 
 
@@ -177,7 +179,7 @@ class GoalRun:
         """Send an order. Reports still belong to the goal that is already running."""
         self._advance(Step.ORDER_SENT)
         try:
-            answer = await self._context.gate.request(order.message)
+            answer = await self._context.gate.request(order.message, published=self._goal.taken)
         except ConnectionLostError as error:
             return self._aborted(
                 f"the link was lost before the chassis answered: {error}; whether the order took "
@@ -187,7 +189,25 @@ class GoalRun:
             return self._aborted(str(error))
         if not answer.ok:
             raise _RefusedError(answer.msg or _NO_REASON)
+        if order.needs_cancel_report and not await self._cancel_reported():
+            return self._aborted(_NOTHING_CANCELLED)
         return End(Outcome.SUCCEEDED, order.result(answer.msg))
+
+    async def _cancel_reported(self) -> bool:
+        """Return True if the chassis reports a cancel soon, or has since the order was sent."""
+        try:
+            await run_with_timeout(self._timing.cancel_report_timeout, self._next_cancel())
+        except TimeoutError:
+            return False
+        return True
+
+    async def _next_cancel(self) -> None:
+        while True:
+            event = await self._events.get()
+            if isinstance(event, Pushed) and any(
+                report.outcome is Outcome.CANCELED for report in self._kind.read(event.message)
+            ):
+                return
 
     async def _follow(self, start: Message) -> End:
         """Send the start request and handle events until one of them ends the goal."""
@@ -259,6 +279,7 @@ class GoalRun:
             self._last_report = report.message
             if report.begins_part and self._cancellation.requested:
                 self._cancellation.pending = True
+                self._give_up.part_begun()
             self._heard()
             self._feedback_times.append(self._clock())
             self._goal.feedback(self._context.to_ros(report.message))
@@ -359,7 +380,9 @@ class GoalRun:
     async def _send_start(self, message: Message) -> None:
         try:  # the tap delivers the answer in order with the reports
             await self._context.gate.request(
-                message, tap=lambda answer: self.post(StartAnswered(answer))
+                message,
+                tap=lambda answer: self.post(StartAnswered(answer)),
+                published=self._goal.taken,
             )
         except Exception as error:
             self.post(StartAnswered(error))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -36,6 +37,8 @@ class Goal:
         """True once `finish` was called."""
         self.arg: Any = handle.request.arg
         """The command, as the client gave it."""
+        self.taken = time.monotonic()
+        """Monotonic time at which the goal was accepted."""
         self._cancel_requested = False
         """True once a client has asked to cancel the goal."""
         self._on_cancel: Callable[[], None] | None = None

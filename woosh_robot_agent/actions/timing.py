@@ -23,6 +23,9 @@ class GoalTiming:
     and has not reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
     unknown_polls: int = 2
     """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
+    cancel_report_timeout: float = 2.0
+    """Maximum wait for the report that something was cancelled, if nothing is known to run. Real
+    robots show the effect of an order within 1.2 s."""
     result_delay: float = 0.1
     """Minimum time from the last but one piece of feedback to the result. rclpy's action client
     reads one piece of feedback in each turn, the last one perhaps together with the result, and
@@ -32,7 +35,7 @@ class GoalTiming:
 
     @property
     def cancel_timeout(self) -> float:
-        """Maximum wait for a report after an accepted cancel."""
+        """Maximum wait for the end of a goal after an accepted cancel."""
         return max(2 * self.link_timeout, self.min_cancel_timeout)
 
 
