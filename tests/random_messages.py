@@ -1,4 +1,4 @@
-"""Random ROS and protobuf messages that the conversion can represent."""
+"""Random ROS and protobuf messages that the conversion can represent, and JSON that it cannot."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import copy
 import math
 import random
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor as Field
 
+from woosh_robot_agent.link.codecs.json_fields import is_repeated, is_well_known
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.ros_types import class_of
 
@@ -170,3 +172,72 @@ def _proto_value(rng: random.Random, field: Any, kind: str) -> Any:
     if field.cpp_type == Field.CPPTYPE_BOOL:
         return rng.random() < 0.5
     return text(rng) if field.cpp_type == Field.CPPTYPE_STRING else float32(rng)
+
+
+# JSON with extreme values
+
+HUGE = 10**312
+EXTREME_INTEGERS = (
+    HUGE,
+    -HUGE,
+    -1,
+    2**31 - 1,
+    -(2**31),
+    2**32 - 1,
+    2**63 - 1,
+    -(2**63),
+    2**64 - 1,
+    2**64,
+)
+NOT_FINITE = (math.inf, -math.inf, math.nan)
+EXTREMES: dict[int, tuple[Any, ...]] = {
+    Field.CPPTYPE_BOOL: (HUGE, -1, math.nan, True),
+    Field.CPPTYPE_STRING: (HUGE, math.inf, "\0", "a\ufffdb", "x" * 5000),
+    Field.CPPTYPE_ENUM: (*EXTREME_INTEGERS, *NOT_FINITE, 1e308, 99, "kNoSuchName"),
+    **dict.fromkeys(
+        (Field.CPPTYPE_FLOAT, Field.CPPTYPE_DOUBLE),
+        (*NOT_FINITE, 1e308, -1e308, 3e38, HUGE, -HUGE, "NaN"),
+    ),
+    **dict.fromkeys(
+        (Field.CPPTYPE_INT32, Field.CPPTYPE_UINT32, Field.CPPTYPE_INT64, Field.CPPTYPE_UINT64),
+        (*EXTREME_INTEGERS, *NOT_FINITE, 1e308, "9" * 312),
+    ),
+}
+"""Extreme values by C++ type of the field."""
+
+
+def leaves(descriptor: Any, outer: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], int]]:
+    """Yield the path of each field that is no message, and its type; a `[]` ends that of a list."""
+    for field in descriptor.fields:
+        path = (*outer, field.name, *(["[]"] if is_repeated(field) else []))
+        if field.message_type is None:
+            yield path, field.cpp_type
+        elif not is_well_known(field) and len(path) < 9:
+            yield from leaves(field.message_type, path)
+
+
+def body_with(path: tuple[str, ...], value: Any) -> Any:
+    """Return a JSON body with `value` at `path`, and no other field."""
+    for step in reversed(path):
+        value = [value] if step == "[]" else {step: value}
+    return value
+
+
+def merged(one: Any, other: Any) -> Any:
+    """Return one JSON body with the fields of another added, also inside of its objects."""
+    if isinstance(one, list) and isinstance(other, list):
+        return [merged(one[0], other[0])] if one and other else one or other
+    if not isinstance(one, dict) or not isinstance(other, dict):
+        return other
+    return {**one, **{key: merged(one.get(key, {}), value) for key, value in other.items()}}
+
+
+def extremes(name: str) -> Iterator[Any]:
+    """Yield bodies of a type, each with the same extreme value in all fields of one kind."""
+    for kind, values in EXTREMES.items():
+        paths = [path for path, its in leaves(message_type(name).DESCRIPTOR) if its == kind]
+        for value in values if paths else ():
+            body: Any = {}
+            for path in paths:
+                body = merged(body, body_with(path, value))
+            yield body

@@ -10,9 +10,11 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.readiness import pose_doubt
 from woosh_robot_agent.simulator import faults, load_scenario
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
+from woosh_robot_agent.simulator.protocol.reports import robot_info
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -54,6 +56,7 @@ def test_the_documented_scene_matches_the_simulator(tmp_path: Path) -> None:
     chassis = Chassis(quick_config(scenes=(tmp_path,)))
     assert chassis.scene.name == "lab"
     assert set(chassis.map.marks) == {"A1", "P1"}
+    assert pose_doubt(robot_info(chassis)) is None
 
 
 def test_the_documented_limits_match_the_code() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import selectors
 import threading
 import time
 from collections.abc import Callable, Coroutine
@@ -20,7 +21,12 @@ from typing import Any, TypeVar
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.qos import SERVICE_QOS
-from woosh_robot_agent.rclpy_private import PEER_GONE_ERRORS, replace_send_response, take_request
+from woosh_robot_agent.rclpy_private import (
+    PEER_GONE_ERRORS,
+    keep_invalid_text,
+    replace_send_response,
+    take_request,
+)
 
 T = TypeVar("T")
 
@@ -33,9 +39,19 @@ class LoopThread:
     """A thread with an asyncio event loop, shared by the links of any number of robots."""
 
     def __init__(self) -> None:
-        self.loop = asyncio.new_event_loop()
+        self._selector = _TimedSelector()
+        self.loop = asyncio.SelectorEventLoop(self._selector)
         self._thread = threading.Thread(target=self._main, name="link", daemon=True)
         self._thread.start()
+
+    @property
+    def held(self) -> tuple[float, float]:
+        """Longest turns of the event loop in the last one or two minutes, and ever, in seconds.
+
+        For that time, the thread was held by one piece of work, and velocities waited.
+        """
+        selector = self._selector
+        return max(selector.longest, selector.longest_before), selector.longest_ever
 
     def stop(self, timeout: float) -> None:
         """Cancel all tasks, stop the loop and join the thread, within `timeout` seconds."""
@@ -56,6 +72,33 @@ class LoopThread:
             self.loop.close()
 
 
+class _TimedSelector(selectors.DefaultSelector):
+    """A selector that measures the turns of its event loop.
+
+    Attributes:
+        longest: longest turn of this minute, in seconds.
+        longest_before: longest turn of the minute before, in seconds.
+        longest_ever: longest turn, in seconds.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.longest = self.longest_before = self.longest_ever = 0.0
+        self._began = self._minute = time.monotonic()
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        now = time.monotonic()
+        turn = now - self._began
+        if now - self._minute > 60.0:
+            self._minute, self.longest_before, self.longest = now, self.longest, 0.0
+        if turn > self.longest:
+            self.longest = turn
+            self.longest_ever = max(turn, self.longest_ever)
+        events = super().select(timeout)
+        self._began = time.monotonic()
+        return events
+
+
 class LinkThread:
     """Access to the link thread for the agent of one robot.
 
@@ -66,9 +109,15 @@ class LinkThread:
 
     def __init__(self, thread: LoopThread, context: Context) -> None:
         self.loop = thread.loop
+        self._thread = thread
         self._context = context
         self._tasks: dict[asyncio.Task[None], Callable[[BaseException], None] | None] = {}
         """Spawned coroutines that have not ended, and their `on_error`."""
+
+    @property
+    def held(self) -> tuple[float, float]:
+        """See `LoopThread.held`."""
+        return self._thread.held
 
     def call(self, function: Callable[..., object], *args: object) -> None:
         """Schedule a call of `function` in the loop. Thread-safe."""
@@ -180,6 +229,14 @@ class Reply:
         """Number of the call, counted by its client."""
         return int(self._header.request_id.sequence_number)
 
+    @property
+    def times(self) -> tuple[float, float]:
+        """Unix times at which the client sent the call, and at which it was received; 0 if unknown.
+
+        The first is by the client's clock.
+        """
+        return self._header.source_timestamp / 1e9, self._header.received_timestamp / 1e9
+
     def send(self, response: Any) -> None:
         """Send the response. A second response is a bug: it is logged and not sent."""
         with self._lock:
@@ -232,6 +289,7 @@ class DeferredService:
         self._service = node.create_service(
             srv_type, name, lambda request, _response: request, qos_profile=SERVICE_QOS
         )
+        keep_invalid_text(srv_type.Request)
         self._send_response = replace_send_response(self._service, self._serve_all)
 
     def _serve_all(self, request: Any, header: Any) -> None:

@@ -45,6 +45,11 @@ class LastKnown:
 
     def __init__(self, chassis: ChassisClient | None) -> None:
         self._values: dict[str, Message] = {}
+        """Decoded values; RobotInfo as it was received."""
+        self._pushed: dict[str, Message] = {}
+        """Parts of RobotInfo that are newer than it."""
+        self._merged: RobotInfo | None = None
+        """RobotInfo with the newer parts; None as long as nobody has asked for it."""
         self._unread: dict[str, Message | Body] = {}
         """Values that have not been decoded yet, the last one of each type, the oldest first."""
         if chassis is None:
@@ -58,7 +63,7 @@ class LastKnown:
     def get(self, name: str) -> Message | None:
         """Return the last value of a type, given by its protobuf full name, or None."""
         self._read()
-        return self._values.get(name)
+        return self._robot_info() if name == _INFO else self._values.get(name)
 
     def value(self, cls: type[M]) -> M | None:
         """Return the last value of a message class, or None."""
@@ -76,6 +81,8 @@ class LastKnown:
     def forget(self) -> None:
         """Forget all values: they are those of another robot."""
         self._values.clear()
+        self._pushed.clear()
+        self._merged = None
         self._unread.clear()
 
     def _read(self) -> None:
@@ -87,19 +94,31 @@ class LastKnown:
                 continue
 
     def _apply(self, message: Message) -> None:
-        """Store a message, and keep RobotInfo and its parts consistent."""
-        if isinstance(message, RobotInfo):
-            own = RobotInfo()  # a copy, because later parts are merged into it
-            own.CopyFrom(message)
-            self._values[_INFO] = own
-            self._values.update((full_name(part), part) for part in parts_of(message))
-            return
         name = full_name(message)
         self._values[name] = message
-        info: Any = self._values.get(_INFO)
-        if info is None:
+        if isinstance(message, RobotInfo):
+            self._pushed.clear()
+            self._values.update((full_name(part), part) for part in parts_of(message))
+        elif name in _INFO_FIELDS or isinstance(message, RobotState):
+            self._pushed[name] = message
+        else:
             return
-        if isinstance(message, RobotState):
-            info.state = message.state
-        elif name in _INFO_FIELDS:
-            getattr(info, _INFO_FIELDS[name]).CopyFrom(message)
+        self._merged = None
+
+    def _robot_info(self) -> RobotInfo | None:
+        """Return RobotInfo with the newer parts.
+
+        After each change, it is a new message: a message keeps the memory of all values that it
+        ever had.
+        """
+        received = self._values.get(_INFO)
+        if self._merged is None and received is not None:
+            info: Any = RobotInfo()
+            info.CopyFrom(received)
+            for name, part in self._pushed.items():
+                if isinstance(part, RobotState):  # an enum in RobotInfo
+                    info.state = part.state
+                else:
+                    getattr(info, _INFO_FIELDS[name]).CopyFrom(part)
+            self._merged = info
+        return self._merged

@@ -98,7 +98,9 @@ class Agent:
         robot = RobotContext(
             self.node, self._thread, self._chassis, self._gate, last_known, self._requests
         )
-        self._services = Services(robot, watch.velocities)
+        self._services = Services(
+            robot, watch.velocities, lambda: self.settings.standard.velocity_limits
+        )
         self._actions = Actions(
             robot,
             explainer.reason,

@@ -35,6 +35,7 @@ __all__ = [
     "UnsupportedEventTypeError",
     "WithMessageInfo",
     "count_services",
+    "drops_message_info",
     "error_text",
     "events_executor",
     "exit_withdraws_endpoints",
@@ -73,6 +74,11 @@ def events_executor(context: Any) -> Any:
     except ImportError:
         return None
     return EventsExecutor(context=context)
+
+
+def drops_message_info() -> bool:
+    """Return True if executors take the information about messages and drop it, as Humble's do."""
+    return not hasattr(Node, "count_services")
 
 
 def exit_withdraws_endpoints() -> bool:
@@ -154,10 +160,10 @@ class WithMessageInfo:
     """A subscription callback that gets each message together with rclpy's information about it.
 
     rclpy recognises such a callback by its signature. The EventsExecutor of rclpy up to 7.1.11
-    nevertheless passes both in one tuple. Humble passes the message alone.
+    nevertheless passes both in one tuple, and so does `rclpy_private.take_with_info` on Humble.
 
     Args:
-        callback: called with the message and its information, which is empty on Humble.
+        callback: called with the message and its information.
     """
 
     def __init__(self, callback: Callable[[Any, Mapping[str, Any]], object]) -> None:

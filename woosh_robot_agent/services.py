@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -20,7 +22,9 @@ from woosh_robot_agent.link import (
     TooManyRequestsError,
 )
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.motion import UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.robot_context import RobotContext
@@ -28,6 +32,7 @@ from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.watch.velocity_sources import VelocitySources
 
 _LOG = logging.getLogger(__name__)
+_LIMITED = "the velocity was limited by cmd_vel_max_linear or cmd_vel_max_angular"
 
 
 class Services:
@@ -36,12 +41,18 @@ class Services:
     Args:
         robot: the objects of the robot.
         velocities: learns of the calls that command velocities.
+        limits: returns the limits of velocities.
 
     Attributes:
         last_known: the last known values.
     """
 
-    def __init__(self, robot: RobotContext, velocities: VelocitySources) -> None:
+    def __init__(
+        self,
+        robot: RobotContext,
+        velocities: VelocitySources,
+        limits: Callable[[], VelocityLimits],
+    ) -> None:
         self.last_known = robot.last_known
         self._servers: list[DeferredService] = []
         for query in QUERIES:
@@ -50,7 +61,7 @@ class Services:
                 DeferredService(robot.node, query_handler.srv, query.name, query_handler.handle)
             )
         for command in COMMANDS:
-            command_handler = _CommandHandler(command, robot, velocities)
+            command_handler = _CommandHandler(command, robot, velocities, limits)
             self._servers.append(
                 DeferredService(
                     robot.node, command_handler.srv, command.name, command_handler.handle
@@ -136,39 +147,57 @@ class _UnusableAnswerError(Exception):
 class _CommandHandler:
     """Handler of one command: forwards it to the chassis, and the answer to the client."""
 
-    def __init__(self, endpoint: Command, robot: RobotContext, velocities: VelocitySources) -> None:
+    def __init__(
+        self,
+        endpoint: Command,
+        robot: RobotContext,
+        velocities: VelocitySources,
+        limits: Callable[[], VelocityLimits],
+    ) -> None:
         self.srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._robot = robot
         self._velocities = velocities
+        self._limits = limits
         arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
         self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
         self._convert_ret: Converter | None = None
         if endpoint.answer:
             ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
             self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
+        self._clock = SenderClock()
 
     def handle(self, request: Any, reply: Reply) -> None:
         try:
             message = self._robot.requests.make(self._convert, request.arg)
-        except BadFieldError as error:
-            reply.send(self._response(False, f"{error.below('arg')}; nothing was sent"))
+            wanted = message
+            if isinstance(message, Twist):
+                message = self._limits().apply(message)
+        except (BadFieldError, UnusableVelocityError) as error:
+            reply.send(self._response(False, f"arg.{error}; nothing was sent"))
             return
-        self._robot.thread.spawn(partial(self._answer, message, reply), reply.fail)
+        note = "" if message == wanted else _LIMITED
+        published = self._clock.published(*reply.times, time.monotonic())
+        self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
 
-    async def _answer(self, message: Message, reply: Reply) -> None:
+    async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
         address = self._robot.chassis.config.address
         if isinstance(message, Twist) and may_move(message):
             self._velocities.called(self._endpoint.name, reply.number)
         try:
-            answer = await self._robot.gate.request(message, source=self._endpoint.name)
+            answer = await self._robot.gate.request(
+                message, source=self._endpoint.name, published=published
+            )
         except ConnectionLostError as error:
             reply.send(self._response(False, self._lost(address, error)))
             return
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
-        reply.send(self._answered(answer))
+        response = self._answered(answer)
+        if note and answer.ok:
+            response.msg = f"{response.msg}; {note}" if response.msg else note
+        reply.send(response)
 
     def _lost(self, address: str, error: ConnectionLostError) -> str:
         return (

@@ -11,7 +11,8 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert import Converter, converter
+from woosh_robot_agent.convert.cdr import serialize
 from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
 from woosh_robot_agent.last_known import parts_of
 from woosh_robot_agent.latched import LatchedPublisher, LatchedPublishers
@@ -44,8 +45,8 @@ class Topics:
             proto_class = message_type(topic.push)
             publisher = publishers.create(msg, topic.name, topic.depth)
             convert = converter(msg, proto_class)
-            self._publish[topic.push] = partial(_publish, publisher, convert.to_ros)
-            chassis.subscribe_raw(proto_class, partial(_publish, publisher, convert.read))
+            self._publish[topic.push] = partial(_publish, publisher, convert)
+            chassis.subscribe_raw(proto_class, publisher.publish, partial(_serialized, convert))
         _AgentInfo(node, chassis)
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -55,10 +56,12 @@ class Topics:
                 publish(part)
 
 
-def _publish(
-    publisher: LatchedPublisher, to_ros: Callable[[Any], Any], value: Message | Body
-) -> None:
-    publisher.publish(to_ros(value))
+def _serialized(convert: Converter, body: Body) -> bytes:
+    return serialize(convert.read(body))
+
+
+def _publish(publisher: LatchedPublisher, convert: Converter, value: Message) -> None:
+    publisher.publish(serialize(convert.to_ros(value)))
 
 
 class _OnDemand:
@@ -83,8 +86,9 @@ class _OnDemand:
 
     def _subscribe(self) -> None:
         if self._unsubscribe is None:
-            publish = partial(_publish, self._publisher, self._convert.read)
-            self._unsubscribe = self._chassis.subscribe_raw(self._proto_class, publish)
+            self._unsubscribe = self._chassis.subscribe_raw(
+                self._proto_class, self._publisher.publish, partial(_serialized, self._convert)
+            )
 
 
 class _AgentInfo:

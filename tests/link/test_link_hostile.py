@@ -25,7 +25,7 @@ from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.log_once import LogOnce, one_line
+from woosh_robot_agent.link.log_once import LogOnce, PrintableFormatter, one_line
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.protos import message_types
@@ -220,6 +220,21 @@ async def test_texts_of_the_chassis_are_logged_as_one_short_line() -> None:
 )
 def test_one_line_escapes_and_cuts_a_text(text: str, expected: str) -> None:
     assert one_line(text) == expected
+
+
+def test_a_logged_line_cannot_control_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(PrintableFormatter("%(levelname)s: %(message)s"))
+    record = logging.LogRecord("x", logging.INFO, "", 0, "said %s", ("a\n\x1b]0;b\x07\x9bm",), None)
+    try:
+        raise ValueError("c\x1b[2J")
+    except ValueError:
+        record.exc_info = sys.exc_info()
+    handler.handle(record)
+    said, *traceback = capsys.readouterr().err.splitlines()
+    assert said == "INFO: said a\\n\\x1b]0;b\\x07\\x9bm"
+    assert traceback[0] == "Traceback (most recent call last):"
+    assert traceback[-1] == "ValueError: c\\x1b[2J"
 
 
 HOSTILE = {

@@ -7,11 +7,14 @@ from google.protobuf.message import Message
 
 from tests.motion.moving import MOVING, name_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES
-from woosh_robot_agent.motion.requests import commands_motion, may_move
+from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.stop import cancel_orders
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
+from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, MoveBase, StepControl, kCancel
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.protos import message_type
 
 COMMAND_MOTION = {
@@ -74,6 +77,9 @@ RESTING: tuple[Message, ...] = (
     RepeatTask(order=RepeatTask.kPut),
     RepeatTask(order=RepeatTask.kDel),
     *cancel_orders().values(),
+    CallAction(step_control=StepControl(steps=[StepControl.Step(value=1.0)], action=kCancel)),
+    CallAction(move_base=MoveBase(poses=[Pose2D(x=1.0)], target_pose=Pose2D(x=1.0))),
+    CallAction(lift_control=LiftControl(execute_mode=LiftControl.kUp)),
 )
 
 
@@ -104,3 +110,4 @@ def test_moving_requests_are_recognised(request_: Message) -> None:
 def test_orders_to_rest_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert not may_move(request_)
+    assert not takes_wheels(request_)

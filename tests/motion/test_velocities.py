@@ -183,7 +183,8 @@ async def test_a_command_held_right_after_another_was_released_is_superseded_at_
         return await answers[-1]
 
     def go(speed: float) -> asyncio.Task[str]:
-        return asyncio.ensure_future(latest.request(Twist(linear=speed), send))
+        now = asyncio.get_running_loop().time()
+        return asyncio.ensure_future(latest.request(Twist(linear=speed), send, now))
 
     first = go(1)
     await turns(3)
@@ -280,12 +281,13 @@ async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> Non
 @aio
 async def test_a_stop_never_becomes_stale() -> None:
     latest = LatestWins[float]()
+    now = asyncio.get_running_loop().time()
 
     async def send(fresh: float) -> float:
         return fresh
 
-    assert await latest.request(Twist(), send) == math.inf
-    assert await latest.request(Twist(linear_y=1), send) == 0.1
+    assert await latest.request(Twist(), send, now - 10.0) == math.inf
+    assert await latest.request(Twist(linear_y=1), send, now + 50.0) > 40.0
 
 
 @aio

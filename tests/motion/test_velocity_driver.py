@@ -9,12 +9,20 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.timeouts import cancel_and_wait
-from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak
+from woosh_robot_agent.motion import (
+    MAX_VELOCITY,
+    MotionGate,
+    UnusableVelocityError,
+    VelocityDriver,
+    VelocityLimits,
+)
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak, Twist
 
 TWIST = "woosh.robot.Twist"
 SPEAK = "woosh.robot.Speak"
@@ -113,6 +121,37 @@ async def test_a_velocity_beyond_the_limits_is_scaled_down() -> None:
     async with driving(max_linear=0.5, max_angular=0.2) as rig:
         rig.driver.drive(3.0, 4.0, -9.0)
         await rig.sent((0.3, 0.4, -0.2))
+
+
+@aio
+async def test_a_velocity_that_no_robot_reaches_is_refused(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with driving() as rig:
+        for values in ((3e38, 0.0, 0.0), (1e308, 1e308, 0.0), (0.1, 0.0, -10.5)):
+            rig.driver.drive(*values)
+        rig.driver.drive(-10.0, 0.0, 0.0)
+        await rig.sent((-1.0, 0.0, 0.0))
+    assert "joystick is ignored: linear is 3e+38" in caplog.text
+
+
+@given(
+    st.tuples(*3 * [st.floats(width=32)]), st.floats(0, MAX_VELOCITY), st.floats(0, MAX_VELOCITY)
+)
+def test_each_velocity_is_within_the_limits_or_refused(
+    values: tuple[float, float, float], linear: float, angular: float
+) -> None:
+    velocity = Twist(linear=values[0], linear_y=values[1], angular=values[2])
+    limits = replace(LIMITS, max_linear=linear, max_angular=angular)
+    if not all(abs(value) <= MAX_VELOCITY for value in values):
+        with pytest.raises(UnusableVelocityError, match=r"^(linear|linear_y|angular) is "):
+            limits.apply(velocity)
+        return
+    limited = limits.apply(velocity)
+    assert math.hypot(limited.linear, limited.linear_y) <= linear * (1 + 1e-6) + 1e-40
+    assert abs(limited.angular) <= angular * (1 + 1e-6) + 1e-40
+    if math.hypot(*values[:2]) <= linear and abs(values[2]) <= angular:
+        assert limited == velocity
 
 
 @aio

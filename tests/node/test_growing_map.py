@@ -287,7 +287,7 @@ class TestBadReports:
             ({"map_data": png([[1, 2, 3]] * 3)[:40]}, "its image cannot be decoded"),
             ({"resolution": 0.0}, "its resolution is invalid: 0"),
             ({"resolution": math.nan}, "its resolution is invalid: nan"),
-            ({"origin_y": math.inf}, "its origin is invalid"),
+            ({"origin_y": math.inf}, "origin is not finite"),
         ],
     )
     def test_they_are_logged_once_and_the_next_good_one_is_shown(
@@ -348,5 +348,5 @@ def test_diagnostics_do_not_warn_of_the_missing_map_and_localisation(
     assert of(array, "chassis").message == "OK"
     mapping.enter(robot.kIdle)
     warned = arrays.wait(lambda a: of(a, "chassis").level == WARN)
-    assert "uses no map" in of(warned, "chassis").message
+    assert "belongs to no map" in of(warned, "chassis").message
     assert "lost its localisation" in of(warned, "chassis").message

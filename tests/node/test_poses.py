@@ -21,25 +21,25 @@ class Sender:
     """Publishes like the tools of RViz."""
 
     def __init__(self, client: Client) -> None:
-        self._publishers = {
+        self.publishers = {
             name: client.node.create_publisher(cls, client.path(name), 10)
             for name, cls in (
                 ("initialpose", PoseWithCovarianceStamped),
                 ("goal_pose", PoseStamped),
             )
         }
-        for name, publisher in self._publishers.items():
+        for name, publisher in self.publishers.items():
             wait_until(publisher.get_subscription_count, f"the agent at {name}")
 
     def initialpose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
         message = PoseWithCovarianceStamped()
         _fill(message, message.pose.pose, x, y, yaw, frame)
-        self._publishers["initialpose"].publish(message)
+        self.publishers["initialpose"].publish(message)
 
     def goal_pose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
         message = PoseStamped()
         _fill(message, message.pose, x, y, yaw, frame)
-        self._publishers["goal_pose"].publish(message)
+        self.publishers["goal_pose"].publish(message)
 
 
 def _fill(message: Any, pose: Any, x: float, y: float, yaw: float, frame: str) -> None:
@@ -72,9 +72,19 @@ class TestInitialpose:
         logs.wait(lambda r: "set the fixed frame to map" in r.getMessage())
         assert simulator.counts[SET_POSE] == 0
 
-    def test_an_invalid_pose_is_logged(self, simulator, sender, logs):
-        sender.initialpose(math.nan, 1.5, 0.0)
-        logs.wait(lambda r: "not finite" in r.getMessage())
+    @pytest.mark.parametrize("x", [math.nan, math.inf, 1e308, -1e39])
+    def test_an_invalid_pose_is_logged(self, simulator, sender, logs, x):
+        sender.initialpose(x, 1.5, 0.0)
+        logs.wait(lambda r: "not finite" in r.getMessage() and r.levelname == "ERROR")
+        assert simulator.counts[SET_POSE] == 0
+
+    @pytest.mark.parametrize("size", [0.0, 1e18, -2.0])
+    def test_an_orientation_that_is_no_rotation_is_logged(self, simulator, sender, logs, size):
+        message = PoseWithCovarianceStamped()
+        orientation = message.pose.pose.orientation
+        orientation.x = orientation.y = orientation.z = orientation.w = size
+        sender.publishers["initialpose"].publish(message)
+        logs.wait(lambda r: "not a unit quaternion" in r.getMessage() and r.levelname == "ERROR")
         assert simulator.counts[SET_POSE] == 0
 
 

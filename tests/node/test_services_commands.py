@@ -46,6 +46,8 @@ def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
     rng = random.Random(7)
     for command in COMMANDS:
         arg = random_ros(rng, arg_class(command))
+        if command.name == "robot/Twist":  # beyond the limits, it would be changed or refused
+            arg = type(arg)(linear=0.25, angular=-0.5)
         msg = "请求失败: \n\u00e9 🤖" + command.name
         changes = {"ok": ok, "msg": msg, "type": command.answer or command.request, "body": None}
         if command.answer:
@@ -143,18 +145,39 @@ def message_with(cls: Any, path: str, value: Any) -> Any:
     return message
 
 
-BAD = [(("float",), float("nan")), (("float",), float("-inf")), (("string",), "a\ufffd")]
-
-
-@pytest.mark.parametrize(("kinds", "value"), BAD)
-def test_bad_values_are_named_and_not_sent(kinds, value, simulator, agent, client):
+@pytest.mark.parametrize("value", [float("nan"), float("-inf")])
+def test_bad_values_are_named_and_not_sent(value, simulator, agent, client):
     for command in COMMANDS:
-        for path in leaves(arg_class(command), kinds):
+        for path in leaves(arg_class(command), ("float",)):
             arg = message_with(arg_class(command), path, value)
             response = client.call(srv_of(command), command.name, arg=arg)
             assert not response.ok
             assert response.msg.startswith(f"arg.{path} is "), command.name
         assert not simulator.counts[command.request]
+
+
+def value_at(message: Any, path: str) -> Any:
+    """Return a value in a protobuf message, which has the members of oneofs as its own fields."""
+    for step in path.split("."):
+        message = getattr(message, step.removesuffix("[0]"), message)
+        if step.endswith("[0]"):
+            message = message[0]
+    return message
+
+
+def test_the_replacement_character_is_text_like_any_other(simulator, agent, client):
+    """rclpy also puts it in place of bytes that are not UTF-8, which are refused."""
+    sent = 0
+    for command in COMMANDS:
+        for path in leaves(arg_class(command), ("string",)):
+            arg = message_with(arg_class(command), path, "a\ufffd谢b")
+            before = simulator.counts[command.request]
+            client.call(srv_of(command), command.name, arg=arg)
+            assert simulator.counts[command.request] == before + 1, (command.name, path)
+            received = simulator.last(command.request)
+            assert value_at(received, path) == "a\ufffd谢b"
+            sent += 1
+    assert sent > 50
 
 
 class CString(ctypes.Structure):

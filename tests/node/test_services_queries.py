@@ -85,10 +85,10 @@ def test_task_progress_query_sends_its_argument(simulator, agent, client):
     assert (sent.robot_task_id, sent.dest) == (17, "A2")
 
 
-def test_invalid_utf_8_is_not_sent(simulator, agent, client, logs):
+def test_the_replacement_character_is_sent(simulator, agent, client, logs):
     client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(dest="a\ufffd"))
-    assert "arg.dest is not valid UTF-8" in messages(logs, "robot/TaskProc answers")[0][1]
-    assert not simulator.counts["woosh.robot.TaskProc"]
+    assert simulator.last("woosh.robot.TaskProc").dest == "a\ufffd"
+    assert not messages(logs, "robot/TaskProc answers")
 
 
 def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):

@@ -20,7 +20,8 @@ from tests.harness import wait_until
 from tests.node.goals import short_task
 from woosh_robot_agent.map_image import MapError, cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, TaskProc
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import Outgoing
 from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
@@ -210,6 +211,12 @@ class TestDiagnostics:
         assert values(status)["taskable"] == "no"
         codes = of(arrays.wait(lambda a: of(a, "abnormal codes").level == ERROR), "abnormal codes")
         assert codes.message
+
+    def test_a_robot_that_executes_a_task_takes_no_other_one(self, simulator, agent, client):
+        arrays = diagnostics(client)
+        simulator.push(TaskProc(robot_task_id=7, type=task.kPick, state=task.kExecuting))
+        array = arrays.wait(lambda a: values(of(a, "chassis"))["taskable"] == "no")
+        assert of(array, "chassis").level == OK  # it is what the robot is for
 
     def test_faulty_devices_are_listed(self, simulator, agent, client):
         arrays = diagnostics(client)

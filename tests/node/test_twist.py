@@ -7,6 +7,8 @@ import time
 from typing import Any
 
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
 from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
 from tests.node.goals import EXECUTING, slow_down, stop_time, task
@@ -65,6 +67,41 @@ def test_nan_is_not_sent(client: Client, simulator: SimulatorThread) -> None:
     assert not answer.ok
     assert "arg.linear" in answer.msg
     assert speeds(simulator) == []
+
+
+@pytest.mark.parametrize("field", ["linear", "linear_y", "angular"])
+@pytest.mark.parametrize("value", [3e38, -10.5])
+def test_a_velocity_that_no_robot_reaches_is_not_sent(
+    client: Client, simulator: SimulatorThread, field: str, value: float
+) -> None:
+    answer = client.call(Twist, "robot/Twist", arg=TwistMsg(**{field: value}))
+    assert not answer.ok
+    assert f"arg.{field} is {value:g}" in answer.msg
+    assert "nothing was sent" in answer.msg
+    assert simulator.counts[TWIST] == 0
+
+
+def test_the_limits_of_cmd_vel_hold_for_calls(client: Client, simulator: SimulatorThread) -> None:
+    def sent(**velocity: float) -> tuple[Any, ...]:
+        answer = client.call(Twist, "robot/Twist", arg=TwistMsg(**velocity))
+        assert answer.ok
+        twist = simulator.last(TWIST)
+        return *(round(v, 4) for v in (twist.linear, twist.linear_y, twist.angular)), answer.msg
+
+    *legal, usual = sent(linear=1.0, angular=-1.0)
+    assert legal == [1.0, 0.0, -1.0]
+    assert "cmd_vel_max" not in usual
+    *fast, told = sent(linear=-3.0, angular=5.0)
+    assert fast == [-1.0, 0.0, 1.0]
+    assert told.startswith(usual)
+    assert "cmd_vel_max_linear" in told
+    assert sent(linear=3.0, linear_y=4.0)[:3] == (0.6, 0.8, 0.0), "the direction stays"
+    lower = {"cmd_vel_max_linear": 0.3, "cmd_vel_max_angular": 0.2}
+    parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in lower.items()]
+    results = client.call(SetParameters, "agent/set_parameters", parameters=parameters).results
+    assert all(result.successful for result in results)
+    assert sent(linear=0.3, angular=0.2) == (0.3, 0.0, 0.2, usual)
+    assert sent(linear=1.0, angular=-1.0)[:3] == (0.3, 0.0, -0.2)
 
 
 def test_refusal_reaches_the_client(client: Client, simulator: SimulatorThread) -> None:

@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import io
+import json
+import math
 import random
+from typing import Any
 
 import pytest
+from rich.console import Console
 
+from tests.link.link_peer import TIMEOUT, Peer, Wire, aio, eventually, turns
+from tests.random_messages import extremes
 from tests.robustness.fuzz import fuzz
 from tests.robustness.fuzz_inputs import blob, text
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
+from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.link.codecs.json_errors import FieldError
+from woosh_robot_agent.link.codecs.json_reader import from_json
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.doctor.readiness_checks import (
+    check_codes,
+    check_initialisation,
+    check_localisation,
+    check_mode,
+)
+from woosh_robot_agent.tools.link_report import link_report
+from woosh_robot_agent.tools.monitor.screen import draw
+from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
+from woosh_robot_agent.vda5050.robot.status import robot_status
 
 SEED = 1
+FEEDBACKS = "woosh.ros.Feedbacks"
 
 
 @pytest.mark.parametrize(
@@ -64,3 +89,64 @@ def test_inputs_include_the_extremes() -> None:
     blobs = [blob(random.Random(f"x{n}")) for n in range(20_000)]
     for odd in (b"\x0b" * 1000, b"\xff" * 10):
         assert any(odd in each for each in blobs), odd
+
+
+def _strict_json(text: str) -> Any:
+    """Return the value of a JSON text, which must have no NaN and no infinity."""
+    return json.loads(text, parse_constant=pytest.fail)
+
+
+@aio
+async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The dashboard receives it from a chassis, and the other programs show what it knows."""
+    scans = [*extremes("woosh.robot.ScannerData")]
+    scans += [{"rangeMin": -3e38, "ranges": [-5.0]}, {"rangeMax": math.inf, "ranges": [1e9]}]
+    unsent = iter(scans)
+
+    async def answer(wire: Wire, frame: Any) -> bool:
+        if frame["type"] == "woosh.robot.ScannerData":
+            await wire.answer(frame, next(unsent, {}))
+        return frame["type"] == "woosh.robot.ScannerData"
+
+    monkeypatch.setattr("woosh_robot_agent.tools.dashboard.robot._UPDATE_PERIOD", 0.0)
+    async with Peer(script=answer) as peer:
+        shown = Robot(peer.config(), control=False, scan_rate=200.0)
+        shown.start()
+        shown.watch(object(), lambda names: None)
+        wire = await peer.wire()
+        await shown.chassis.wait_ready(TIMEOUT)
+        for name in (*(topic.push for topic in TOPICS if not topic.on_demand), FEEDBACKS):
+            for body in extremes(name):
+                received = shown.chassis.stats.rx
+                await wire.push(name, body)
+                await eventually(lambda received=received: shown.chassis.stats.rx > received)
+                await turns()
+                _show(shown)
+        await eventually(lambda: next(unsent, None) is None)
+        await turns()
+        assert not [task for task in shown._tasks if task.done()]
+        await shown.close()
+    for body in extremes("woosh.robot.RobotInfo"):
+        info = RobotInfo()
+        with contextlib.suppress(FieldError):
+            from_json(body, info)
+        shown.view.update(info)
+        _show(shown)
+
+
+def _show(shown: Robot) -> None:
+    """Show the state of a robot in all ways."""
+    for part in shown.parts.values():
+        if isinstance(part, str):
+            _strict_json(part)
+    for source in shown._sources.values():
+        _strict_json(json.dumps(source()))
+    assert shown.summary
+    Console(file=io.StringIO()).print(draw("it", link_report(shown.chassis), shown.view))
+    info = shown.view.info
+    for check in (check_mode, check_initialisation, check_localisation, check_codes):
+        assert check(info).status
+    for vehicle in (robot_status(info), factsheet(info, Limits(), ())):
+        json.dumps(dataclasses.asdict(vehicle), default=str, allow_nan=False)

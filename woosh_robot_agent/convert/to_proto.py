@@ -109,11 +109,9 @@ def _set_proto(
 
 
 def _check_text(text: str, path: str) -> None:
-    """Refuse text that was not valid UTF-8: rclpy replaces invalid bytes by U+FFFD."""
+    """Refuse text with half a surrogate pair, which no valid UTF-8 has."""
     if text.isascii():
         return
-    if "\ufffd" in text:
-        raise BadFieldError(path, "is not valid UTF-8 text")
     try:
         text.encode()
     except UnicodeEncodeError:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NoReturn, TypeVar
 
-from google.protobuf.message import Message
-
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.codecs.json_errors import FieldError
 from woosh_robot_agent.protos import message_types
@@ -24,9 +22,10 @@ class Body:
 
     Attributes:
         type: protobuf full name of the body's message, as the frame gives it.
+        is_large: True if handling the body may take long; see `aside`.
     """
 
-    __slots__ = ("_codec", "_error", "_message", "_on_bad", "_value", "type")
+    __slots__ = ("_codec", "_error", "_message", "_on_bad", "_value", "is_large", "type")
 
     def __init__(
         self, codec: Codec, envelope: Envelope, on_bad: Callable[[FrameError], None]
@@ -35,7 +34,8 @@ class Body:
         self._value = envelope.body
         self._codec = codec
         self._on_bad = on_bad
-        self._message: Message | None = None
+        self.is_large = envelope.is_large
+        self._message = envelope.message
         self._error: FrameError | None = None
 
     def message(self) -> Any:
@@ -68,7 +68,7 @@ class Body:
         Raises:
             FrameError: the type is unknown, or the body does not fit it.
         """
-        if isinstance(self._value, bytes):
+        if self._message is not None or isinstance(self._value, bytes):
             return from_message(self.message())
         try:
             return from_json({} if self._value is None else self._value)
@@ -81,7 +81,8 @@ class Body:
         Args:
             name: protobuf full name of that type.
         """
-        return Body(self._codec, Envelope(name, self._value), self._on_bad)
+        envelope = Envelope(name, self._value, is_large=self.is_large)
+        return Body(self._codec, envelope, self._on_bad)
 
     def _fail(self, error: FrameError) -> NoReturn:
         if self._error is None:

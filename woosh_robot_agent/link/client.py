@@ -26,12 +26,16 @@ from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.reconnect import ReconnectLoop
 from woosh_robot_agent.link.state import LinkState, LinkStatus
 from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.link.subscriptions import Subscriptions
+from woosh_robot_agent.link.subscriptions import Consumer, Subscriptions
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.protos import full_name, message_types
 
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
+
+
+def _unchanged(body: Body) -> Body:
+    return body
 
 
 class ChassisClient:
@@ -335,15 +339,24 @@ class ChassisClient:
         Raises:
             ValueError: the chassis has no such message.
         """
-        return self.subscribe_raw(cls, lambda body: callback(body.message()))
+        return self.subscribe_raw(cls, callback, Body.message)
 
     def subscribe_raw(
-        self, cls: type[Message], callback: Callable[[Body], None]
+        self,
+        cls: type[Message],
+        callback: Callable[[Any], None],
+        prepare: Callable[[Body], Any] = _unchanged,
     ) -> Callable[[], None]:
         """Call `callback` in the event loop with each push of `cls`, not decoded yet.
 
-        If `callback` raises a FrameError because it cannot read the body, later subscribers do not
-        get that push either.
+        If `prepare` or `callback` raises a FrameError because it cannot read the body, later
+        subscribers do not get that push either.
+
+        Args:
+            cls: class of the pushes.
+            callback: called with what `prepare` returns; must not block.
+            prepare: converts a push for the callback; by default it stays as it is. A large push
+                is converted in another thread, so that it does not hold up the event loop.
 
         Returns:
             A function that ends the subscription.
@@ -354,7 +367,8 @@ class ChassisClient:
         name = full_name(cls)
         if name not in message_types():
             raise ValueError(f"{name} is not a message of the chassis")
-        if self._subscriptions.add(name, callback) and self._connection is not None:
+        consumer = Consumer(callback, prepare)
+        if self._subscriptions.add(name, consumer) and self._connection is not None:
             self._connection.subscribe([name], on=True)
         ended = False
 
@@ -363,10 +377,21 @@ class ChassisClient:
             if ended:
                 return
             ended = True
-            if self._subscriptions.remove(name, callback) and self._connection is not None:
+            if self._subscriptions.remove(name, consumer) and self._connection is not None:
                 self._connection.subscribe([name], on=False)
 
         return unsubscribe
+
+    def count_bad_value(self, cls: type[Message], reason: str) -> None:
+        """Count a message of the chassis that a consumer cannot use, e.g. for an infinite number.
+
+        The first one of each class and kind on a link is logged. Call it in the event loop.
+
+        Args:
+            cls: class of the message.
+            reason: what is wrong, a colon, and the value. The text before the colon is the kind.
+        """
+        self._subscriptions.count_bad_value(full_name(cls), reason)
 
     def on_state(self, callback: Callable[[LinkState], None]) -> None:
         """Call `callback` in the event loop with each new state of the link."""

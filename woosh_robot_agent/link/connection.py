@@ -14,6 +14,7 @@ from functools import partial
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.answer import Answer
+from woosh_robot_agent.link.aside import LARGE, aside
 from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import LinkConfig
@@ -29,12 +30,13 @@ from woosh_robot_agent.link.errors import (
 from woosh_robot_agent.link.expiry import Expiry
 from woosh_robot_agent.link.liveness import Liveness
 from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.push_queue import COUNTED_PUSHES
 from woosh_robot_agent.link.stats import LinkStats
 from woosh_robot_agent.link.timeouts import cancel_and_wait
 from woosh_robot_agent.link.transport.base import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.protos import full_name, message_types
 
 _LOG = logging.getLogger(__name__)
 _MAX_SN = 2**31 - 1
@@ -45,6 +47,10 @@ empty buffer take frames of this size at once."""
 _TIME_SLICE = 0.005
 """Time after which the reader lets other tasks run, in seconds, so that a flood does not starve
 them."""
+
+_MAX_ASIDE = 2
+"""Maximum number of large frames that wait to be decoded. After that, the connection is not read:
+the chassis has to wait, too."""
 
 
 @dataclass(slots=True)
@@ -131,6 +137,11 @@ class Connection:
         self._liveness = Liveness(
             transport, config.liveness_timeout, self._probe, lambda: self._sent
         )
+        self._aside_slots = asyncio.Semaphore(_MAX_ASIDE)
+        self._aside_tasks: set[asyncio.Task[None]] = set()
+        """Tasks that wait for large frames to be decoded."""
+        self._newer: list[set[str]] = []
+        """For each large frame that is being decoded, the types of the pushes read since then."""
         self._tasks = [
             self._loop.create_task(self._guard(work), name=f"link {work.__name__}")
             for work in (self._read, self._write, self._liveness.watch)
@@ -229,7 +240,7 @@ class Connection:
         self._fail(cause)
         self._expiry.cancel()
         try:
-            await cancel_and_wait(*self._tasks)
+            await cancel_and_wait(*self._tasks, *self._aside_tasks)
             await self._transport.close(self.config.close_timeout)
         finally:
             self._transport.abort()
@@ -243,7 +254,7 @@ class Connection:
         return {
             "requests": len(self._pending),
             "outbox": len(self._outbox),
-            "tasks": sum(not task.done() for task in self._tasks),
+            "tasks": sum(not task.done() for task in (*self._tasks, *self._aside_tasks)),
         }
 
     def _fail(self, cause: LinkError) -> None:
@@ -360,18 +371,13 @@ class Connection:
         slice_started = self._loop.time()
         while True:
             try:
-                envelope = self._codec.decode(await self._transport.recv())
+                data = await self._transport.recv()
+                if len(data) < LARGE:
+                    self._receive(self._codec.decode(data), self._transport.waited)
+                else:
+                    await self._receive_aside(data)
             except FrameError as error:
                 self._count_bad(error)
-            else:
-                self._stats.rx += 1
-                self._liveness.heard()
-                if envelope.timestamp is not None:
-                    self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
-                if envelope.sn:
-                    self._answer(envelope)
-                else:
-                    self._on_push(envelope, self._transport.waited)
             now = self._loop.time()
             if self._transport.waited:  # other tasks have just had their turn
                 slice_started = now
@@ -379,21 +385,74 @@ class Connection:
                 await asyncio.sleep(0)
                 slice_started = self._loop.time()
 
+    def _receive(self, envelope: Envelope, alone: bool) -> None:
+        self._stats.rx += 1
+        self._liveness.heard()
+        if envelope.defect:
+            self._count_bad(FrameError("timestamp", envelope.defect))
+        if envelope.timestamp is not None:
+            self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
+        if envelope.sn:
+            self._answer(envelope)
+            return
+        for newer in self._newer:
+            newer.add(envelope.type)
+        self._on_push(envelope, alone)
+
+    async def _receive_aside(self, data: str | bytes) -> None:
+        """Begin to decode a large frame aside, as soon as few enough others are."""
+        await self._aside_slots.acquire()
+        task = self._loop.create_task(self._guard(partial(self._decode_aside, data)))
+        self._aside_tasks.add(task)
+        task.add_done_callback(self._aside_tasks.discard)
+
+    async def _decode_aside(self, data: str | bytes) -> None:
+        newer: set[str] = set()
+        self._newer.append(newer)
+        try:
+            envelope = await aside(self._decode_large, data)
+        except FrameError as error:
+            self._count_bad(error)
+            return
+        finally:
+            self._newer.remove(newer)
+            self._aside_slots.release()
+        if not envelope.sn and envelope.type in newer and envelope.type not in COUNTED_PUSHES:
+            self._stats.dropped_pushes[envelope.type] += 1  # only the newest value matters
+        elif self._cause is None:
+            self._receive(envelope, alone=False)
+
+    def _decode_large(self, data: str | bytes) -> Envelope:
+        """Return the envelope of a large frame, with its body decoded; runs aside."""
+        envelope = self._codec.decode(data)
+        envelope.is_large = True
+        if (cls := message_types().get(envelope.type)) is not None:
+            try:
+                envelope.message = self._codec.body(envelope, cls)
+            except FrameError:  # found again, and counted, by whoever reads the body
+                return envelope
+            if not envelope.sn:  # the body of an answer may be read as another type
+                envelope.body = None
+        return envelope
+
     def _answer(self, envelope: Envelope) -> None:
         pending = self._pending.get(envelope.sn)
         if pending is None or pending.future.done():
             self._stats.late_answers += 1
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
-        body = Body(self._codec, envelope, self._count_bad)
+        body = Body(self._codec, envelope, partial(self._count_bad, name=envelope.type))
         answer = Answer(bool(envelope.ok), envelope.msg, body)
         pending.future.set_result(answer)
         if pending.tap is not None:
             pending.tap(answer)
 
-    def _count_bad(self, error: FrameError) -> None:
+    def _count_bad(self, error: FrameError, name: str = "") -> None:
         self._stats.bad_frames[error.kind] += 1
-        self._log.warn(f"bad frame: {error.kind}", f"skipped a bad frame ({error.kind}): {error}")
+        skipped = "the timestamp of a frame" if error.kind == "timestamp" else "a bad frame"
+        self._log.warn(
+            f"bad frame: {error.kind} {name}", f"skipped {skipped} ({error.kind}): {error}"
+        )
 
     async def _probe(self) -> None:
         started = self._loop.time()

@@ -6,6 +6,13 @@ import asyncio
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.protos import full_name
+
+COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
+"""Types of which every push must be delivered. Of other types, only the newest values matter."""
 LATEST_DEPTH = 50
 """Maximum number of queued pushes of a type of which only the newest values matter. Enough
 for 17 ms at 3000 Hz, in which another program may use the core."""

@@ -14,7 +14,7 @@ class LinkStats:
         connects: number of times that the link became ready.
         rx: valid frames received.
         tx: frames sent.
-        bad_frames: frames that could not be read, by kind of defect.
+        bad_frames: frames that could not be read or used, by kind of defect.
         dropped_pushes: pushes that were dropped because newer ones came, by message type.
         refused_requests: requests that were not sent because too many were in flight, by message
             type.

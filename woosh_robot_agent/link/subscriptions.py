@@ -5,22 +5,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from functools import partial
+from typing import Any, NamedTuple
 
 from woosh_robot_agent.link.answer import Answer
+from woosh_robot_agent.link.aside import aside
 from woosh_robot_agent.link.body import Body
 from woosh_robot_agent.link.callbacks import call, call_plain
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.link.log_once import LogOnce, one_line
-from woosh_robot_agent.link.push_queue import PushQueue
+from woosh_robot_agent.link.push_queue import COUNTED_PUSHES, LATEST_DEPTH, PushQueue
 from woosh_robot_agent.link.robot_identity import RobotIdentity
 from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.protos import full_name
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 
 _LOG = logging.getLogger(__name__)
 _TIME_SLICE = 0.005
@@ -31,8 +31,22 @@ _ANSWER = "answer"
 _SNAPSHOT = "snapshot"
 """Name of the first RobotInfo of a link in the queue."""
 
-COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
-"""Types of which every push must be delivered. Of other types, only the newest values matter."""
+
+class Consumer(NamedTuple):
+    """A consumer of the pushes of one type.
+
+    Attributes:
+        callback: called in the event loop with each push.
+        prepare: converts a body into the argument of `callback`. Of a large push, it runs in the
+            thread for large messages.
+    """
+
+    callback: Callable[[Any], None]
+    prepare: Callable[[Body], Any]
+
+    def take(self, body: Body) -> None:
+        """Process a small push."""
+        self.callback(self.prepare(body))
 
 
 class Subscriptions:
@@ -49,7 +63,7 @@ class Subscriptions:
         self._stats = stats
         self._log = log
         self._drops = drops
-        self._callbacks: dict[str, list[Callable[[Body], None]]] = {}
+        self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
         self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
         self._robot_changed_callbacks: list[Callable[[], None]] = []
@@ -61,6 +75,9 @@ class Subscriptions:
         """Maximum number of queued pushes, by type."""
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, stats.dropped_pushes)
+        self._lanes: dict[str, deque[Body]] = {}
+        """Large pushes that wait to be prepared, and what waits behind them, by type."""
+        self._lane_tasks: set[asyncio.Task[None]] = set()
         self._held: PushQueue | None = None
         """Pushes and answers of a connection whose handshake is in progress."""
 
@@ -71,34 +88,35 @@ class Subscriptions:
     @property
     def queued(self) -> int:
         """Number of queued pushes and answers."""
-        return len(self._queue) + (0 if self._held is None else len(self._held))
+        waiting = len(self._queue) + sum(map(len, self._lanes.values()))
+        return waiting + (0 if self._held is None else len(self._held))
 
     # Consumers
 
     @property
     def wanted(self) -> list[str]:
         """Types that have a consumer."""
-        return [name for name, callbacks in self._callbacks.items() if callbacks]
+        return [name for name, consumers in self._consumers.items() if consumers]
 
-    def add(self, name: str, callback: Callable[[Body], None]) -> bool:
-        """Call `callback` with each push of type `name`.
+    def add(self, name: str, consumer: Consumer) -> bool:
+        """Deliver each push of type `name` to a consumer.
 
         Returns:
             True if it is the first consumer of this type.
         """
-        callbacks = self._callbacks.setdefault(name, [])
-        callbacks.append(callback)
-        return len(callbacks) == 1
+        consumers = self._consumers.setdefault(name, [])
+        consumers.append(consumer)
+        return len(consumers) == 1
 
-    def remove(self, name: str, callback: Callable[[Body], None]) -> bool:
+    def remove(self, name: str, consumer: Consumer) -> bool:
         """End a subscription.
 
         Returns:
             True if the type no longer has a consumer.
         """
-        callbacks = self._callbacks[name]
-        callbacks.remove(callback)
-        return not callbacks
+        consumers = self._consumers[name]
+        consumers.remove(consumer)
+        return not consumers
 
     def on_snapshot(self, callback: Callable[[RobotInfo], None]) -> None:
         """Call `callback` with the first RobotInfo of each link."""
@@ -129,8 +147,16 @@ class Subscriptions:
         self._robot = None
         self.robot_changes += 1
         self._queue.take_all()
+        for lane in self._lanes.values():
+            lane.clear()
         for callback in tuple(self._robot_changed_callbacks):
             call_plain(callback)
+
+    def count_bad_value(self, name: str, reason: str) -> None:
+        """Count a message that a consumer cannot use; see `ChassisClient.count_bad_value`."""
+        self._stats.bad_frames["value"] += 1
+        kind = f"bad value: {reason.partition(':')[0]}: {name}"
+        self._log.warn(kind, f"skipped a bad value in {name}: {reason}")
 
     # Called by the reader; these methods never wait
 
@@ -144,7 +170,7 @@ class Subscriptions:
                 Pushes that arrive together are queued, so that the oldest can be dropped.
         """
         name = envelope.type
-        if not self._callbacks.get(name):
+        if not self._consumers.get(name):
             if envelope.ok is False:
                 self._log.warn(
                     f"error {envelope.msg}", f"the chassis reports: {one_line(envelope.msg)}"
@@ -195,18 +221,62 @@ class Subscriptions:
         self._queue = queue = PushQueue(self._depths, self._stats.dropped_pushes)
         now = asyncio.get_running_loop().time
         slice_started = now()
-        while True:
-            (await queue.get())()
-            if now() - slice_started > _TIME_SLICE:
-                await asyncio.sleep(0)
-                slice_started = now()
+        try:
+            while True:
+                (await queue.get())()
+                if now() - slice_started > _TIME_SLICE:
+                    await asyncio.sleep(0)
+                    slice_started = now()
+        finally:
+            for task in self._lane_tasks:
+                task.cancel()
+            self._lanes.clear()
 
     def _deliver(self, body: Body) -> None:
-        for callback in tuple(self._callbacks[body.type]):
+        lane = self._lanes.get(body.type)
+        if lane is not None:  # behind a large one of the same type
+            if len(lane) == lane.maxlen:
+                self._stats.dropped_pushes[body.type] += 1
+            lane.append(body)
+        elif body.is_large:
+            limit = int(self._depths.get(body.type, LATEST_DEPTH))
+            self._lanes[body.type] = lane = deque([body], limit)
+            work = self._deliver_lane(body.type, lane)
+            task = asyncio.get_running_loop().create_task(work, name=f"large {body.type}")
+            self._lane_tasks.add(task)
+            task.add_done_callback(self._lane_tasks.discard)
+        else:
+            self._deliver_now(body)
+
+    def _deliver_now(self, body: Body) -> None:
+        for consumer in tuple(self._consumers[body.type]):
             try:
-                call(callback, body)
+                call(consumer.take, body)
             except FrameError:  # `_count_bad` has logged it
                 return
+
+    async def _deliver_lane(self, name: str, lane: deque[Body]) -> None:
+        """Deliver the pushes in a lane; prepare the large ones of them aside."""
+        while lane:
+            body = lane.popleft()
+            if body.is_large:
+                await self._deliver_large(body)
+            else:
+                self._deliver_now(body)
+        self._lanes.pop(name, None)
+
+    async def _deliver_large(self, body: Body) -> None:
+        changes = self.robot_changes
+        for consumer in tuple(self._consumers[body.type]):
+            try:
+                prepared = await aside(consumer.prepare, body)
+            except FrameError:  # `_count_bad` has logged it
+                return
+            except Exception:
+                _LOG.exception("a callback failed")
+                continue
+            if self.robot_changes == changes:
+                call(consumer.callback, prepared)
 
     def _count_bad(self, name: str, error: FrameError) -> None:
         self._stats.bad_frames[error.kind] += 1

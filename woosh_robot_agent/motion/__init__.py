@@ -9,12 +9,19 @@ Example::
 
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate, ZeroRefusedError
 from woosh_robot_agent.motion.stop import StopReport
-from woosh_robot_agent.motion.velocity_driver import VelocityDriver, VelocityLimits
+from woosh_robot_agent.motion.velocity_driver import (
+    MAX_VELOCITY,
+    UnusableVelocityError,
+    VelocityDriver,
+    VelocityLimits,
+)
 
 __all__ = [
+    "MAX_VELOCITY",
     "AnsweredCommand",
     "MotionGate",
     "StopReport",
+    "UnusableVelocityError",
     "VelocityDriver",
     "VelocityLimits",
     "ZeroRefusedError",

@@ -2,7 +2,8 @@
 
 1. Nothing bypasses the gate. It reserves all requests that command motion, so the chassis client
    refuses them from any other caller.
-2. The latest velocity wins, and a stale one is not sent. See `LatestWins`.
+2. The latest velocity wins, and a stale one is not sent. Its age counts from when its sender
+   published it. See `LatestWins`.
 3. Nothing is sent twice. The gate does not retry, and a request that was made without a link, or
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, and those
@@ -14,6 +15,9 @@
    drive the robot. Velocities that are sent later do.
 7. A robot that the agent leaves, or only observes from now on, gets a zero velocity if it may still
    be driving at a velocity from this gate. Its zero never goes to another robot.
+
+8. What may have been sent to the agent before the end of a stall of its process or event loop moves
+   nothing. See `StallWatch`.
 
 For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 """
@@ -35,6 +39,7 @@ from woosh_robot_agent.link.drop_log import DropLog
 from woosh_robot_agent.motion.latest_wins import STALL, LatestWins
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.stop import StopReport, cancel_orders
+from woosh_robot_agent.motion.timeliness import StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
@@ -50,6 +55,7 @@ HOLD = 0.5
 
 A goal that a client sent before the stop may arrive after it.
 """
+_STOPPED = "cancelled by a stop of the robot"
 
 
 class ZeroRefusedError(LinkError):
@@ -97,12 +103,17 @@ class MotionGate:
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
         """Loop time until which requests that move the robot are refused."""
+        self._stop_called = -math.inf
+        """Loop time of the last call of `announce_stop`."""
+        self._stalls = StallWatch()
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
         chassis.on_robot_changed(self._robot_changed)
+        if chassis.state is LinkState.READY:
+            self._stalls.start()
 
     async def request(
         self,
@@ -111,6 +122,8 @@ class MotionGate:
         *,
         tap: Callable[[Answer], None] | None = None,
         source: str = "",
+        published: float | None = None,
+        max_age: float = math.inf,
     ) -> Answer:
         """Send a command and wait for the answer. The rules apply only to motion commands.
 
@@ -119,16 +132,31 @@ class MotionGate:
             timeout: as in `ChassisClient.request`.
             tap: as in `ChassisClient.request`.
             source: name of the sender, for `on_answered`.
+            published: loop time (monotonic) at which a sender outside of this process published
+                it, as far as that is known; None for a command of this process.
+            max_age: maximum age at which a velocity is sent, in seconds, if it is shorter than the
+                gate's own limit, `latest_wins.STALL`.
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
-        send = self._request if commands_motion(message) else self._chassis.request
-        answer = await send(message, timeout, tap=tap)
+        if commands_motion(message):
+            answer = await self._request(
+                message, timeout, tap=tap, published=published, max_age=max_age
+            )
+        else:
+            answer = await self._chassis.request(message, timeout, tap=tap)
         for callback in self._answered_callbacks:
             call(callback, AnsweredCommand(message, source, answer))
         return answer
+
+    def announce_stop(self) -> None:
+        """Forbid all motion for `HOLD`, until the following call of `stop` has its turn.
+
+        Thread-safe. What waits for the event loop ahead of that call is not sent.
+        """
+        self._stop_called = time.monotonic()
 
     async def stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
@@ -138,7 +166,7 @@ class MotionGate:
         """
         for callback in self._stop_callbacks:
             callback()
-        self._forbid("cancelled by a stop of the robot", HOLD)  # rule 4
+        self._forbid(_STOPPED, HOLD)  # rule 4
         orders = [Twist(), *cancel_orders().values()]
         # each goes to the front of the queue, so the first one to send is queued last
         answers = await asyncio.gather(
@@ -198,6 +226,16 @@ class MotionGate:
 
         return stop
 
+    def count_superseded(self, reason: str) -> None:
+        """Count a velocity that was not sent; log the first one of a series.
+
+        Args:
+            reason: why it was not sent, and what to do.
+        """
+        if self._forbidden_until < math.inf:  # after closing, refusals are expected
+            self.superseded += 1
+            self._drops.count("velocity commands were out of date and not sent", reason)
+
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
         self._stop_callbacks.append(callback)
@@ -224,31 +262,38 @@ class MotionGate:
         """Name of the task or actions that the chassis reports as driving; empty without any."""
         return self._reported_owner.name
 
-    async def _request(self, message: Message, timeout: float | None, **options: Any) -> Answer:
+    async def _request(
+        self,
+        message: Message,
+        timeout: float | None,
+        *,
+        published: float | None = None,
+        max_age: float = math.inf,
+        **options: Any,
+    ) -> Answer:
         if not isinstance(message, Twist):
-            return await self._send_if_allowed(message, timeout, **options)
+            return await self._send_if_allowed(message, timeout, published, **options)
 
         def send(send_within: float) -> Coroutine[Any, Any, Answer]:
             return self._send_if_allowed(
-                message, timeout, urgent=True, send_within=send_within, **options
+                message, timeout, published, urgent=True, send_within=send_within, **options
             )
 
+        born = asyncio.get_running_loop().time() if published is None else published
         try:
-            return await self._velocities.request(message, send)  # rule 2
+            return await self._velocities.request(message, send, born, max_age)  # rule 2
         except SupersededError as error:
-            if self._forbidden_until < math.inf:  # after closing, refusals are expected
-                self.superseded += 1
-                self._drops.count("velocity commands were out of date and not sent", str(error))
+            self.count_superseded(str(error))
             raise
 
     async def _send_if_allowed(
-        self, message: Message, timeout: float | None, **options: Any
+        self, message: Message, timeout: float | None, published: float | None, **options: Any
     ) -> Answer:
         """Send a motion command at once if the rules allow it now."""
         self._chassis.check_permitted(message)  # first: a refused velocity does not drive
         moves = may_move(message)
-        if moves and asyncio.get_running_loop().time() < self._forbidden_until:  # rules 4 and 5
-            raise SupersededError(f"not sent: {self._forbidden}")
+        if moves:
+            self._check_allowed(published)
         if isinstance(message, Twist):
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
@@ -262,6 +307,25 @@ class MotionGate:
         elif message is self._last_velocity and not moves:
             self._drives_until = -math.inf
         return answer
+
+    def _check_allowed(self, published: float | None) -> None:
+        """Raise an error if the rules forbid to move the robot now.
+
+        Raises:
+            SupersededError: the text has the reason.
+        """
+        now = asyncio.get_running_loop().time()
+        if now < self._forbidden_until:  # rules 4 and 5
+            raise SupersededError(f"not sent: {self._forbidden}")
+        if now < self._stop_called + HOLD:  # rule 4, while the stop waits for its turn
+            raise SupersededError(f"not sent: {_STOPPED}")
+        self._stalls.check()
+        if published is not None and self._stalls.is_from_before(published):  # rule 8
+            raise SupersededError(
+                f"not sent: the agent stood still for {self._stalls.duration:.1f} s, and this may "
+                "have been sent before that ended; send it again, and find out what holds up this "
+                "computer"
+            )
 
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
         """Send one request of a stop ahead of all others; return the error if it fails."""
@@ -293,5 +357,9 @@ class MotionGate:
         self._drives_until = self._wheels_taken = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
+        if state is LinkState.READY:
+            self._stalls.start()
+        else:
+            self._stalls.stop()
         if state is LinkState.STOPPED:
             self._drops.finish()

@@ -37,29 +37,41 @@ class LatestWins(Generic[T]):
         self._newest = 0
         """Serial number of the newest velocity."""
 
-    async def request(self, velocity: Twist, send: Callable[[float], Awaitable[T]]) -> T:
+    async def request(
+        self,
+        velocity: Twist,
+        send: Callable[[float], Awaitable[T]],
+        published: float,
+        max_age: float = math.inf,
+    ) -> T:
         """Send a velocity and wait for its answer.
 
         Args:
             velocity: the velocity.
             send: sends it and returns its answer; called with the maximum time that it may wait to
                 be sent, in seconds.
+            published: loop time at which its sender published it.
+            max_age: maximum age at which it is sent, in seconds, if that is less than `STALL`.
 
         Raises:
             SupersededError: a newer velocity replaced it, or it became too old.
             LinkError: raised by `send`.
         """
+        now = asyncio.get_running_loop().time
+        moves = may_move(velocity)
+        limit = min(max_age, STALL)
+        if moves and (age := now() - published) > limit:  # it does not replace a newer one
+            raise SupersededError(f"not sent: it is {age:.2f} s old, and {limit:g} s are allowed")
         self._newest += 1
         serial = self._newest
-        moves = may_move(velocity)
         self.withdraw(_NEWER)
         if moves and self._stalled():
-            await self._hold()
+            await self._hold(published + limit - now())
             if serial != self._newest:
                 raise SupersededError(f"not sent: {_NEWER}")
-        self._unanswered[serial] = asyncio.get_running_loop().time()
+        self._unanswered[serial] = now()
         try:
-            return await send(STALL if moves else math.inf)
+            return await send(published + limit - now() if moves else math.inf)
         finally:
             del self._unanswered[serial]
             if not self._stalled():
@@ -83,15 +95,15 @@ class LatestWins(Generic[T]):
         now = asyncio.get_running_loop().time()
         return any(now - sent > STALL for sent in self._unanswered.values())
 
-    async def _hold(self) -> None:
+    async def _hold(self, timeout: float) -> None:
         held: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._held = held
         try:
-            await run_with_timeout(STALL, held)
+            await run_with_timeout(timeout, held)
         except TimeoutError:
             raise SupersededError(
-                "not sent: the chassis does not answer earlier velocity commands, and after "
-                f"{STALL:g} s this one is too old; check the link, and stop the robot"
+                "not sent: the chassis does not answer earlier velocity commands, and this one "
+                "has become too old; check the link, and stop the robot"
             ) from None
         finally:
             if self._held is held:  # otherwise a newer velocity is held already

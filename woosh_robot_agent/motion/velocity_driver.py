@@ -12,19 +12,26 @@ from functools import partial
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.motion import latest_wins
 from woosh_robot_agent.motion.gate import MotionGate
 from woosh_robot_agent.motion.pace import Pace
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 _LOG = logging.getLogger(__name__)
+MAX_VELOCITY = 10.0
+"""Greatest velocity that a sender can mean, and greatest limit, in m/s and rad/s."""
 _PAUSE = 2.0
 """Time without any velocity after which the sender counts as paused, in seconds."""
 
 
+class UnusableVelocityError(ValueError):
+    """A velocity is not a number or cannot be meant; the text begins with its field's name."""
+
+
 @dataclass(frozen=True)
 class VelocityLimits:
-    """Limits of a stream of velocities.
+    """Limits of velocities. Single commands obey `max_linear` and `max_angular`, streams all.
 
     Attributes:
         max_linear: maximum speed in the plane, in m/s.
@@ -32,6 +39,8 @@ class VelocityLimits:
         rate: maximum rate of the velocities that are sent, in Hz.
         timeout: time without a velocity after which the robot is stopped, in seconds.
         override: drive even while a goal, a task or an action drives the robot.
+        max_age: maximum age at which a velocity is sent, in seconds; never more than `timeout` and
+            `latest_wins.STALL`.
     """
 
     max_linear: float
@@ -39,18 +48,44 @@ class VelocityLimits:
     rate: float
     timeout: float
     override: bool = False
+    max_age: float = math.inf
+
+    def apply(self, velocity: Twist) -> Twist:
+        """Return a velocity that is scaled down to the limits, and is equal if it is within them.
+
+        The speed in the plane keeps its direction.
+
+        Raises:
+            UnusableVelocityError: a value is not a number, or beyond `MAX_VELOCITY`.
+        """
+        for field in ("linear", "linear_y", "angular"):
+            value = getattr(velocity, field)
+            if not abs(value) <= MAX_VELOCITY:  # true for NaN
+                raise UnusableVelocityError(
+                    f"{field} is {value:g}, and must be from {-MAX_VELOCITY:g} to "
+                    f"{MAX_VELOCITY:g} m/s or rad/s"
+                )
+        speed = math.hypot(velocity.linear, velocity.linear_y)
+        scale = self.max_linear / speed if speed > self.max_linear else 1.0
+        angular = velocity.angular
+        if abs(angular) > self.max_angular:
+            angular = math.copysign(self.max_angular, angular)
+        return Twist(
+            linear=velocity.linear * scale, linear_y=velocity.linear_y * scale, angular=angular
+        )
 
 
 class VelocityDriver:
     """Drives the robot by a stream of velocities. Used in the event loop of the link.
 
-    1. Velocities that are not finite are refused; those beyond the limits are scaled down.
+    1. Velocities beyond `MAX_VELOCITY` are refused; those beyond the limits are scaled down.
     2. While a goal, a task or an action drives the robot, velocities are refused, unless the limits
        have `override` set.
     3. After a stop, velocities are refused until their sender pauses or sends a zero.
     4. On average at most `rate` velocities per second are sent, the newest one each time. The first
        zero is sent at once.
-    5. Each velocity is sent at most once, and none is kept for after a reconnect.
+    5. Each velocity is sent at most once, none is kept for after a reconnect, and none is sent when
+       it is older than `max_age` allows, counted from when its sender published it.
     6. Without a new velocity within `timeout`, the robot is stopped.
     7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
        back.
@@ -85,10 +120,12 @@ class VelocityDriver:
         """True if the last velocity that was sent was not zero."""
         self._waiting: Twist | None = None
         """The velocity to send next."""
+        self._published = -math.inf
+        """Loop time at which that velocity was published."""
         self._heard = -math.inf
         """Loop time of the last velocity that was received."""
         self._accepted = -math.inf
-        """Loop time of the last velocity that was accepted."""
+        """Loop time at which the last velocity that was accepted was published."""
         self._pace = Pace()
         """Loop times at which velocities may be sent."""
         self._silenced = ""
@@ -120,20 +157,26 @@ class VelocityDriver:
                 if timer is not None:
                     timer.cancel()
 
-    def drive(self, linear: float, sideways: float, angular: float) -> None:
+    def drive(
+        self, linear: float, sideways: float, angular: float, published: float = math.inf
+    ) -> None:
         """Process a velocity of the stream.
 
         Args:
             linear: speed ahead, in m/s.
             sideways: speed to the left, in m/s.
             angular: turning speed, counter-clockwise, in rad/s.
+            published: loop time (monotonic) at which the sender published it; by default now.
         """
         values = (linear, sideways, angular)
-        if not all(map(math.isfinite, values)):  # rule 1
-            self.refuse("finite", f"{values} are not all finite numbers")
+        try:
+            limited = self._limits().apply(Twist(linear=linear, linear_y=sideways, angular=angular))
+        except UnusableVelocityError as error:  # rule 1
+            self.refuse("value", str(error))
             return
         now = asyncio.get_running_loop().time()
         paused, self._heard = now - self._heard > _PAUSE, now
+        published = min(published, now)
         moves = any(values)
         if not moves or paused:
             self._silenced = ""
@@ -152,10 +195,16 @@ class VelocityDriver:
             )
         elif self._chassis.state is not LinkState.READY:  # rule 5
             self.refuse("link", "there is no link to the chassis")
+        elif moves and now - published > self._max_age:  # rule 5
+            self._gate.count_superseded(
+                f"{self._name}: a velocity was not sent: it was {now - published:.2f} s old, and "
+                f"{self._max_age:g} s are allowed; check the load of this computer and the network "
+                "to the sender, and synchronise the clocks if several computers send velocities"
+            )
         elif moves or self._has_to_stop():  # rule 8
             self._log.clear()
-            self._accepted = now
-            self._waiting = self._limited(*values)
+            self._accepted = self._published = published
+            self._waiting = limited
             self._send_or_wait(now)
 
     def refuse(self, kind: str, reason: str) -> None:
@@ -167,21 +216,16 @@ class VelocityDriver:
         """
         self._log.warn(kind, f"{self._name} is ignored: {reason}")
 
+    @property
+    def _max_age(self) -> float:
+        limits = self._limits()
+        return min(limits.max_age, limits.timeout, latest_wins.STALL)
+
     def _has_to_stop(self) -> bool:
         """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
         return self._driving and bool(self._requests)  # the gate may not have sent it yet
-
-    def _limited(self, linear: float, sideways: float, angular: float) -> Twist:
-        limits = self._limits()
-        speed = math.hypot(linear, sideways)
-        scale = limits.max_linear / speed if speed > limits.max_linear else 1.0
-        return Twist(
-            linear=linear * scale,
-            linear_y=sideways * scale,
-            angular=max(-limits.max_angular, min(limits.max_angular, angular)),
-        )
 
     def _due(self) -> float:
         """Return the loop time at which to send next; infinite if there is nothing to send."""
@@ -202,23 +246,25 @@ class VelocityDriver:
 
     def _send_due(self) -> None:
         if self._waiting is not None:
-            self._send(self._waiting)
+            self._send(self._waiting, self._published)
         elif self._gate.driving:
             self._send(Twist())
         else:  # rule 8: a task or an action drives the robot now, and a zero would stop it
             self._driving = False
 
-    def _send(self, velocity: Twist) -> None:
+    def _send(self, velocity: Twist, published: float | None = None) -> None:
         self._waiting = None
         self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)
-        task = start_task(self._request(velocity), self._name)
+        task = start_task(self._request(velocity, published), self._name)
         self._requests.add(task)
         task.add_done_callback(self._requests.discard)
 
-    async def _request(self, velocity: Twist) -> None:
+    async def _request(self, velocity: Twist, published: float | None) -> None:
         try:
-            answer = await self._gate.request(velocity, source=self._name)
+            answer = await self._gate.request(
+                velocity, source=self._name, published=published, max_age=self._max_age
+            )
         except SupersededError as error:  # normal while the chassis is slow
             _LOG.debug("%s: %s", self._name, error)
         except LinkError as error:

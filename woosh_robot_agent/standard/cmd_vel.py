@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.time import Time
 
-from woosh_robot_agent.motion import VelocityDriver, VelocityLimits
+from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
 from woosh_robot_agent.watch.interleaving import Interleaving
@@ -32,7 +32,7 @@ class CmdVel(Part):
             context.robot.gate,
             context.robot.chassis,
             "cmd_vel",
-            self._limits,
+            lambda: context.settings().velocity_limits,
             log_refusals=False,  # the log of all refused commands has them, with their reasons
         )
         stamped = context.settings().cmd_vel_stamped
@@ -44,26 +44,17 @@ class CmdVel(Part):
         )
         self._topic = context.robot.node.resolve_topic_name("cmd_vel")
         self._publishers = Interleaving()
+        self._clock = SenderClock()
         self._reported = -math.inf
         """Monotonic time at which several publishers were last reported."""
 
     async def run(self) -> None:
         await self._driver.run()
 
-    def _limits(self) -> VelocityLimits:
-        settings = self._context.settings()
-        return VelocityLimits(
-            max_linear=settings.cmd_vel_max_linear,
-            max_angular=settings.cmd_vel_max_angular,
-            rate=settings.cmd_vel_rate,
-            timeout=settings.cmd_vel_timeout,
-            override=settings.cmd_vel_override,
-        )
-
-    def _stamped(self, message: TwistStamped, info: Mapping[str, Any]) -> None:
-        now = self._context.robot.node.get_clock().now()
-        stamp = Time.from_msg(message.header.stamp, clock_type=now.clock_type)
-        age = float((now - stamp).nanoseconds) / 1e9
+    def _stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
+        now = self._context.robot.node.get_clock().now().nanoseconds
+        stamp = message.header.stamp  # may be before 1970, which rclpy's Time refuses
+        age = (now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
         limit = self._context.settings().cmd_vel_max_age
         if limit and abs(age) > limit:
             self._driver.refuse(
@@ -72,10 +63,13 @@ class CmdVel(Part):
                 "or the future; check the sender's clock",
             )
             return
-        self._drive(message.twist, info)
+        self._drive(message.twist, info, taken)
 
-    def _drive(self, velocity: Twist, info: Mapping[str, Any]) -> None:
-        self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z)
+    def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
+        published = self._clock.published(
+            info.get("source_timestamp", 0) / 1e9, info.get("received_timestamp", 0) / 1e9, taken
+        )
+        self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
         now = time.monotonic()
         alternate = self._publishers.notice(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities

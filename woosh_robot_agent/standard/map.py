@@ -11,12 +11,14 @@ from nav_msgs.msg import OccupancyGrid
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.map_image import MapError, cells_of
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.scene_map import scene_map
 from woosh_robot_agent.standard.growing_map import GrowingMap
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
-from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.pose2d import Pose2D, check_finite
 from woosh_robot_agent.standard.pose_messages import to_pose
 from woosh_robot_agent.standard.subscribers import Subscribers
 
@@ -67,6 +69,7 @@ class Map(Part):
             await self._update(now)
 
     def _snapshot(self, info: RobotInfo) -> None:
+        self._log.clear()  # not after each map: good and bad ones may alternate
         if info.HasField("scene"):
             self._scene(info.scene)
 
@@ -96,12 +99,13 @@ class Map(Part):
         origin = Pose2D(report.origin_x, report.origin_y)
         try:
             message = await self._grid(report.map_data, report.resolution, origin)
-        except MapError as error:
-            self._log.warn("growing", f"no map while the robot is making one: {error}")
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(
+                BuildMapData, f"no map while the robot is making one, {error}"
+            )
             return
         if epoch is not self._epoch or not self._growing.active:
             return
-        self._log.clear("growing")
         self._publisher.publish(message)
         self._published = None
         self._shows_growing = True
@@ -112,15 +116,19 @@ class Map(Part):
         scene_name, map_id, map_name, _ = wanted
         try:
             area = await scene_map(self._context.robot.chassis, scene_name, map_id, map_name)
-            origin = Pose2D.from_message(area.origin)
-            message = await self._grid(area.map_png, area.resolution, origin)
         except (LinkError, MapError) as error:
             self._log.warn("map", f"no map: {error}")
             self._not_before = now + _RETRY_DELAY
             return
+        try:
+            origin = Pose2D.from_message(area.origin)
+            message = await self._grid(area.map_png, area.resolution, origin)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
+            self._not_before = now + _RETRY_DELAY
+            return
         if epoch is not self._epoch or self._growing.active:
             return
-        self._log.clear()
         self._publisher.publish(message)
         self._published = wanted
         self._shows_growing = False
@@ -129,12 +137,11 @@ class Map(Part):
         """Return the message for a map.
 
         Raises:
-            MapError: the map has no valid resolution, origin or image.
+            ValueError: the map has no valid resolution, origin or image.
         """
         if not 0.0 < resolution < math.inf:
-            raise MapError(f"its resolution is invalid: {resolution:g}")
-        if not all(map(math.isfinite, (origin.x, origin.y, origin.theta))):
-            raise MapError(f"its origin is invalid: {origin}")
+            raise ValueError(f"its resolution is invalid: {resolution:g}")
+        check_finite("origin", origin.x, origin.y)
         # decoding a large image would block the link
         width, height, cells = await asyncio.to_thread(cells_of, image)
         message = OccupancyGrid(data=cells)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 from typing import Any
 
@@ -11,19 +10,17 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry as OdometryMsg
 
 from woosh_robot_agent.link import LinkState
-from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.standard.odometry import Odometry
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
-from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.pose2d import Pose2D, check_finite
 from woosh_robot_agent.standard.prediction import HORIZON, Prediction
 from woosh_robot_agent.standard.settings import StandardSettings
 from woosh_robot_agent.standard.subscribers import Subscribers
 from woosh_robot_agent.standard.velocity import Velocity
 
-_LOG = logging.getLogger(__name__)
 _SILENCE = HORIZON
 """Time without a report after which the robot does not move sideways, in seconds."""
 _STANDSTILL = 1.0
@@ -47,7 +44,6 @@ class Odom(Part):
         self._context = context
         self._odometry = Odometry()
         self._prediction = Prediction()
-        self._log = LogOnce(_LOG)
         settings = context.settings()
         self._subscribers = Subscribers(context)
         self._odom = self._subscribers.publisher("odom") if settings.enable_odom else None
@@ -90,7 +86,6 @@ class Odom(Part):
         self._prediction = Prediction()
         self._received = self._forwarded = -math.inf
         self._known = False
-        self._log.clear()
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):
@@ -106,24 +101,20 @@ class Odom(Part):
         self._odometry.pose_set(asyncio.get_running_loop().time())
 
     def _pushed(self, report: PoseSpeed) -> None:
-        pose, twist = report.pose, report.twist
-        numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
-        if not all(map(math.isfinite, numbers)):  # it would make all later poses non-finite
-            self._log.warn("not finite", f"ignored a PoseSpeed with non-finite numbers: {numbers}")
+        twist = report.twist
+        try:  # one such report would make all later poses non-finite
+            pose = Pose2D.from_message(report.pose)
+            check_finite("speed", twist.linear, twist.angular)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(PoseSpeed, str(error))
             return
-        self._log.clear("not finite")
         now = asyncio.get_running_loop().time()
         odometry = self._odometry
-        if odometry.update(
-            Pose2D.from_message(pose), twist.linear, twist.angular, report.map_id, now
-        ):
-            self._log.clear("impossible")
-        else:
-            self._log.warn(
-                "impossible",
-                "ignored the speeds in a PoseSpeed, because the robot cannot have them: linear "
-                f"{twist.linear:g} m/s, angular {twist.angular:g} rad/s; odom takes them from the "
-                "poses",
+        if not odometry.update(pose, twist.linear, twist.angular, report.map_id, now):
+            self._context.robot.chassis.count_bad_value(
+                PoseSpeed,
+                f"speeds are ignored, because the robot cannot have them: linear {twist.linear:g} "
+                f"m/s, angular {twist.angular:g} rad/s; odom takes them from the poses",
             )
         self._prediction.report(odometry.pose, odometry.velocity, odometry.time)
         self._received, self._known = now, True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -90,14 +91,17 @@ class PartContext:
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from that in `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.
-            with_info: call `callback` with each message and rclpy's information about it.
+            with_info: call `callback` with each message, rclpy's information about it, and the
+                monotonic time at which it was taken from the middleware.
         """
         endpoint = BY_NAME[name]
         call = self._logging(callback) if in_executor else partial(self.robot.thread.call, callback)
         self.robot.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
-            WithMessageInfo(lambda message, info: call(message, info)) if with_info else call,
+            WithMessageInfo(lambda message, info: call(message, info, time.monotonic()))
+            if with_info
+            else call,
             reliable(endpoint.depth),
         )
 

@@ -17,7 +17,12 @@ class Pose2D:
 
     @classmethod
     def from_message(cls, pose: Any) -> Pose2D:
-        """Return the pose in a message with the fields `x`, `y` and `theta`."""
+        """Return the pose in a message of the chassis with the fields `x`, `y` and `theta`.
+
+        Raises:
+            ValueError: a number is not finite.
+        """
+        check_finite("pose", pose.x, pose.y, pose.theta)
         return cls(pose.x, pose.y, pose.theta)
 
     @classmethod
@@ -73,6 +78,16 @@ class Pose2D:
     def quaternion(self) -> tuple[float, float]:
         """Z and w of the rotation's quaternion; x and y are 0."""
         return math.sin(self.theta / 2), math.cos(self.theta / 2)
+
+
+def check_finite(name: str, *numbers: float) -> None:
+    """Check numbers of the chassis that become part of a standard message.
+
+    Raises:
+        ValueError: a number is infinite or NaN; the text has `name` and all of them.
+    """
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name} is not finite: {', '.join(f'{each:g}' for each in numbers)}")
 
 
 def _chord(half: float) -> float:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from ctypes import c_float
 from typing import Any
 
-from geometry_msgs.msg import Pose, PoseStamped
+from geometry_msgs.msg import Pose
 
 from woosh_robot_agent.standard.pose2d import Pose2D
 
@@ -15,14 +16,6 @@ def to_pose(pose: Pose2D) -> Pose:
     message = Pose()
     message.position.x, message.position.y = pose.x, pose.y
     message.orientation.z, message.orientation.w = pose.quaternion
-    return message
-
-
-def to_pose_stamped(pose: Pose2D, frame: str, stamp: Any) -> PoseStamped:
-    """Return a pose in `frame` at the time `stamp` as geometry_msgs/PoseStamped."""
-    message = PoseStamped(pose=to_pose(pose))
-    message.header.frame_id = frame
-    message.header.stamp = stamp
     return message
 
 
@@ -45,13 +38,14 @@ def from_pose(message: Any) -> Pose2D:
     """Return the pose in a geometry_msgs/Pose.
 
     Raises:
-        ValueError: it has non-finite numbers, or its orientation is not a rotation.
+        ValueError: it has numbers that are not finite, or not in the robot's 32-bit numbers, or
+            its orientation is not a rotation.
     """
     q, position = message.orientation, message.position
     numbers = (position.x, position.y, q.x, q.y, q.z, q.w)
-    if not all(map(math.isfinite, numbers)):
-        raise ValueError(f"the pose has numbers that are not finite: {numbers}")
-    if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 0.5:
+    if not all(math.isfinite(c_float(number).value) for number in numbers):
+        raise ValueError(f"the pose has numbers that are not finite, or too large: {numbers}")
+    if not 0.5 <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= 2.0:
         raise ValueError("the orientation is not a unit quaternion")
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     return Pose2D(position.x, position.y, yaw)

@@ -18,7 +18,7 @@ from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.standard.odom import transforms
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
-from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.standard.pose2d import Pose2D, check_finite
 from woosh_robot_agent.standard.subscribers import Subscribers
 from woosh_robot_msgs.msg import ScannerData
 
@@ -92,13 +92,22 @@ class Scan(Part):
                 age = int((loop.time() - sent) / 2 * _SECOND)
                 stamp = self._clock.now().nanoseconds - age
                 self._scan.publish(self._message(_CONVERTER.read(answer.raw), stamp))
-        except FrameError as error:
-            self._log.warn("unreadable", f"no scan: the answer cannot be read: {error}")
+        except FrameError:  # the link has counted and logged it
+            return
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
             return
         self._log.clear()
 
     def _message(self, data: ScannerData, stamp: int) -> LaserScan:
-        """Return a scan as LaserScan; `stamp` is its time, in nanoseconds."""
+        """Return a scan as LaserScan; `stamp` is its time, in nanoseconds.
+
+        Raises:
+            ValueError: a number other than a range is not finite.
+        """
+        check_finite("angle", data.angle_min, data.angle_max, data.angle_increment)
+        check_finite("time", data.time_increment, data.scan_time)
+        check_finite("limit of ranges", data.range_min, data.range_max)
         message = self._reused
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, _SECOND)
         message.header.frame_id = self._context.frame("scan")
@@ -114,6 +123,11 @@ class Scan(Part):
 
     def _publish_laser_pose(self, tf_static: Any, data: ScannerDataProto) -> None:
         if not data.HasField("offset"):
+            return
+        try:
+            check_finite("offset", data.offset.x, data.offset.y, data.offset.z)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(ScannerDataProto, str(error))
             return
         pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
         if (pose, height) == (self._laser_pose, self._laser_height):

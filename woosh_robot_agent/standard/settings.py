@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
+from woosh_robot_agent.motion import MAX_VELOCITY, VelocityLimits
 from woosh_robot_agent.parameter import parameter_field as _parameter
 
 
@@ -87,15 +89,22 @@ class StandardSettings:
     )
     cmd_vel_max_age: float = _parameter(
         0.5,
-        "Maximum age of a TwistStamped on cmd_vel, in seconds; 0 accepts any age.",
+        "Maximum age of a velocity on cmd_vel when it is sent, at most 0.5 s, and difference of a "
+        "TwistStamped's stamp from now, in seconds; 0 accepts any stamp.",
         0.0,
         60.0,
     )
     cmd_vel_max_linear: float = _parameter(
-        1.0, "Maximum linear speed, in m/s; cmd_vel is clamped to it.", 0.0, 10.0
+        1.0,
+        "Maximum linear speed, in m/s; cmd_vel and robot/Twist are clamped to it.",
+        0.0,
+        MAX_VELOCITY,
     )
     cmd_vel_max_angular: float = _parameter(
-        1.0, "Maximum angular speed, in rad/s; cmd_vel is clamped to it.", 0.0, 10.0
+        1.0,
+        "Maximum angular speed, in rad/s; cmd_vel and robot/Twist are clamped to it.",
+        0.0,
+        MAX_VELOCITY,
     )
     cmd_vel_override: bool = _parameter(
         False, "Accept cmd_vel even while a goal or another client's task is running."
@@ -108,3 +117,15 @@ class StandardSettings:
                 raise ValueError(f"{name} must not begin with a slash: {frame!r}")
             if not frame and name != "frame_prefix":
                 raise ValueError(f"{name} must not be empty")
+
+    @property
+    def velocity_limits(self) -> VelocityLimits:
+        """Limits of cmd_vel; those of the speed also hold for robot/Twist."""
+        return VelocityLimits(
+            max_linear=self.cmd_vel_max_linear,
+            max_angular=self.cmd_vel_max_angular,
+            rate=self.cmd_vel_rate,
+            timeout=self.cmd_vel_timeout,
+            override=self.cmd_vel_override,
+            max_age=self.cmd_vel_max_age or math.inf,
+        )

@@ -25,6 +25,7 @@ class Stop(Part):
         self._service = context.service("stop", self._stop_requested)
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
+        self._context.robot.gate.announce_stop()
         self._context.robot.thread.spawn(partial(self._stop, reply), reply.fail)
 
     async def _stop(self, reply: Reply) -> None:

@@ -44,7 +44,10 @@ class Envelope:
             not an answer.
         msg: text of the chassis, in the language of the chassis.
         sn: serial number of the request and its answer, 1..2^31-1; 0 if there is none.
-        timestamp: Unix time in ms; None if the sender left it out.
+        timestamp: Unix time in ms; None if the sender left it out, or if it is no time.
+        defect: why the timestamp cannot be used; empty if it can, or is left out.
+        is_large: True if handling the body may take long; see `aside`.
+        message: the decoded body of a large frame; None if it is not decoded yet.
     """
 
     type: str
@@ -53,6 +56,9 @@ class Envelope:
     msg: str = ""
     sn: int = 0
     timestamp: int | None = None
+    defect: str = ""
+    is_large: bool = False
+    message: Message | None = None
 
 
 class Codec(Protocol):

@@ -15,15 +15,17 @@ from woosh_robot_agent.link.codecs.base64_text import (
     take_out,
 )
 from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
-from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError
+from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError, brief_repr
 from woosh_robot_agent.link.codecs.json_reader import from_json
 from woosh_robot_agent.link.codecs.json_scalars import LONGEST_NUMBER
-from woosh_robot_agent.link.codecs.json_text import parse, write
+from woosh_robot_agent.link.codecs.json_text import parse, parse_in_pieces, write
 from woosh_robot_agent.link.codecs.json_writer import to_json
 
 _MAX_PARTS = 1_000_000
 """Maximum number of objects, lists and names in a frame. Two bytes of them on the wire can take a
 hundred bytes of memory."""
+_END_OF_TIME = 253_402_300_800_000
+"""Unix time in ms at which the year 10000 begins, which no date can express."""
 
 
 class JsonCodec:
@@ -68,7 +70,9 @@ class JsonCodec:
             if len(data) > LONG_FRAME:  # a shorter one has no long texts and few parts
                 data, texts = cut_out(data)
                 _check_parts(data)
-            frame = parse(data)
+                frame = parse_in_pieces(data)
+            else:
+                frame = parse(data)
         except UnicodeDecodeError as error:
             raise FrameError("utf-8", f"not UTF-8: {error}") from None
         except (ValueError, RecursionError) as error:
@@ -82,10 +86,7 @@ class JsonCodec:
             sn = _integer(frame.get("sn")) or 0
         except BAD_VALUE as error:
             raise FrameError("envelope", f"sn is not an integer: {error}") from None
-        try:
-            timestamp = _integer(frame.get("timestamp"))
-        except BAD_VALUE:  # nothing depends on it
-            timestamp = None
+        timestamp, defect = _time(frame.get("timestamp"))
         type_name = frame.get("type")
         type_name = clip_type_name(_text(type_name)) if isinstance(type_name, str) else ""
         if not type_name and not sn:  # an answer needs only its sn
@@ -97,6 +98,7 @@ class JsonCodec:
             msg=_text(frame["msg"]) if "msg" in frame else "",
             sn=sn,
             timestamp=timestamp,
+            defect=defect,
         )
 
     def body(self, envelope: Envelope, cls: type[M]) -> M:
@@ -130,6 +132,17 @@ def _integer(value: Any) -> int | None:
     if isinstance(value, float) and number != value:
         raise ValueError("it has a fraction")
     return number
+
+
+def _time(value: object) -> tuple[int | None, str]:
+    """Return the time in `timestamp`, and what is wrong with it; its frame is valid without it."""
+    try:
+        time = _integer(value)
+    except BAD_VALUE as error:
+        return None, f"timestamp is not an integer: {error}"
+    if time is not None and not 0 <= time < _END_OF_TIME:
+        return None, f"timestamp is out of range: {brief_repr(time)}"
+    return time, ""
 
 
 def _text(value: object) -> str:

@@ -40,7 +40,8 @@ class Diagnostics(Part):
     def _message(self) -> DiagnosticArray:
         chassis = self._context.robot.chassis
         info = self._context.robot.last_known.value(RobotInfo)
-        statuses = [link_status(chassis, self._context.robot.gate.superseded)]
+        robot = self._context.robot
+        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.held)]
         serial = ""
         if info is not None:
             serial = str(info.robot_id or info.genral.serial_number)

@@ -9,12 +9,13 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.standard.diagnostics.status import ERROR, OK, Status
 
 
-def link_status(chassis: ChassisClient, superseded: int) -> Status:
+def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, float]) -> Status:
     """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
         chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
+        held: see `LoopThread.held`.
     """
     stats, status = chassis.stats, Status("link")
     if chassis.state is not LinkState.READY:
@@ -37,6 +38,7 @@ def link_status(chassis: ChassisClient, superseded: int) -> Status:
         "drops": sum(stats.dropped_pushes.values()),
         "refused requests": sum(stats.refused_requests.values()),
         "superseded velocities": superseded,
+        "link thread held": f"{held[0] * 1000:.1f} ms, {held[1] * 1000:.1f} ms since the start",
         "timeouts": sum(stats.timeouts.values()),
         "late answers": stats.late_answers,
     }

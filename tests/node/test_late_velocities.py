@@ -1,0 +1,77 @@
+"""The agent stood still while velocities came: none of them drives the robot afterwards."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+
+import pytest
+
+from tests.harness import Client, Program, wait_future, wait_until
+from tests.node.cmd_vel import Sender
+from tests.node.goals import ABORTED, step_goal
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import Twist as TwistMsg
+from woosh_robot_msgs.srv import Speak, Twist
+from woosh_ros_msgs.action import StepControl
+
+TWIST = "woosh.robot.Twist"
+PAUSE = 2.5
+"""Time for which the agent stands still, in seconds."""
+
+
+@pytest.fixture(params=EXECUTORS)
+def program(
+    request: pytest.FixtureRequest,
+    simulator: SimulatorThread,
+    start_program: Callable[..., Program],
+) -> Program:
+    """The agent's program with each executor."""
+    given = {"ip": "127.0.0.1", "port": simulator.port, "executor": request.param}
+    started = start_program(*(w for k, v in given.items() for w in ("-p", f"{k}:={v}")))
+    started.wait_says("connected to")
+    return started
+
+
+def velocities(simulator: SimulatorThread) -> list[float]:
+    """Return the speeds ahead that the chassis has received."""
+    return [each.message.linear for each in simulator.received if each.type == TWIST]
+
+
+def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    sender = Sender(client)
+    sender.repeat(50.0, x=0.2)
+    wait_until(lambda: len(velocities(simulator)) > 3, "the first velocities")
+    program.process.send_signal(signal.SIGSTOP)
+    time.sleep(PAUSE)
+    sender.pause()
+    before = len(velocities(simulator))
+    program.process.send_signal(signal.SIGCONT)
+    assert client.call(Speak, "robot/Speak").ok  # the agent has handled what came before
+    assert not any(velocities(simulator)[before:])
+    program.wait_says("old")
+
+
+def test_calls_and_goals_during_the_pause_move_nothing_and_say_why(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    service = client.service(Twist, "robot/Twist")
+    action = client.action(StepControl, "ros/StepControl")
+    program.process.send_signal(signal.SIGSTOP)
+    request = Twist.Request(arg=TwistMsg(linear=0.2))
+    calls = [service.call_async(request) for _ in range(20)]
+    goal = client.in_executor(lambda: action.send_goal_async(step_goal(0.5)))
+    time.sleep(PAUSE)
+    program.process.send_signal(signal.SIGCONT)
+    answers = [wait_future(call) for call in calls]
+    assert not any(answer.ok for answer in answers)
+    assert all("old" in each.msg or "stood still" in each.msg for each in answers), answers
+    result = wait_future(client.in_executor(wait_future(goal).get_result_async))
+    assert result.status == ABORTED
+    assert "stood still" in result.result.ret.msg
+    assert not any(may_move(each.message) for each in simulator.received)

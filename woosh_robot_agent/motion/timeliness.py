@@ -1,0 +1,104 @@
+"""Is a command still wanted? The ages of commands, and stalls of this process."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+
+_WINDOW = 10.0
+"""Time for which the smallest clock difference counts at least, in seconds; at most twice as long.
+
+After a clock was set forward, or for a sender whose clock is behind those of others, messages count
+as old for that time.
+"""
+STALL = 0.5
+"""Delay of a heartbeat that counts as a stall, in seconds."""
+SETTLE = 0.5
+"""Time after a stall in which commands may still come from before its end, in seconds."""
+_PERIOD = 0.25
+"""Period of the heartbeat, in seconds."""
+
+
+class SenderClock:
+    """Times at which messages were sent, from the source times that their senders gave them.
+
+    The clocks of two computers may differ by any amount, and neither is trusted. The smallest
+    difference seen lately between the time of receipt and the source time is taken for the
+    difference of the clocks. What is above it is the time that a message was on its way.
+    """
+
+    def __init__(self) -> None:
+        self._since = -math.inf
+        """Monotonic time from which `_least` counts."""
+        self._least = self._former = math.inf
+        """Smallest difference since then, and in the time before, in seconds."""
+
+    def published(self, source: float, received: float, taken: float) -> float:
+        """Return the monotonic time at which a message was sent.
+
+        Args:
+            source: Unix time at which it was sent, by the sender's clock; 0 if unknown.
+            received: Unix time at which the middleware received it; 0 if unknown.
+            taken: monotonic time at which this process took it from the middleware.
+        """
+        ahead = time.time() - time.monotonic()
+        received = min(received or math.inf, taken + ahead)
+        if not source:
+            return received - ahead
+        if taken > self._since + _WINDOW:
+            self._since, self._former, self._least = taken, self._least, math.inf
+        self._least = min(self._least, received - source)
+        return source + min(self._least, self._former) - ahead
+
+
+class StallWatch:
+    """Notices that the event loop, or the whole process, stood still.
+
+    Attributes:
+        ended: loop time at which the last stall had ended at the latest; -inf before the first.
+        duration: duration of the last stall, in seconds.
+    """
+
+    def __init__(self) -> None:
+        self.ended = -math.inf
+        self.duration = 0.0
+        self._due = math.inf
+        """Loop time of the next heartbeat."""
+        self._timer: asyncio.TimerHandle | None = None
+
+    def start(self) -> None:
+        """Start watching the running event loop."""
+        self.stop()
+        self._schedule(asyncio.get_running_loop())
+
+    def stop(self) -> None:
+        """Stop watching."""
+        self._due = math.inf
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def check(self) -> None:
+        """Notice a stall that has just ended, even before the next heartbeat."""
+        now = asyncio.get_running_loop().time()
+        if now - self._due > STALL:
+            self.ended, self.duration = now, now - self._due + _PERIOD
+            self._due = now + _PERIOD
+
+    def is_from_before(self, published: float) -> bool:
+        """Return True if something may have been sent before the end of the last stall.
+
+        Args:
+            published: loop time at which it was sent, or taken from the middleware.
+        """
+        return published < self.ended + SETTLE
+
+    def _schedule(self, loop: asyncio.AbstractEventLoop) -> None:
+        # multiples of the period, so that all watches of a loop wake it together
+        self._due = (loop.time() // _PERIOD + 1) * _PERIOD
+        self._timer = loop.call_at(self._due, self._beat, loop)
+
+    def _beat(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.check()
+        self._schedule(loop)
