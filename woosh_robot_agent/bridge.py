@@ -23,7 +23,6 @@ from woosh_robot_agent.logs import log_as
 from woosh_robot_agent.qos import SERVICE_QOS
 from woosh_robot_agent.rclpy_private import (
     PEER_GONE_ERRORS,
-    keep_invalid_text,
     replace_send_response,
     take_request,
 )
@@ -289,7 +288,6 @@ class DeferredService:
         self._service = node.create_service(
             srv_type, name, lambda request, _response: request, qos_profile=SERVICE_QOS
         )
-        keep_invalid_text(srv_type.Request)
         self._send_response = replace_send_response(self._service, self._serve_all)
 
     def _serve_all(self, request: Any, header: Any) -> None:

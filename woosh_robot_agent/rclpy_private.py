@@ -6,10 +6,7 @@ is checked in one place. Ruff (TID251) forbids `rclpy.impl` everywhere else.
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Iterable
-from functools import cache
-from importlib import import_module
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionServer
@@ -17,12 +14,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity
-from rosidl_parser.definition import (
-    AbstractSequence,
-    AbstractString,
-    Array,
-    NamespacedType,
-)
 
 RCLError: Any = _rclpy.RCLError
 """Base class of the errors of the C library.
@@ -98,137 +89,6 @@ def take_with_info(executor: Any, wants_info: Callable[[Any], bool]) -> None:
     executor._take_subscription = take
 
 
-def keep_invalid_text(request_class: Any) -> None:
-    """Let the texts of received requests show which of their bytes are not valid UTF-8.
-
-    rclpy replaces such bytes by U+FFFD, which is also a legal character. Here, only that character
-    itself becomes U+FFFD; an invalid byte becomes half a surrogate pair (`surrogateescape`), which
-    no valid text has.
-
-    Call it after the creation of a server, which loads the type's C functions; idempotent.
-
-    Replaceable by: an argument of the generated conversions for the treatment of invalid bytes.
-    """
-    meta = type(request_class)  # holds the C functions
-    if request_class in _conversions or not _fields_with_text(request_class):
-        return
-    original = _CONVERT(_pointer_of(meta._CONVERT_TO_PY, None))
-
-    def convert(address: int) -> Any:
-        message = original(address)
-        _restore_text(message, address)
-        return message
-
-    _conversions[request_class] = replacement = _CONVERT(convert)
-    meta._CONVERT_TO_PY = _capsule_of(ctypes.cast(replacement, ctypes.c_void_p), None, None)
-
-
-_CONVERT = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)
-"""Type of the C function that creates a Python message from the C message at an address."""
-_conversions: dict[Any, Any] = {}
-"""The functions of `keep_invalid_text`, by class. C code calls them as long as the process runs."""
-_pointer_of = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
-    ("PyCapsule_GetPointer", ctypes.pythonapi)
-)
-_capsule_of = ctypes.PYFUNCTYPE(
-    ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p
-)(("PyCapsule_New", ctypes.pythonapi))
-_NUMBERS: dict[str, Any] = {
-    "boolean": ctypes.c_bool,
-    "octet": ctypes.c_uint8,
-    "float": ctypes.c_float,
-    "double": ctypes.c_double,
-    **{f"int{bits}": getattr(ctypes, f"c_int{bits}") for bits in (8, 16, 32, 64)},
-    **{f"uint{bits}": getattr(ctypes, f"c_uint{bits}") for bits in (8, 16, 32, 64)},
-}
-"""C types of the numbers in a message, by their names in the interface definition."""
-
-
-class _Sequence(ctypes.Structure):
-    """A text or a list in a C message."""
-
-    _fields_ = (
-        ("data", ctypes.c_void_p),
-        ("size", ctypes.c_size_t),
-        ("capacity", ctypes.c_size_t),
-    )
-
-
-def _class_of(kind: Any) -> Any:
-    outer, _, part = kind.name.partition("_")  # e.g. ExecTask_Goal of the action ExecTask
-    found = getattr(import_module(".".join(kind.namespaces)), outer)
-    return getattr(found, part) if part else found
-
-
-def _fields(message_class: Any) -> Iterable[tuple[str, Any]]:
-    """Return names and types of the fields."""
-    names = message_class.get_fields_and_field_types()
-    return zip(names, message_class.SLOT_TYPES, strict=True)
-
-
-def _c_type(kind: Any) -> Any:
-    """Return the C type of a field."""
-    if isinstance(kind, AbstractString | AbstractSequence):
-        return _Sequence
-    if isinstance(kind, Array):
-        return _c_type(kind.value_type) * kind.size
-    if isinstance(kind, NamespacedType):
-        return _c_message(_class_of(kind))
-    return _NUMBERS[kind.typename]
-
-
-@cache
-def _c_message(message_class: Any) -> Any:
-    """Return the C type of a message, which has the fields of the Python class in their order."""
-    fields = [(name, _c_type(kind)) for name, kind in _fields(message_class)]
-    # C has no structures without members
-    members = {"_fields_": fields or [("empty", ctypes.c_uint8)]}
-    return type(message_class.__name__, (ctypes.Structure,), members)
-
-
-@cache
-def _fields_with_text(message_class: Any) -> list[tuple[str, int, Any, int]]:
-    """Return the fields that are or hold texts.
-
-    Returns:
-        Their names, their offsets in the C message, their types, or for lists those of the items,
-        and for lists the size of an item in C, otherwise 0.
-    """
-    found = []
-    for name, kind in _fields(message_class):
-        item, size = kind, 0
-        if isinstance(kind, AbstractSequence):
-            item, size = kind.value_type, ctypes.sizeof(_c_type(kind.value_type))
-        holds_text = isinstance(item, NamespacedType) and _fields_with_text(_class_of(item))
-        if holds_text or isinstance(item, AbstractString):
-            found.append((name, getattr(_c_message(message_class), name).offset, item, size))
-    return found
-
-
-def _restore_text(message: Any, address: int) -> None:
-    """Set the texts of a message that have a U+FFFD from the bytes of the C message."""
-    message_class: Any = type(message)
-    for name, offset, item, size in _fields_with_text(message_class):
-        value, at = getattr(message, name), address + offset
-        if isinstance(item, AbstractString):
-            if not size and "\ufffd" in value:
-                setattr(message, name, _text_at(at))
-            elif size and any("\ufffd" in text for text in value):
-                begin = _Sequence.from_address(at).data
-                setattr(message, name, [_text_at(begin + i * size) for i in range(len(value))])
-        elif not size:
-            _restore_text(value, at)
-        elif value:
-            begin = _Sequence.from_address(at).data
-            for i, inner in enumerate(value):
-                _restore_text(inner, begin + i * size)
-
-
-def _text_at(address: int) -> str:
-    data = ctypes.string_at(_Sequence.from_address(address).data)
-    return data.decode("utf-8", "surrogateescape")
-
-
 class DeferringActionServer(ActionServer):
     """An action server that executes a goal when told to, and counts clients that wait for results.
 
@@ -254,7 +114,6 @@ class DeferringActionServer(ActionServer):
         self.pending_results = 0
         creator = _NodeWithOwnClock(node)
         super().__init__(creator, *arguments, **options)
-        keep_invalid_text(self._action_type.Impl.SendGoalService.Request)
         self._node = node
         self._clock = creator.get_clock()  # the C library does not keep it alive
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from ctypes import c_float
 from typing import Any
 
 from geometry_msgs.msg import Pose
 
 from woosh_robot_agent.standard.pose2d import Pose2D
+
+_MAX_FLOAT = 3.4028234663852886e38
+"""The largest 32-bit number."""
 
 
 def to_pose(pose: Pose2D) -> Pose:
@@ -43,7 +45,7 @@ def from_pose(message: Any) -> Pose2D:
     """
     q, position = message.orientation, message.position
     numbers = (position.x, position.y, q.x, q.y, q.z, q.w)
-    if not all(math.isfinite(c_float(number).value) for number in numbers):
+    if not all(abs(number) <= _MAX_FLOAT for number in numbers):
         raise ValueError(f"the pose has numbers that are not finite, or too large: {numbers}")
     if not 0.5 <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= 2.0:
         raise ValueError("the orientation is not a unit quaternion")
