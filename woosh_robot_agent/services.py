@@ -21,6 +21,7 @@ from woosh_robot_agent.link import (
     LinkError,
     TooManyRequestsError,
 )
+from woosh_robot_agent.link.aside import aside
 from woosh_robot_agent.link.log_once import LogOnce
 from woosh_robot_agent.motion import UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
@@ -109,7 +110,7 @@ class _QueryHandler:
         if answer.type != self._endpoint.request:
             raise _UnusableAnswerError(answer.defect or f"the chassis answered with {answer.type}")
         try:
-            value = self._convert.read(answer.raw)
+            value = await _read(self._convert, answer.raw)
         except FrameError as error:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
         self._robot.last_known.remember(answer.raw)
@@ -194,7 +195,7 @@ class _CommandHandler:
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
-        response = self._answered(answer)
+        response = await self._answered(answer)
         if note and answer.ok:
             response.msg = f"{response.msg}; {note}" if response.msg else note
         reply.send(response)
@@ -205,11 +206,11 @@ class _CommandHandler:
             f"{self._endpoint.request}: {error}; whether it took effect is not known"
         )
 
-    def _answered(self, answer: Answer) -> Any:
+    async def _answered(self, answer: Answer) -> Any:
         """Return the response for an answer of the chassis."""
         if self._convert_ret is None:
             return self._response(answer.ok, answer.msg)
-        ret, defect = self._ret(self._convert_ret, answer.raw)
+        ret, defect = await self._ret(self._convert_ret, answer.raw)
         if defect and answer.ok:
             if self._endpoint.reads:
                 return self._response(False, f"no usable answer: {defect}")
@@ -217,7 +218,7 @@ class _CommandHandler:
                 _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
         return self._response(answer.ok, answer.msg, ret)
 
-    def _ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
+    async def _ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
         """Return `ret`, converted from an answer; None and the reason if that is not possible."""
         endpoint = self._endpoint
         if endpoint.two_types and body.type == endpoint.request:
@@ -225,7 +226,7 @@ class _CommandHandler:
         if body.type != endpoint.answer:
             return None, f"the chassis answered with {body.type}, not with {endpoint.answer}"
         try:
-            return convert.read(body), ""
+            return await _read(convert, body), ""
         except FrameError as error:
             return None, f"the answer cannot be read: {error}"
 
@@ -235,3 +236,12 @@ class _CommandHandler:
         if ret is None:
             ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
         return filled(self.srv.Response, ok=ok, msg=msg, ret=ret)
+
+
+async def _read(convert: Converter, body: Body) -> Any:
+    """Return a body as a ROS message; a large one is converted aside.
+
+    Raises:
+        FrameError: the body cannot be read.
+    """
+    return await aside(convert.read, body) if body.is_large else convert.read(body)

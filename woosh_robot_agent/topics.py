@@ -9,8 +9,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from google.protobuf.message import Message
-
 from woosh_robot_agent.convert import Converter, converter
 from woosh_robot_agent.convert.cdr import serialize
 from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
@@ -35,8 +33,9 @@ class Topics:
     """
 
     def __init__(self, node: Any, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
-        self._publish = {}
-        chassis.on_snapshot(self._snapshot)
+        self._first: dict[str, tuple[LatchedPublisher, Converter]] = {}
+        """Publisher and converter of the topics that have their first value from RobotInfo."""
+        chassis.on_snapshot(self._snapshot, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:
                 _OnDemand(topic, publishers, chassis)
@@ -45,23 +44,26 @@ class Topics:
             proto_class = message_type(topic.push)
             publisher = publishers.create(msg, topic.name, topic.depth)
             convert = converter(msg, proto_class)
-            self._publish[topic.push] = partial(_publish, publisher, convert)
+            self._first[topic.push] = publisher, convert
             chassis.subscribe_raw(proto_class, publisher.publish, partial(_serialized, convert))
         _AgentInfo(node, chassis)
 
-    def _snapshot(self, info: RobotInfo) -> None:
+    def _serialized_parts(self, info: RobotInfo) -> list[tuple[LatchedPublisher, bytes]]:
+        found = []
         for part in parts_of(info):
             # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode
-            if publish := self._publish.get(full_name(part)):
-                publish(part)
+            if first := self._first.get(full_name(part)):
+                publisher, convert = first
+                found.append((publisher, serialize(convert.to_ros(part))))
+        return found
+
+    def _snapshot(self, parts: list[tuple[LatchedPublisher, bytes]]) -> None:
+        for publisher, message in parts:
+            publisher.publish(message)
 
 
 def _serialized(convert: Converter, body: Body) -> bytes:
     return serialize(convert.read(body))
-
-
-def _publish(publisher: LatchedPublisher, convert: Converter, value: Message) -> None:
-    publisher.publish(serialize(convert.to_ros(value)))
 
 
 class _OnDemand:

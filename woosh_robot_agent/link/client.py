@@ -32,10 +32,11 @@ from woosh_robot_agent.protos import full_name, message_types
 
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
+T = TypeVar("T")
 
 
-def _unchanged(body: Body) -> Body:
-    return body
+def _unchanged(value: T) -> T:
+    return value
 
 
 class ChassisClient:
@@ -397,13 +398,20 @@ class ChassisClient:
         """Call `callback` in the event loop with each new state of the link."""
         self._status.on_change(callback)
 
-    def on_snapshot(self, callback: Callable[[RobotInfo], None]) -> None:
+    def on_snapshot(
+        self, callback: Callable[[Any], None], prepare: Callable[[RobotInfo], Any] = _unchanged
+    ) -> None:
         """Call `callback` in the event loop with the first RobotInfo of each link.
 
         The calls are in order with the pushes: pushes before the call are older than the RobotInfo,
         and pushes after it are newer.
+
+        Args:
+            callback: called with what `prepare` returns; must not block.
+            prepare: converts the RobotInfo for the callback; by default it stays as it is. A large
+                one is converted in another thread, as in `subscribe_raw`.
         """
-        self._subscriptions.on_snapshot(callback)
+        self._subscriptions.on_snapshot(Consumer(callback, prepare))
 
     def on_robot_changed(self, callback: Callable[[], None]) -> None:
         """Call `callback` in the event loop when the link turns to another robot.

@@ -7,9 +7,10 @@ import logging
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from google.protobuf.message import Message
 
@@ -76,6 +77,21 @@ class _Pending:
     tap: Callable[[Answer], None] | None
 
 
+@dataclass(slots=True)
+class _Outgoing:
+    """A frame that waits to be sent.
+
+    Attributes:
+        data: the frame; None while it is encoded aside.
+        deadline: loop time until which it may be sent.
+        urgent: True if it may overtake frames that are not encoded yet.
+    """
+
+    data: str | bytes | None
+    deadline: float
+    urgent: bool
+
+
 class Connection:
     """One connection over an open transport, until it ends or is closed; it cannot be reused.
 
@@ -122,9 +138,8 @@ class Connection:
         self._urgent_pending = 0
         """Number of pending requests that are urgent."""
         self._expiry = Expiry(self._loop, self._expire)
-        self._outbox: OrderedDict[int, tuple[str | bytes, float]] = OrderedDict()
-        """Frames waiting to be sent and their deadlines (loop time), by serial number; subscribe
-        frames have negative keys."""
+        self._outbox: OrderedDict[int, _Outgoing] = OrderedDict()
+        """Frames that wait to be sent, by serial number; subscribe frames have negative keys."""
         self._outbox_filled = asyncio.Event()
         self._writing = False
         """True while the writer waits for the transport to take a frame."""
@@ -139,7 +154,7 @@ class Connection:
         )
         self._aside_slots = asyncio.Semaphore(_MAX_ASIDE)
         self._aside_tasks: set[asyncio.Task[None]] = set()
-        """Tasks that wait for large frames to be decoded."""
+        """Tasks that wait for large frames to be decoded or encoded."""
         self._newer: list[set[str]] = []
         """For each large frame that is being decoded, the types of the pushes read since then."""
         self._tasks = [
@@ -183,7 +198,6 @@ class Connection:
             self._check_in_flight(name)
         wait = self.config.request_timeout if timeout is None else timeout
         sn = self._take_sn()
-        data = self._codec.encode(name, message, sn=sn, timestamp=time.time_ns() // 1_000_000)
         started = self._loop.time()
         future: asyncio.Future[Answer] = self._loop.create_future()
         pending = _Pending(message, name, future, wait, started + wait, urgent, tap)
@@ -191,11 +205,17 @@ class Connection:
         self._urgent_pending += urgent
         self._expiry.watch(pending.deadline)
         try:
+            encode = partial(
+                self._codec.encode, name, message, sn=sn, timestamp=time.time_ns() // 1_000_000
+            )
+            data = encode() if message.ByteSize() < LARGE else None
             # the outbox keeps requests with `first` in the order that their sender expects
-            if self._is_free_for(data) and not first:
+            if data is not None and self._is_free_for(data) and not first:
                 await self._guard(partial(self._send, data))
             else:
-                self._put(sn, data, started + send_within)
+                self._put(sn, _Outgoing(data, started + send_within, urgent))
+                if data is None:
+                    self._start_aside(self._encode_aside(sn, pending, encode))
                 if first:
                     self._outbox.move_to_end(sn, last=False)
             answer = await future
@@ -215,9 +235,8 @@ class Connection:
             which: selects the requests.
             reason: the text of the error, after "not sent: ".
         """
-        waiting = [(sn, self._pending[sn]) for sn in self._outbox if sn in self._pending]
-        for sn, pending in waiting:
-            if which(pending.message):
+        for sn, pending in self._pending.items():
+            if sn in self._outbox and which(pending.message):
                 del self._outbox[sn]
                 if not pending.future.done():
                     pending.future.set_exception(SupersededError(f"not sent: {reason}"))
@@ -233,7 +252,7 @@ class Connection:
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
             self._subscribe_frames += 1
-            self._put(-self._subscribe_frames, data, math.inf)
+            self._put(-self._subscribe_frames, _Outgoing(data, math.inf, False))
 
     async def close(self, cause: LinkError) -> None:
         """End the connection within `close_timeout`; pending requests fail with the first cause."""
@@ -306,22 +325,45 @@ class Connection:
             if sn not in self._pending:
                 return sn
 
-    def _put(self, key: int, data: str | bytes, deadline: float) -> None:
-        self._outbox[key] = data, deadline
+    def _put(self, key: int, frame: _Outgoing) -> None:
+        self._outbox[key] = frame
         self._outbox_filled.set()
 
     async def _write(self) -> None:
         while True:
-            while self._outbox:
-                key, (data, deadline) = self._outbox.popitem(last=False)
-                if self._loop.time() > deadline:
+            while (key := self._next_to_send()) is not None:
+                frame = self._outbox.pop(key)
+                if self._loop.time() > frame.deadline:
                     self._fail_outdated(key)
-                    continue
-                self._writing = True
-                await self._send(data)
-                self._writing = False
+                elif frame.data is not None:
+                    self._writing = True
+                    await self._send(frame.data)
+                    self._writing = False
             self._outbox_filled.clear()
             await self._outbox_filled.wait()
+
+    def _next_to_send(self) -> int | None:
+        """Return the key of the next frame; None if there is none, or none that is encoded yet.
+
+        Frames keep their order, but an urgent one does not wait until a large one is encoded.
+        """
+        for key, frame in self._outbox.items():
+            if frame.data is not None and (frame.urgent or key == next(iter(self._outbox))):
+                return key
+        return None
+
+    async def _encode_aside(
+        self, sn: int, pending: _Pending, encode: Callable[[], str | bytes]
+    ) -> None:
+        try:
+            data = await aside(encode)
+        except Exception as error:  # the caller gets it, as from a small request
+            if not pending.future.done():
+                pending.future.set_exception(error)
+            return
+        if (frame := self._outbox.get(sn)) is not None:  # it has not been withdrawn
+            frame.data = data
+            self._outbox_filled.set()
 
     def _is_free_for(self, data: str | bytes) -> bool:
         """Return True if nothing waits ahead of a frame and the transport takes it at once.
@@ -402,20 +444,23 @@ class Connection:
     async def _receive_aside(self, data: str | bytes) -> None:
         """Begin to decode a large frame aside, as soon as few enough others are."""
         await self._aside_slots.acquire()
-        task = self._loop.create_task(self._guard(partial(self._decode_aside, data)))
+        newer: set[str] = set()
+        self._newer.append(newer)
+        self._start_aside(self._guard(partial(self._decode_aside, data, newer)))
+
+    def _start_aside(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self._loop.create_task(work)
         self._aside_tasks.add(task)
         task.add_done_callback(self._aside_tasks.discard)
 
-    async def _decode_aside(self, data: str | bytes) -> None:
-        newer: set[str] = set()
-        self._newer.append(newer)
+    async def _decode_aside(self, data: str | bytes, newer: set[str]) -> None:
         try:
             envelope = await aside(self._decode_large, data)
         except FrameError as error:
             self._count_bad(error)
             return
         finally:
-            self._newer.remove(newer)
+            self._newer = [each for each in self._newer if each is not newer]
             self._aside_slots.release()
         if not envelope.sn and envelope.type in newer and envelope.type not in COUNTED_PUSHES:
             self._stats.dropped_pushes[envelope.type] += 1  # only the newest value matters

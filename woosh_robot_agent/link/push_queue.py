@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
@@ -16,6 +16,9 @@ COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedback
 LATEST_DEPTH = 50
 """Maximum number of queued pushes of a type of which only the newest values matter. Enough
 for 17 ms at 3000 Hz, in which another program may use the core."""
+
+Deliver = Callable[[], Awaitable[None] | None]
+"""Delivers a push; if it returns an awaitable, the pushes behind it wait for that."""
 
 
 class PushQueue:
@@ -29,7 +32,7 @@ class PushQueue:
     def __init__(self, depths: Mapping[str, float], dropped: Counter[str]) -> None:
         self._depths = depths
         self._dropped = dropped
-        self._queue: deque[tuple[str, Callable[[], None]]] = deque()
+        self._queue: deque[tuple[str, Deliver]] = deque()
         """The type of each push, and the function that delivers it."""
         self._waiting: dict[str, int] = {}
         """Number of queued pushes, by type."""
@@ -38,7 +41,7 @@ class PushQueue:
     def __len__(self) -> int:
         return len(self._queue)
 
-    def put(self, name: str, deliver: Callable[[], None]) -> bool:
+    def put(self, name: str, deliver: Deliver) -> bool:
         """Add a push, as the function that delivers it.
 
         Returns:
@@ -55,7 +58,7 @@ class PushQueue:
         self._filled.set()
         return fits
 
-    async def get(self) -> Callable[[], None]:
+    async def get(self) -> Deliver:
         """Wait for the next push and return the function that delivers it."""
         while True:
             if self._queue:
@@ -65,7 +68,7 @@ class PushQueue:
             self._filled.clear()
             await self._filled.wait()
 
-    def take_all(self) -> list[tuple[str, Callable[[], None]]]:
+    def take_all(self) -> list[tuple[str, Deliver]]:
         """Remove all pushes; return their types and the functions that deliver them."""
         pushes = list(self._queue)
         self._queue.clear()

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -33,20 +33,20 @@ _SNAPSHOT = "snapshot"
 
 
 class Consumer(NamedTuple):
-    """A consumer of the pushes of one type.
+    """A consumer of the pushes of one type, or of the first RobotInfo of each link.
 
     Attributes:
-        callback: called in the event loop with each push.
-        prepare: converts a body into the argument of `callback`. Of a large push, it runs in the
-            thread for large messages.
+        callback: called in the event loop.
+        prepare: converts the body of a push, or the RobotInfo, into the argument of `callback`. Of
+            a large one, it runs in the thread for large messages.
     """
 
     callback: Callable[[Any], None]
-    prepare: Callable[[Body], Any]
+    prepare: Callable[[Any], Any]
 
-    def take(self, body: Body) -> None:
-        """Process a small push."""
-        self.callback(self.prepare(body))
+    def take(self, value: Body | RobotInfo) -> None:
+        """Process a small push or RobotInfo."""
+        self.callback(self.prepare(value))
 
 
 class Subscriptions:
@@ -65,7 +65,7 @@ class Subscriptions:
         self._drops = drops
         self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
-        self._snapshot_callbacks: list[Callable[[RobotInfo], None]] = []
+        self._snapshot_consumers: list[Consumer] = []
         self._robot_changed_callbacks: list[Callable[[], None]] = []
         self._robot: RobotIdentity | None = None
         """The robot of the last link; None before the first one."""
@@ -78,6 +78,8 @@ class Subscriptions:
         self._lanes: dict[str, deque[Body]] = {}
         """Large pushes that wait to be prepared, and what waits behind them, by type."""
         self._lane_tasks: set[asyncio.Task[None]] = set()
+        self._preparing = False
+        """True while a large RobotInfo is prepared; what arrives later waits in the queue."""
         self._held: PushQueue | None = None
         """Pushes and answers of a connection whose handshake is in progress."""
 
@@ -118,9 +120,9 @@ class Subscriptions:
         consumers.remove(consumer)
         return not consumers
 
-    def on_snapshot(self, callback: Callable[[RobotInfo], None]) -> None:
-        """Call `callback` with the first RobotInfo of each link."""
-        self._snapshot_callbacks.append(callback)
+    def on_snapshot(self, consumer: Consumer) -> None:
+        """Deliver the first RobotInfo of each link to a consumer."""
+        self._snapshot_consumers.append(consumer)
 
     def on_robot_changed(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the link turns to another robot."""
@@ -177,7 +179,7 @@ class Subscriptions:
                 )
             return
         body = Body(codec, envelope, partial(self._count_bad, name))
-        if alone and self._held is None and not self._queue:
+        if alone and self._held is None and not self._queue and not self._preparing:
             self._deliver(body)
         elif not self._target.put(name, partial(self._deliver, body)):
             self._drops.count(
@@ -190,7 +192,7 @@ class Subscriptions:
         if answer.ok and isinstance(answer.body, RobotInfo):
             self._identify(answer.body)
             self.release()
-            self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer.body))
+            self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer))
 
     def put_answer(self, tap: Callable[[Answer], None], answer: Answer) -> None:
         """Queue an answer for `tap`, in order with the pushes."""
@@ -223,11 +225,13 @@ class Subscriptions:
         slice_started = now()
         try:
             while True:
-                (await queue.get())()
+                if (further := (await queue.get())()) is not None:
+                    await further
                 if now() - slice_started > _TIME_SLICE:
                     await asyncio.sleep(0)
                     slice_started = now()
         finally:
+            self._preparing = False
             for task in self._lane_tasks:
                 task.cancel()
             self._lanes.clear()
@@ -260,16 +264,16 @@ class Subscriptions:
         while lane:
             body = lane.popleft()
             if body.is_large:
-                await self._deliver_large(body)
+                await self._deliver_large(body, self._consumers[name])
             else:
                 self._deliver_now(body)
         self._lanes.pop(name, None)
 
-    async def _deliver_large(self, body: Body) -> None:
+    async def _deliver_large(self, value: Body | RobotInfo, consumers: list[Consumer]) -> None:
         changes = self.robot_changes
-        for consumer in tuple(self._consumers[body.type]):
+        for consumer in tuple(consumers):
             try:
-                prepared = await aside(consumer.prepare, body)
+                prepared = await aside(consumer.prepare, value)
             except FrameError:  # `_count_bad` has logged it
                 return
             except Exception:
@@ -282,6 +286,14 @@ class Subscriptions:
         self._stats.bad_frames[error.kind] += 1
         self._log.warn(f"bad push: {name}", f"skipped a push ({error.kind}): {error}")
 
-    def _deliver_snapshot(self, info: RobotInfo) -> None:
-        for callback in tuple(self._snapshot_callbacks):
-            call(callback, info)
+    def _deliver_snapshot(self, answer: Answer) -> Awaitable[None] | None:
+        if answer.raw.is_large:
+            return self._deliver_large_snapshot(answer.raw.message())
+        for consumer in tuple(self._snapshot_consumers):
+            call(consumer.take, answer.body)
+        return None
+
+    async def _deliver_large_snapshot(self, info: RobotInfo) -> None:
+        self._preparing = True
+        await self._deliver_large(info, self._snapshot_consumers)
+        self._preparing = False

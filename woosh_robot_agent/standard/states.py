@@ -17,6 +17,7 @@ from std_msgs.msg import Bool, Header
 from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
 from woosh_robot_agent.last_known import is_part_of_info, parts_of
 from woosh_robot_agent.link import Body, LinkError, LinkState
+from woosh_robot_agent.link.aside import LARGE, aside
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.standard.part import Part
 from woosh_robot_agent.standard.part_context import PartContext
@@ -137,7 +138,7 @@ class _State(Part):
         self._subscribers = Subscribers(context)
         self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
         context.robot.chassis.on_robot_changed(self._forget)
-        context.robot.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.on_snapshot(self._snapshot, self._in_snapshot)
         if not is_part_of_info(cls):
             context.robot.chassis.on_state(self._link_changed)
         context.robot.chassis.subscribe_raw(cls, self._pushed, self._converted)
@@ -148,17 +149,23 @@ class _State(Part):
 
     async def _republish(self, _now: float) -> None:
         if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
-            self._publish(self._last)
+            last = self._last
+            large = last.ByteSize() >= LARGE
+            converted = await aside(self._try, last) if large else self._try(last)
+            if last is self._last:
+                self._pushed(converted)
 
     def _forget(self) -> None:
         if self._last is not None:
             self._last = None
             self._publisher.publish(self._unknown(self._context))
 
-    def _snapshot(self, info: RobotInfo) -> None:
-        for part in parts_of(info):
-            if isinstance(part, self._cls):
-                self._publish(part)
+    def _in_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
+        return [self._try(part) for part in parts_of(info) if isinstance(part, self._cls)]
+
+    def _snapshot(self, converted: list[tuple[Message, Any]]) -> None:
+        for each in converted:
+            self._pushed(each)
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
@@ -173,15 +180,16 @@ class _State(Part):
             _LOG.debug("cannot request the first %s: %s", self._cls.DESCRIPTOR.name, error)
             return
         if answer.ok and isinstance(answer.body, self._cls):
-            self._publish(answer.body)
+            self._pushed(self._try(answer.body))
 
     def _converted(self, body: Body) -> tuple[Message, Any]:
         return self._try(body.message())
 
     def _try(self, value: Message) -> tuple[Message, Any]:
-        """Return a value and its ROS message, or the ValueError that prevents one."""
+        """Return a value and its serialized ROS message, or the ValueError that prevents one."""
         try:
-            return value, self._convert(self._context, value)
+            message = self._convert(self._context, value)
+            return value, message if isinstance(message, bytes) else serialize(message)
         except ValueError as error:
             return value, error
 
@@ -192,9 +200,6 @@ class _State(Part):
             return
         self._last = value
         self._publisher.publish(message)
-
-    def _publish(self, value: Message) -> None:
-        self._pushed(self._try(value))
 
 
 def battery_part(context: PartContext) -> _State:

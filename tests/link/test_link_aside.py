@@ -1,0 +1,241 @@
+"""Large messages are converted aside: nothing waits for them, and nothing changes its order."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.link.link_peer import TIMEOUT, Peer, aio, eventually, soon
+from tests.link.test_link_requests import ask
+from woosh_robot_agent.link import Body, SupersededError
+from woosh_robot_agent.link.aside import LARGE
+from woosh_robot_agent.link.codecs.choice import JSON
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
+from woosh_robot_agent.protos import full_name
+
+SPEAK = full_name(Speak)
+POSES = 4000
+"""Number of poses of a large path."""
+
+
+def path(poses: int) -> NavPath:
+    message = NavPath()
+    for i in range(poses):
+        message.path.poses.add(x=i / 7, y=i / 11, theta=0.1)
+    return message
+
+
+def info(corners: int) -> RobotInfo:
+    message = RobotInfo(robot_id=1)
+    for i in range(corners):
+        message.model.model.add(x=i / 7, y=i / 11)
+    return message
+
+
+def body(message: Any) -> Any:
+    """Return a message as the body of a JSON frame."""
+    return json.loads(JSON.encode(full_name(message), message))["body"]
+
+
+@pytest.fixture
+def gate() -> Iterator[threading.Event]:
+    """An event for which something in the thread for large messages waits; set at the end."""
+    opened = threading.Event()
+    yield opened
+    opened.set()
+
+
+async def occupy(peer: Peer, client: Any, gate: threading.Event) -> None:
+    """Have the thread for large messages wait for an event, in the conversion of a push."""
+    began = threading.Event()
+
+    def prepare(push: Body) -> None:
+        began.set()
+        assert gate.wait(TIMEOUT)
+
+    client.subscribe_raw(NavPath, lambda prepared: None, prepare)
+    await (await peer.wire()).push(full_name(NavPath), body(path(POSES)))
+    await eventually(began.is_set)
+
+
+@aio
+async def test_only_a_large_push_is_converted_in_another_thread() -> None:
+    async with Peer() as peer, peer.client() as client:
+        seen: list[tuple[int, str, str]] = []
+
+        def prepare(push: Body) -> tuple[int, str]:
+            return len(push.message().path.poses), threading.current_thread().name
+
+        client.subscribe_raw(
+            NavPath,
+            lambda prepared: seen.append((*prepared, threading.current_thread().name)),
+            prepare,
+        )
+        wire = await peer.wire()
+        here = threading.current_thread().name
+        for poses in (1, POSES, 1):
+            count = len(seen)
+            assert (len(json.dumps(body(path(poses)))) > LARGE) == (poses == POSES)
+            await wire.push(full_name(NavPath), body(path(poses)))
+            await eventually(lambda count=count: len(seen) > count)
+        assert [poses for poses, _, _ in seen] == [1, POSES, 1]
+        assert [converted == here for _, converted, _ in seen] == [True, False, True]
+        assert {called for _, _, called in seen} == {here}
+
+
+@aio
+async def test_other_pushes_and_answers_do_not_wait_for_a_large_push(gate: threading.Event) -> None:
+    async with Peer() as peer, peer.client() as client:
+        poses: list[PoseSpeed] = []
+        client.subscribe(PoseSpeed, poses.append)
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        await wire.push(full_name(PoseSpeed))
+        await eventually(lambda: poses)
+        asked = ask(client, Speak())
+        await wire.answer(await wire.next(SPEAK))
+        assert (await soon(asked)).ok
+
+
+@aio
+async def test_pushes_of_the_same_type_wait_and_only_the_newest_count(
+    gate: threading.Event,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        lengths: list[int] = []
+        client.subscribe(NavPath, lambda push: lengths.append(len(push.path.poses)))
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        for poses in range(3):
+            await wire.push(full_name(NavPath), body(path(poses)))
+        await eventually(lambda: client.debug()["pushes"] == 3)
+        gate.set()
+        await eventually(lambda: len(lengths) == 4)
+        assert lengths == [POSES, 0, 1, 2]
+
+
+@aio
+async def test_a_push_that_a_newer_one_overtook_while_it_was_decoded_is_dropped(
+    gate: threading.Event,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        lengths: list[int] = []
+        client.subscribe(RobotInfo, lambda push: lengths.append(len(push.model.model)))
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        for poses in (POSES, 1):
+            await wire.push(full_name(RobotInfo), body(info(poses)))
+        await eventually(lambda: lengths)
+        gate.set()
+        await eventually(lambda: client.stats.dropped_pushes[full_name(RobotInfo)] == 1)
+        assert lengths == [1]
+
+
+@aio
+async def test_an_urgent_request_overtakes_a_large_one_and_the_others_keep_their_order(
+    gate: threading.Event,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        large = ask(client, Speak(text="z" * LARGE))
+        later = ask(client, Speak(text="later"))
+        urgent = ask(client, Speak(text="urgent"), urgent=True)
+        frame = await wire.next(SPEAK)
+        assert frame["body"] == {"text": "urgent"}
+        await wire.answer(frame)
+        await soon(urgent)
+        assert wire.frames.empty()
+        gate.set()
+        frames = [await wire.next(SPEAK) for _ in range(2)]
+        assert [len(frame["body"]["text"]) for frame in frames] == [LARGE, len("later")]
+        for frame in frames:
+            await wire.answer(frame)
+        await soon(asyncio.gather(large, later))
+
+
+@aio
+async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent(
+    gate: threading.Event,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        large = ask(client, Speak(text="z" * LARGE))
+        await eventually(lambda: client.debug()["outbox"] == 1)
+        client.withdraw(lambda message: isinstance(message, Speak), "it is not wanted")
+        with pytest.raises(SupersededError, match="it is not wanted"):
+            await soon(large)
+        gate.set()
+        last = ask(client, Speak(text="last"))
+        frame = await wire.next(SPEAK)
+        assert frame["body"] == {"text": "last"}
+        await wire.answer(frame)
+        await soon(last)
+
+
+@aio
+async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        connection = client._connection
+        assert connection is not None
+
+        class Broken:
+            def encode(self, *_: Any, **__: Any) -> str:
+                raise ValueError("cannot be encoded")
+
+        codec, connection._codec = connection._codec, Broken()  # type: ignore[assignment]
+        with pytest.raises(ValueError, match="cannot be encoded"):
+            await soon(client.request(Speak(text="z" * LARGE)))
+        connection._codec = codec
+        asked = ask(client, Speak())
+        await wire.answer(await wire.next(SPEAK))
+        assert (await soon(asked)).ok
+
+
+@aio
+async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_it(
+    gate: threading.Event,
+) -> None:
+    async with Peer(info=body(info(POSES))) as peer:
+        client = peer.client()
+        seen: list[str] = []
+        began = threading.Event()
+
+        def prepare(info: RobotInfo) -> str:
+            began.set()
+            assert gate.wait(TIMEOUT)
+            return f"{len(info.model.model)} corners"
+
+        client.on_snapshot(seen.append, prepare)
+        client.subscribe(PoseSpeed, lambda push: seen.append("pose"))
+        async with client:
+            wire = await peer.wire()
+            await eventually(began.is_set)
+            await wire.push(full_name(PoseSpeed))
+            await eventually(lambda: client.debug()["pushes"] == 1)
+            asked = ask(client, Speak())
+            await wire.answer(await wire.next(SPEAK))
+            await soon(asked)
+            assert not seen
+            gate.set()
+            await eventually(lambda: len(seen) == 2)
+            assert seen == [f"{POSES} corners", "pose"]
+
+
+@aio
+async def test_a_large_bad_frame_is_counted_and_skipped() -> None:
+    async with Peer() as peer, peer.client() as client:
+        wire = await peer.wire()
+        await wire.raw('{"type": "woosh.robot.NavPath", "body": [' + "1," * LARGE + "}")
+        await eventually(lambda: client.stats.bad_frames["json"] == 1)
+        asked = ask(client, Speak())
+        await wire.answer(await wire.next(SPEAK))
+        assert (await soon(asked)).ok
