@@ -12,6 +12,9 @@ its port. Each line on stdin is a command:
                              push (time.monotonic) and the CPU time of all of them, in seconds
     push_mix RATE FIRST COUNT
                              the same with several types; see `mixed`
+    push_path RATE POSES COUNT
+                             push COUNT messages of NavPath with POSES poses at RATE Hz to all
+                             subscribers, while it obeys further commands; prints nothing
     velocities               print, as JSON, the linear velocity in each woosh.robot.Twist since the
                              last such command, and the time of its arrival (time.monotonic)
 """
@@ -24,9 +27,10 @@ import json
 import os
 import sys
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import cache, partial
+from typing import Any
 
 from google.protobuf.message import Message
 
@@ -39,7 +43,7 @@ from woosh_robot_agent.link.transport.base import TransportClosedError
 from woosh_robot_agent.pb.map.map_pack_pb2 import Download, DownloadResponse
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 from woosh_robot_agent.protos import full_name, message_type
 
@@ -85,6 +89,14 @@ def mixed(number: int, beams: int) -> Message:
         text = "导航未启动"  # robots send their texts in Chinese
         return StatusCode(robot_id=1, code=140801000071, time=number, msg=text)
     return pose_speed(number)
+
+
+def long_path(poses: int) -> NavPath:
+    """Return a path with the given number of poses."""
+    message = NavPath(robot_id=1)
+    for i in range(poses):
+        message.path.poses.add(x=4.23276472 + i / 100, y=-6.6727581, theta=-0.255771846)
+    return message
 
 
 def map_files(size: int) -> DownloadResponse:
@@ -133,11 +145,14 @@ class EchoChassis:
             self.velocities.append((codec.body(envelope, Twist).linear, time.monotonic()))
         send = self._answer(codec, envelope.type)
         if self.delay:
-            task = asyncio.ensure_future(self._send_later(send, transport, envelope.sn))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+            self._start(self._send_later(send, transport, envelope.sn))
         else:
             await send(transport, envelope.sn)
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     def _make_answer(self, codec: Codec, type_name: str) -> Send:
         body = self._bodies.get(type_name) or message_type(type_name)()
@@ -160,6 +175,21 @@ class EchoChassis:
     async def _send_later(self, send: Send, transport: ServerTransport, sn: int) -> None:
         await asyncio.sleep(self.delay)
         await send(transport, sn)
+
+    def start_pushing_paths(self, rate: float, poses: int, count: int) -> None:
+        """Start to push a long path as the command `push_path` says."""
+        frames = {
+            transport: codec.encode(full_name(NavPath), long_path(poses), timestamp=1)
+            for transport, codec in self._subscribers.items()
+        }
+
+        async def push() -> None:
+            for _ in range(count):
+                for transport, frame in frames.items():
+                    await transport.send(frame)
+                await asyncio.sleep(1 / rate)
+
+        self._start(push())
 
     async def push(self, rate: float, messages: Sequence[Message]) -> None:
         """Push messages as the command `push` says, and print the report."""
@@ -230,6 +260,8 @@ async def main() -> None:
         elif command == b"velocities":
             print(json.dumps(chassis.velocities), flush=True)
             chassis.velocities = []
+        elif command == b"push_path":
+            chassis.start_pushing_paths(float(words[0]), int(words[1]), int(words[2]))
         else:
             rate, first, count = words
             numbers = range(int(first), int(first) + int(count))

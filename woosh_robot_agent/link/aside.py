@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextvars
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -15,6 +16,9 @@ LARGE = 64 * 1024
 
 A shorter one takes some milliseconds at most.
 """
+_SWITCH_INTERVAL = 0.0005
+"""Time for which other threads wait for the GIL while this one works, in seconds. The link thread
+waits for it after each system call; with Python's 5 ms, a few of them would hold it for 20 ms."""
 _THREAD = ThreadPoolExecutor(1, thread_name_prefix="large messages")
 """One thread, so that large messages keep their order, and at most one competes for the GIL."""
 
@@ -26,4 +30,15 @@ async def aside(function: Callable[..., T], *args: Any) -> T:
     hold up all threads.
     """
     context = contextvars.copy_context()  # of the logger
-    return await asyncio.get_running_loop().run_in_executor(_THREAD, context.run, function, *args)
+    return await asyncio.get_running_loop().run_in_executor(
+        _THREAD, context.run, _run, function, *args
+    )
+
+
+def _run(function: Callable[..., T], *args: Any) -> T:
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    try:
+        return function(*args)
+    finally:
+        sys.setswitchinterval(interval)
