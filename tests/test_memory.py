@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-PROGRAM = """
+PREAMBLE = """
 import ctypes, os, sys, threading, time
 from pathlib import Path
 from woosh_robot_agent.memory import Heap
@@ -24,20 +24,36 @@ def block(size):
     libc.memset(address, 1, size)
     return address
 
+heap = Heap()
+real = time.monotonic
+"""
+
+AT_ONCE = """
 def use_memory():
     for each in [block(4 * MIB) for _ in range(10)]:
         libc.free(each)
 
-heap = Heap()
 before = resident()
 thread = threading.Thread(target=use_memory)
 thread.start()
 thread.join()
 unused = (resident() - before) // MIB
-real = time.monotonic
 time.monotonic = lambda: real() + float(sys.argv[1])
 heap.trim()
 print(unused, (resident() - before) // MIB)
+"""
+
+LATER = """
+before = resident()
+blocks = [block(4 * MIB) for _ in range(10)]
+kept = block(64)
+time.monotonic = lambda: real() + 60
+heap.trim()
+for each in blocks:
+    libc.free(each)
+time.monotonic = lambda: real() + 120
+heap.trim()
+print((resident() - before) // MIB)
 """
 
 
@@ -47,8 +63,13 @@ def unused_memory(elapsed: float) -> list[int]:
     Args:
         elapsed: time after which the program trims its heap, in seconds.
     """
-    run = [sys.executable, "-c", PROGRAM, str(elapsed)]
-    output = subprocess.run(run, check=True, capture_output=True, text=True).stdout
+    return run(AT_ONCE, str(elapsed))
+
+
+def run(program: str, *arguments: str) -> list[int]:
+    """Run a program after the preamble; return the numbers that it prints."""
+    command = [sys.executable, "-c", PREAMBLE + program, *arguments]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return [int(word) for word in output.split()]
 
 
@@ -60,3 +81,7 @@ def test_freed_blocks_are_returned_after_a_while() -> None:
     at_once, later = unused_memory(60.0)
     assert at_once > 30
     assert later < 5
+
+
+def test_blocks_that_were_in_use_at_the_last_look_are_returned_after_the_next() -> None:
+    assert run(LATER)[0] < 5

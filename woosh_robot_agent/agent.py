@@ -123,6 +123,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
     )
 
     disable_collection()
+    heap = Heap()  # before imports that start threads, such as numpy
     import rclpy
 
     from woosh_robot_agent.library_versions import outdated_libraries
@@ -139,7 +140,6 @@ def _run(args: list[str], signals: StopSignals) -> int:
     from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
     from woosh_robot_agent.ros_release import error_text, exit_withdraws_endpoints
 
-    heap = Heap()
     if signals.received:
         return 0
     try:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import os
 import time
-from pathlib import Path
 from typing import Any
 
 _MIB = 1024 * 1024
@@ -17,14 +15,23 @@ _MAX_UNUSED = 256 * _MIB
 _PERIOD = 5.0
 """Time between two looks at the memory, in seconds."""
 _GROWTH = 8 * _MIB
-"""Growth of the resident memory after which unused memory is returned, in bytes."""
+"""Growth of the unused memory after which it is returned, in bytes."""
 _M_TRIM_THRESHOLD = -1
 """`M_TRIM_THRESHOLD` of <malloc.h>."""
 _M_MMAP_THRESHOLD = -3
 """`M_MMAP_THRESHOLD` of <malloc.h>."""
 _M_ARENA_MAX = -8
 """`M_ARENA_MAX` of <malloc.h>."""
-_PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
+
+
+class _MallInfo(ctypes.Structure):
+    """`struct mallinfo2` of <malloc.h>; `fordblks` is the unused memory in bytes."""
+
+    _fields_ = (
+        *((f"other{number}", ctypes.c_size_t) for number in range(8)),
+        ("fordblks", ctypes.c_size_t),
+        ("keepcost", ctypes.c_size_t),
+    )
 
 
 class Heap:
@@ -35,39 +42,38 @@ class Heap:
     `trim` returns it to the system shortly afterwards. All threads share one heap, because glibc
     can only trim the first one.
 
-    Does nothing with other C libraries than glibc.
+    Does nothing with other C libraries than glibc 2.33 and later.
     """
 
     def __init__(self) -> None:
-        libc = ctypes.CDLL(None)
-        mallopt = getattr(libc, "mallopt", None)
-        self._malloc_trim: Any = getattr(libc, "malloc_trim", None)
-        if mallopt is not None:
-            mallopt(_M_ARENA_MAX, 1)
-            mallopt(_M_TRIM_THRESHOLD, _MAX_UNUSED)
-            mallopt(_M_MMAP_THRESHOLD, _LARGEST_BLOCK)
+        libc: Any = ctypes.CDLL(None)
+        self._libc = libc if hasattr(libc, "mallinfo2") else None
+        if self._libc is not None:
+            libc.mallopt(_M_ARENA_MAX, 1)
+            libc.mallopt(_M_TRIM_THRESHOLD, _MAX_UNUSED)
+            libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST_BLOCK)
+            libc.mallinfo2.restype = _MallInfo
         self._due = time.monotonic() + _PERIOD
         """Monotonic time of the next look at the memory."""
-        self._usual = _resident()
-        """Resident memory after unused memory was returned, in bytes."""
+        self._usual = self._unused()
+        """Unused memory after it was returned, in bytes; glibc goes on counting it."""
 
     def trim(self) -> None:
-        """Return unused memory to the system, if the process has grown. Call it often."""
+        """Return unused memory to the system, if there is more of it. Call it often."""
         now = time.monotonic()
-        if now < self._due or self._malloc_trim is None:
+        if now < self._due or self._libc is None:
             return
         self._due = now + _PERIOD
-        resident = _resident()
-        if resident < self._usual + _GROWTH:
-            self._usual = min(self._usual, resident)
+        unused = self._unused()
+        if unused < self._usual + _GROWTH:
+            self._usual = min(self._usual, unused)
             return
-        self._malloc_trim(0)
-        self._usual = _resident()
+        self._libc.malloc_trim(0)
+        self._usual = self._unused()
 
-
-def _resident() -> int:
-    """Return the resident memory of this process, in bytes."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * _PAGE_SIZE
+    def _unused(self) -> int:
+        """Return the memory that was freed, in bytes."""
+        return 0 if self._libc is None else int(self._libc.mallinfo2().fordblks)
 
 
 def disable_collection() -> None:

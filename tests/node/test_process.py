@@ -101,6 +101,32 @@ agent.main()
 """
 
 
+def test_all_threads_share_one_heap(domain: int) -> None:
+    """glibc returns the unused memory of the first heap only."""
+    run = subprocess.run(
+        [sys.executable, "-c", HEAPS],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, **domain_variables(domain)},
+    )
+    assert set(re.findall(r"^Arena \d+:", run.stderr, re.MULTILINE)) == {"Arena 0:"}
+
+
+HEAPS = """
+import ctypes, os, signal
+from woosh_robot_agent import agent
+
+def turn(executor, timeout):
+    ctypes.CDLL(None).malloc_stats()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+agent._spin_once = turn
+agent.main()
+"""
+
+
 def test_program_ends_by_sigterm(program: Program, simulator: SimulatorThread) -> None:
     """The other tests end it by SIGINT."""
     program.end(signal.SIGTERM)

@@ -8,6 +8,11 @@ Python objects by type. In all other respects it is the program that users run.
 
 from __future__ import annotations
 
+from woosh_robot_agent.memory import Heap
+
+Heap()  # as the agent does, before imports that start threads
+
+# ruff: noqa: E402
 import gc
 import json
 import sys
