@@ -171,10 +171,11 @@ setup(
         str(ROOT), include=[PACKAGE, f"{PACKAGE}.*"], exclude=[f"{PACKAGE}.pb", f"{PACKAGE}.pb.*"]
     ),
     package_data={
-        PACKAGE: ["py.typed", "status_codes.json"],
+        PACKAGE: ["py.typed"],
+        f"{PACKAGE}.robot": ["status_codes.json"],
         f"{PACKAGE}.simulator": ["data/*/*"],
         f"{PACKAGE}.tools.dashboard": ["page/*"],
-        f"{PACKAGE}.vda5050.protocol": ["schemas/LICENSE", "schemas/*/*.schema"],
+        f"{PACKAGE}.vda5050.messages": ["schemas/LICENSE", "schemas/*/*.schema"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

@@ -17,8 +17,8 @@ from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client
+from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.testing import own_domain, running_agent, running_chassis, wait_until
 
 GOALS = ((8.0, -5.0), (3.0, 7.0), (-9.0, 0.5))

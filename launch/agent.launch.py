@@ -10,7 +10,7 @@ config/robots.yaml does, one process serves all of them.
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
-from woosh_robot_agent import launch_arguments
+from woosh_robot_agent.ros import launch_arguments
 
 ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "params_file")
 

@@ -16,7 +16,7 @@ from launch import LaunchDescription
 from launch.actions import LogInfo, OpaqueFunction
 from launch_ros.actions import Node
 
-from woosh_robot_agent import launch_arguments
+from woosh_robot_agent.ros import launch_arguments
 
 ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "params_file", "urdf")
 WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}

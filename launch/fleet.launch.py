@@ -13,7 +13,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-from woosh_robot_agent import launch_arguments
+from woosh_robot_agent.ros import launch_arguments
 
 DEFAULTS = {
     name: default

@@ -20,7 +20,7 @@ from launch.actions import (
 )
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-from woosh_robot_agent import launch_arguments
+from woosh_robot_agent.ros import launch_arguments
 
 PACKAGE = launch_arguments.PACKAGE
 SIMULATOR = Path(get_package_prefix(PACKAGE), "lib", PACKAGE, "simulator")

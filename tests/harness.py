@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.ros_release import this_computer_only
+from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
 from woosh_robot_agent.testing.agents import NAMESPACE

@@ -11,9 +11,9 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor as Field
 
-from woosh_robot_agent.link.codecs.json_fields import is_repeated, is_well_known
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link.codecs.json_codec import is_repeated, is_well_known
+from woosh_robot_agent.link.protos import message_type
 
 WIDTHS = {"int8": 8, "uint8": 8, "uint16": 16, "int32": 32, "uint32": 32, "int64": 64, "uint64": 64}
 PROTO_INTS = {

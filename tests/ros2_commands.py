@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from woosh_robot_agent import endpoints
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.convert.mapping import class_of
 
 NAMESPACE = f"{endpoints.NAMESPACE}/"
 

@@ -19,7 +19,7 @@ from tests.random_messages import random_ros
 from tests.type_pairs import PAIRS
 from woosh_robot_agent.convert.cdr import serialize
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
-from woosh_robot_agent.standard.states import plan
+from woosh_robot_agent.ros.standard.states import plan
 
 
 def check(message: Any) -> None:

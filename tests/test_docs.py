@@ -10,7 +10,7 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.readiness import pose_doubt
+from woosh_robot_agent.robot.readiness import pose_doubt
 from woosh_robot_agent.simulator import faults, load_scenario
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.command_line import make_parser

@@ -13,12 +13,12 @@ from woosh_robot_agent.endpoints import (
     TOPICS,
     markdown,
 )
+from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.map import map_pack_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_setting_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task import woosh_task_pb2
-from woosh_robot_agent.protos import message_types
 
 FILES = (
     map_pack_pb2,

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from woosh_robot_agent import generate
+from scripts import generate
 from woosh_robot_agent.endpoints import minimum_timeouts
 
 ROOT = Path(__file__).parent.parent

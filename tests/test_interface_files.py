@@ -9,12 +9,16 @@ from pathlib import Path
 
 import pytest
 
+from scripts.interface_files import (
+    InterfaceError,
+    Schema,
+    enum_constant,
+    interface_files,
+    message_file,
+    oneof_file,
+    superfluous_files,
+)
 from tests.interface_facts import PACKAGES, facts_of, parts_of
-from woosh_robot_agent.interfaces import InterfaceError, interface_files, superfluous_files
-from woosh_robot_agent.interfaces.messages import message_file
-from woosh_robot_agent.interfaces.names import enum_constant
-from woosh_robot_agent.interfaces.oneofs import oneof_file
-from woosh_robot_agent.interfaces.schema import Schema
 
 ROOT = Path(__file__).parent.parent
 PROTO = ROOT / "proto"

@@ -11,9 +11,9 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from ament_index_python.resources import get_resource
 
+from scripts.interface_files import interface_files
 from tests.harness import HUMBLE
 from tests.interface_facts import HASHES, KINDS, PACKAGES, facts_of, parts_of
-from woosh_robot_agent.interfaces import interface_files
 
 PROTO = Path(__file__).parents[1] / "proto"
 

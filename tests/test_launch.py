@@ -20,7 +20,7 @@ from ament_index_python.packages import PackageNotFoundError
 from tests import launch_stub
 from woosh_robot_agent import parameters
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.standard.endpoints import BY_NAME
+from woosh_robot_agent.ros.standard.endpoints import BY_NAME
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "woosh_robot_agent"

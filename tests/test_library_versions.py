@@ -9,7 +9,7 @@ from pathlib import Path
 import google.protobuf
 import pytest
 
-from woosh_robot_agent import agent, library_versions
+from woosh_robot_agent import agent, program
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_supported_libraries_are_accepted(
 ) -> None:
     monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
-    assert library_versions.outdated_libraries() == ""
+    assert program.outdated_libraries() == ""
 
 
 def run_without(module: str, program: str, *arguments: str) -> tuple[int, str]:

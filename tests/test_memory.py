@@ -8,7 +8,7 @@ import sys
 PREAMBLE = """
 import ctypes, os, sys, threading, time
 from pathlib import Path
-from woosh_robot_agent.memory import Heap
+from woosh_robot_agent.agent import Heap
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p

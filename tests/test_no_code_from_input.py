@@ -17,20 +17,17 @@ DANGEROUS = re.compile(
 )
 """Names that can turn input into code or commands."""
 PERMITTED = {
-    ("convert/source.py", "exec"): "code generated from descriptors and ROS types only",
-    ("convert/json_values.py", "ctypes"): "c_float rounds a number to 32 bits",
-    ("ros_types.py", "importlib.import_module"): "ROS types of the table and of their fields",
-    ("protos.py", "importlib.import_module"): "the package's own protobuf modules",
-    ("link/codecs/json_writer.py", "ctypes"): "c_float rounds a number to 32 bits",
+    ("convert/mapping.py", "exec"): "code generated from descriptors and ROS types only",
+    ("convert/to_ros.py", "ctypes"): "c_float rounds a number to 32 bits",
+    ("convert/mapping.py", "importlib.import_module"): "ROS types of the table and of their fields",
+    ("link/protos.py", "importlib.import_module"): "the package's own protobuf modules",
+    ("link/codecs/json_codec.py", "ctypes"): "c_float rounds a number to 32 bits",
     ("simulator/__init__.py", "importlib.import_module"): "the package's own modules, by a table",
     ("simulator/command_line.py", "importlib.import_module"): "the page's module, a constant",
     ("tools/start.py", "importlib.import_module"): "the package's own programs",
-    ("memory.py", "ctypes"): "mallopt of the C library, with two constants",
-    ("process_exit.py", "ctypes"): "exit of the C library, with a number",
+    ("agent.py", "ctypes"): "memory settings and exit of the C library, with constants",
     ("simulator/yaml_fields.py", "yaml.load"): "a loader derived from SafeLoader",
-    ("security.py", "xml.etree.ElementTree"): "writes policies, reads nothing",
     ("testing/agents.py", "subprocess"): "runs the agent in tests, without a shell",
-    ("interfaces/schema.py", "subprocess"): "runs protoc on the files of proto/, without a shell",
 }
 """Reason why each permitted use is safe, by file and name."""
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from woosh_robot_agent import participants
-from woosh_robot_agent.participants import Place, is_possibly_own, place_of
+from woosh_robot_agent.ros import second_agent
+from woosh_robot_agent.ros.second_agent import Place, is_possibly_own, place_of
 
 HOST, OTHER_HOST = b"\x78\xfd", b"\x11\x22"
 END = bytes(range(8))
@@ -30,7 +30,7 @@ def test_the_own_process_is_recognised():
 def test_a_process_of_this_computer_is_named_if_only_it_can_be_meant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(participants, "_PROCESSES", tmp_path)
+    monkeypatch.setattr(second_agent, "_PROCESSES", tmp_path)
     other = gid(4321, tail=b"ab")
     (tmp_path / "self").mkdir()
     (tmp_path / "4322").mkdir()

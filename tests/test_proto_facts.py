@@ -12,7 +12,7 @@ from google.protobuf.descriptor import FieldDescriptor
 
 from tests.fact_files import facts
 from woosh_robot_agent import pb
-from woosh_robot_agent.protos import message_types
+from woosh_robot_agent.link.protos import message_types
 
 FACTS = facts("proto/woosh_proto.yaml")
 SCALARS = {

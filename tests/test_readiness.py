@@ -22,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import (
+from woosh_robot_agent.robot.readiness import (
     accepts_task,
     is_located,
     is_taskable,

@@ -8,9 +8,9 @@ from google.protobuf.message import Message
 from tests.motion.moving import MOVING, name_of
 from tests.motion.test_requests import COMMAND_MOTION, MOVE_NOTHING, RESTING
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, RobotWiFi
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.reads import only_reads
 
 READING_COMMANDS = {
     "woosh.map.Download",

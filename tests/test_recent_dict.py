@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from woosh_robot_agent.recent_dict import RecentDict
+from woosh_robot_agent.link.reports import RecentDict
 
 
 def test_the_oldest_entry_is_removed() -> None:

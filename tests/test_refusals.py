@@ -10,8 +10,6 @@ from typing import Any
 import pytest
 
 from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually
-from woosh_robot_agent import refusals
-from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -30,7 +28,9 @@ from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util.action_pb2 import kPause
-from woosh_robot_agent.readiness import (
+from woosh_robot_agent.robot import refusals
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.readiness import (
     DEPLOYMENT,
     EMERGENCY_STOP,
     MAINTENANCE,
@@ -39,7 +39,7 @@ from woosh_robot_agent.readiness import (
     NOT_DEPLOYMENT,
     NOT_INITIALISED,
 )
-from woosh_robot_agent.refusals import RefusalExplainer, type_of
+from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 
 READY = {"mode": {"ctrl": 1, "work": 2}, "state": 2}
 NAVIGATING = {**READY, "state": 4, "taskProc": {"robotTaskId": "17", "state": 3}}

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as xml
 
 import pytest
 
-from woosh_robot_agent import security
+from scripts import sros2_policies
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 
 ROOT = Path(__file__).parent.parent
@@ -32,12 +32,12 @@ def names(policy: str, kind: str) -> set[str]:
 
 @pytest.mark.parametrize("whose", ["agent", "client"])
 def test_the_files_are_up_to_date(whose: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert security.main([whose]) == 0
+    assert sros2_policies.main([whose]) == 0
     assert capsys.readouterr().out == (ROOT / "config" / f"{whose}.policy.xml").read_text()
 
 
 def test_a_client_may_use_all_endpoints_but_not_set_parameters() -> None:
-    policy = security.client_policy()
+    policy = sros2_policies.client_policy()
     services = {f"/woosh_robot/{each.name}" for each in (*QUERIES, *COMMANDS)}
     services |= {"/woosh_robot/cancel", "/woosh_robot/stop"}
     assert names(policy, "services request") == services
@@ -50,14 +50,14 @@ def test_a_client_may_use_all_endpoints_but_not_set_parameters() -> None:
 
 
 def test_a_read_only_client_may_read_by_commands() -> None:
-    policy = security.client_policy(read_only=True, only=["map/*"])
+    policy = sros2_policies.client_policy(read_only=True, only=["map/*"])
     services = names(policy, "services request")
     assert {"/woosh_robot/map/SceneList", "/woosh_robot/map/Download"} <= services
     assert "/woosh_robot/map/Upload" not in services
 
 
 def test_a_read_only_client_may_send_no_command() -> None:
-    policy = security.client_policy(read_only=True, only=["robot/Pose*", "robot/ExecTask"])
+    policy = sros2_policies.client_policy(read_only=True, only=["robot/Pose*", "robot/ExecTask"])
     assert names(policy, "services request") == {"/woosh_robot/robot/PoseSpeed"}
     assert names(policy, "topics subscribe") == {"/woosh_robot/robot/PoseSpeed"}
     assert names(policy, "actions call") == set()
@@ -65,23 +65,25 @@ def test_a_read_only_client_may_send_no_command() -> None:
 
 @pytest.mark.parametrize(("namespace", "prefix"), [("/", ""), ("/hall/r2", "/hall/r2")])
 def test_policies_can_be_made_for_another_namespace(namespace: str, prefix: str) -> None:
-    agent = security.agent_policy(namespace)
+    agent = sros2_policies.agent_policy(namespace)
     assert f"{prefix}/robot/Mode" in names(agent, "services reply")
     assert f"{prefix}/agent/set_parameters" in names(agent, "services reply")
     assert xml.fromstring(agent).find(f".//enclave[@path='{prefix}/agent']") is not None
     profile = xml.fromstring(agent).find(f".//profile[@ns='{prefix or '/'}']")
     assert profile is not None
     assert profile.get("node") == "agent"
-    client = security.client_policy(namespace, "/ui/panel")
+    client = sros2_policies.client_policy(namespace, "/ui/panel")
     assert f"{prefix}/robot/Mode" in names(client, "services request")
     assert xml.fromstring(client).find(f".//enclave[@path='{prefix}/ui/panel']") is not None
     assert "woosh_robot/" not in agent + client
 
 
 def test_clock_is_allowed_only_with_simulated_time() -> None:
-    assert "/clock" not in security.agent_policy() + security.client_policy()
-    inputs = names(security.agent_policy(), "topics subscribe")
-    assert names(security.agent_policy(sim_time=True), "topics subscribe") - inputs == {"/clock"}
+    assert "/clock" not in sros2_policies.agent_policy() + sros2_policies.client_policy()
+    inputs = names(sros2_policies.agent_policy(), "topics subscribe")
+    assert names(sros2_policies.agent_policy(sim_time=True), "topics subscribe") - inputs == {
+        "/clock"
+    }
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_bad_arguments_are_refused(
     arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
-        security.main(arguments)
+        sros2_policies.main(arguments)
     assert ended.value.code == 2
     assert complaint in capsys.readouterr().err
 
@@ -206,7 +208,7 @@ def test_options_reach_the_keystore(keystore: Keystore) -> None:
     assert made.returncode == 0, made.stderr
     assert ["0", f"create_enclave {keystore.path} /r2/ui/panel"] in keystore.asked()
     policy = keystore.path / "enclaves" / "r2" / "ui" / "panel" / "policy"
-    expected = security.client_policy("/r2", "/ui/panel", read_only=True)
+    expected = sros2_policies.client_policy("/r2", "/ui/panel", read_only=True)
     assert policy.read_text() == expected
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from woosh_robot_agent.status_codes import explained, meaning
+from woosh_robot_agent.robot.status_codes import explained, meaning
 
 
 def test_every_known_code_has_its_meaning():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.link.protos import message_type
 
 ENDPOINTS = (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS)
 

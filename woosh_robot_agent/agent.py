@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
+import gc
 import sys
+import time
 
-from woosh_robot_agent.standard_streams import open_standard_streams, too_few_descriptors
-from woosh_robot_agent.stop_signals import StopSignals
+from woosh_robot_agent.program import StopSignals, open_standard_streams, too_few_descriptors
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
+    from typing import Any, NoReturn
 
 _SPIN_TIMEOUT = 5.0
 """Maximum duration of an executor turn, in seconds.
@@ -54,6 +55,23 @@ _ROS_OPTION = (
 """Pattern of the options that ROS takes after `--ros-args`."""
 
 
+_MIB = 1024 * 1024
+_LARGEST_BLOCK = 32 * _MIB
+"""Minimum size of a block with its own mapping, in bytes; glibc allows no more."""
+_MAX_UNUSED = 256 * _MIB
+"""Unused space at the end of the heap from which glibc returns it at once, in bytes."""
+_PERIOD = 5.0
+"""Time between two looks at the memory, in seconds."""
+_GROWTH = 8 * _MIB
+"""Growth of the unused memory after which it is returned, in bytes."""
+_M_TRIM_THRESHOLD = -1
+"""`M_TRIM_THRESHOLD` of <malloc.h>."""
+_M_MMAP_THRESHOLD = -3
+"""`M_MMAP_THRESHOLD` of <malloc.h>."""
+_M_ARENA_MAX = -8
+"""`M_ARENA_MAX` of <malloc.h>."""
+
+
 def make_executor(name: str, context: Any = None) -> Any:
     """Return a new executor.
 
@@ -64,8 +82,8 @@ def make_executor(name: str, context: Any = None) -> Any:
     """
     from rclpy.executors import SingleThreadedExecutor
 
-    from woosh_robot_agent.rclpy_private import take_with_info
-    from woosh_robot_agent.ros_release import WithMessageInfo, drops_message_info, events_executor
+    from woosh_robot_agent.ros.rclpy_private import take_with_info
+    from woosh_robot_agent.ros.releases import WithMessageInfo, drops_message_info, events_executor
 
     if name == "events":
         if (executor := events_executor(context)) is not None:
@@ -102,7 +120,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         return _run(sys.argv[1:] if args is None else args, signals)
     except ImportError as error:
-        from woosh_robot_agent.library_versions import import_problem
+        from woosh_robot_agent.program import import_problem
 
         if not (problem := import_problem(error)):
             raise
@@ -116,17 +134,13 @@ def _run(args: list[str], signals: StopSignals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
     if own := _outside_ros_args(args):
         return _answer(own)
-    from woosh_robot_agent.memory import (
-        Heap,
-        disable_collection,
-        enable_collection_of_new_objects,
-    )
-
-    disable_collection()
+    # Objects of the start are mostly permanent. Searching them for garbage would take an eighth of
+    # the start-up time.
+    gc.disable()
     heap = Heap()  # before imports that start threads, such as numpy
     import rclpy
 
-    from woosh_robot_agent.library_versions import outdated_libraries
+    from woosh_robot_agent.program import outdated_libraries
 
     if outdated := outdated_libraries():
         print("agent:", outdated, file=sys.stderr)
@@ -134,11 +148,10 @@ def _run(args: list[str], signals: StopSignals) -> int:
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.signals import SignalHandlerOptions
 
-    from woosh_robot_agent.fleet import Fleet
-    from woosh_robot_agent.logs import with_possible_log_files
-    from woosh_robot_agent.process_exit import exit_process
-    from woosh_robot_agent.rclpy_private import RCLError, UnknownROSArgsError
-    from woosh_robot_agent.ros_release import error_text, exit_withdraws_endpoints
+    from woosh_robot_agent.ros.fleet import Fleet
+    from woosh_robot_agent.ros.logs import with_possible_log_files
+    from woosh_robot_agent.ros.rclpy_private import RCLError, UnknownROSArgsError
+    from woosh_robot_agent.ros.releases import error_text, exit_withdraws_endpoints
 
     if signals.received:
         return 0
@@ -164,7 +177,8 @@ def _run(args: list[str], signals: StopSignals) -> int:
         for agent in fleet.agents:
             executor.add_node(agent.node)
         fleet.begin_close_on(signals.fd)
-        enable_collection_of_new_objects()
+        gc.freeze()  # the objects that exist now are never searched
+        gc.enable()
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
@@ -253,7 +267,7 @@ def _spin_once(executor: Any, timeout: float) -> None:
 
     from rclpy.executors import ExternalShutdownException
 
-    from woosh_robot_agent.logs import log_as
+    from woosh_robot_agent.ros.logs import log_as
 
     log_as(None)  # until a callback sets the logger of its node
     try:
@@ -262,6 +276,84 @@ def _spin_once(executor: Any, timeout: float) -> None:
         pass
     except Exception:
         logging.getLogger("woosh_robot_agent.agent").exception("a callback failed")
+
+
+class Heap:
+    """The C heap of this process. Create it before any thread.
+
+    A large frame is copied several times on its way. If each copy gets new memory from the system,
+    that takes several times as long as the copying. Therefore the heap keeps what is freed, and
+    `trim` returns it to the system shortly afterwards. All threads share one heap, because glibc
+    can only trim the first one.
+
+    Does nothing with other C libraries than glibc 2.33 and later.
+    """
+
+    def __init__(self) -> None:
+        import ctypes
+
+        class MallInfo(ctypes.Structure):
+            """`struct mallinfo2` of <malloc.h>; `fordblks` is the unused memory in bytes."""
+
+            _fields_ = (
+                *((f"other{number}", ctypes.c_size_t) for number in range(8)),
+                ("fordblks", ctypes.c_size_t),
+                ("keepcost", ctypes.c_size_t),
+            )
+
+        libc: Any = ctypes.CDLL(None)
+        self._libc = libc if hasattr(libc, "mallinfo2") else None
+        if self._libc is not None:
+            libc.mallopt(_M_ARENA_MAX, 1)
+            libc.mallopt(_M_TRIM_THRESHOLD, _MAX_UNUSED)
+            libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST_BLOCK)
+            libc.mallinfo2.restype = MallInfo
+        self._due = time.monotonic() + _PERIOD
+        """Monotonic time of the next look at the memory."""
+        self._usual = self._unused()
+        """Unused memory after it was returned, in bytes; glibc goes on counting it."""
+
+    def trim(self) -> None:
+        """Return unused memory to the system, if there is more of it. Call it often."""
+        now = time.monotonic()
+        if now < self._due or self._libc is None:
+            return
+        self._due = now + _PERIOD
+        unused = self._unused()
+        if unused < self._usual + _GROWTH:
+            self._usual = min(self._usual, unused)
+            return
+        self._libc.malloc_trim(0)
+        self._usual = self._unused()
+
+    def _unused(self) -> int:
+        """Return the memory that was freed, in bytes."""
+        return 0 if self._libc is None else int(self._libc.mallinfo2().fordblks)
+
+
+def exit_process(status: int) -> NoReturn:
+    """Exit without finalizing the Python interpreter, which would destroy the endpoints one by one.
+
+    Fast DDS compares each endpoint that is destroyed with all others of its process: with the
+    agents of 20 robots, that takes half a minute. Fast DDS 2 also withdraws them all at once, when
+    the process exits (`releases.exit_withdraws_endpoints`).
+
+    Functions of `atexit` do not run. No callback of the middleware may need Python any more: shut
+    the executor down before.
+
+    Args:
+        status: exit status of the process.
+    """
+    import ctypes
+    import logging
+
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Unlike os._exit, this runs the exit functions of libraries, such as the middleware. PyDLL
+    # keeps the interpreter's lock, so that no thread uses endpoints while they vanish.
+    ctypes.PyDLL(None).exit(status)
+    raise AssertionError("the C library did not exit")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The agent's parameters: the table of all of them, and their checked values.
+"""The parameters of the agent: name, default, range and meaning, and their checked values.
 
 `python3 -m woosh_robot_agent.parameters` prints the table in Markdown, with `--yaml` as a parameter
 file.
@@ -6,15 +6,260 @@ file.
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.parameter import Parameter, parameter_field, parameters_of
-from woosh_robot_agent.standard.settings import StandardSettings
+from woosh_robot_agent.motion import MAX_VELOCITY, VelocityLimits
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the agent.
+
+    Attributes:
+        name: ROS name.
+        default: default, which also determines the type. A tuple of numbers is an array of that
+            length, a tuple of strings an array of any number of names.
+        description: meaning and unit, one sentence.
+        low, high: range of a number or of each number of an array, both ends included.
+        read_only: True if it can be set only at start-up.
+    """
+
+    name: str
+    default: str | bool | int | float | tuple[float, ...] | tuple[str, ...]
+    description: str
+    low: float = 0
+    high: float = 0
+    read_only: bool = False
+
+    @property
+    def initial(self) -> Any:
+        """The default in the form that rclpy takes."""
+        return list(self.default) if isinstance(self.default, tuple) else self.default
+
+    @property
+    def holds_names(self) -> bool:
+        """True if it is an array of names."""
+        return isinstance(self.default, tuple) and isinstance(self.default[0], str)
+
+    @property
+    def shown(self) -> str:
+        """The default as documentation shows it."""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        if isinstance(self.default, tuple):
+            return json.dumps(self.default)
+        return str(self.initial)
+
+    @property
+    def limits(self) -> str:
+        """The range as documentation shows it; empty if there is none."""
+        if isinstance(self.default, str | bool) or self.holds_names:
+            return ""
+        if isinstance(self.default, int):
+            return f"{int(self.low)} to {int(self.high)}"
+        return f"{self.low:g} to {self.high:g}"
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return the ROS descriptor, which tools such as `ros2 param describe` show."""
+        descriptor = ParameterDescriptor(
+            description=self.description,
+            read_only=self.read_only,
+            # accept an integer for a floating-point number
+            dynamic_typing=isinstance(self.default, float | tuple) and not self.holds_names,
+        )
+        if isinstance(self.default, bool):
+            return descriptor
+        if isinstance(self.default, int):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)
+            ]
+        elif isinstance(self.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(self.low), to_value=float(self.high), step=0.0)
+            ]
+        return descriptor
+
+    def check(self, value: Any) -> None:
+        """Check a value that rclpy does not check because of dynamic typing.
+
+        Raises:
+            ValueError: the value is invalid; the text says which one and why.
+        """
+        if isinstance(self.default, float):
+            self._check_number(value)
+        elif isinstance(self.default, tuple) and not self.holds_names:
+            if not isinstance(value, Sequence) and not hasattr(value, "tolist"):
+                raise ValueError(f"{self.name} must be a list of numbers, not {value!r}")
+            if len(value) != len(self.default):
+                raise ValueError(f"{self.name} must have {len(self.default)} numbers")
+            for number in value:
+                self._check_number(number)
+
+    def _check_number(self, value: Any) -> None:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{self.name} must be a number, not {value!r}")
+        if not self.low <= value <= self.high or math.isinf(value):  # also refuses NaN
+            raise ValueError(
+                f"{self.name} must be from {self.low:g} to {self.high:g}, not {value:g}"
+            )
+
+
+def parameter_field(
+    default: Any, description: str, low: float = 0, high: float = 0, *, read_only: bool = False
+) -> Any:
+    """Return a dataclass field that declares a parameter of its name; see `Parameter`."""
+    metadata = {
+        "default": default,
+        "description": description,
+        "low": low,
+        "high": high,
+        "read_only": read_only,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def parameters_of(settings_class: Any) -> tuple[Parameter, ...]:
+    """Return the parameters that a dataclass declares with `parameter_field`, in order."""
+    return tuple(
+        Parameter(name=each.name, **each.metadata)
+        for each in dataclasses.fields(settings_class)
+        if each.metadata
+    )
+
+
+def _switch(description: str) -> Any:
+    """Return the field of a parameter that enables a part."""
+    return parameter_field(True, description, read_only=True)
+
+
+@dataclass(frozen=True)
+class StandardSettings:
+    """The values of the standard layer's parameters; each field has a description.
+
+    Raises:
+        ValueError: the name of a frame is invalid.
+    """
+
+    enable_odom: bool = _switch("Publish odom.")
+    enable_scan: bool = _switch("Publish scan.")
+    enable_battery_state: bool = _switch("Publish battery_state.")
+    enable_map: bool = _switch("Publish map.")
+    enable_plan: bool = _switch("Publish plan.")
+    enable_footprint: bool = _switch("Publish footprint.")
+    enable_cmd_vel: bool = _switch("Drive the robot by cmd_vel.")
+    enable_initialpose: bool = _switch("Set the robot's pose by initialpose.")
+    enable_goal_pose: bool = _switch("Navigate by goal_pose, and offer the service cancel.")
+    enable_stop: bool = _switch("Offer the service stop.")
+    enable_connected: bool = _switch("Publish connected.")
+    enable_diagnostics: bool = _switch("Publish /diagnostics.")
+    publish_tf: bool = parameter_field(
+        False, "Publish map -> odom -> base_link on /tf.", read_only=True
+    )
+    publish_laser_tf: bool = parameter_field(
+        True,
+        "With publish_tf, publish base_link -> laser on /tf_static if the firmware reports it; set "
+        "it to false if a URDF defines that transform.",
+        read_only=True,
+    )
+
+    frame_prefix: str = parameter_field(
+        "", "Prefix of all frame names, e.g. robot1/.", read_only=True
+    )
+    map_frame: str = parameter_field("map", "Frame of the chassis's map.", read_only=True)
+    odom_frame: str = parameter_field(
+        "odom", "Frame in which the robot's pose never jumps.", read_only=True
+    )
+    base_frame: str = parameter_field("base_link", "Frame of the robot.", read_only=True)
+    scan_frame: str = parameter_field("laser", "Frame of the laser.", read_only=True)
+
+    odom_rate: float = parameter_field(
+        20.0, "Rate of odom, in Hz. If odom_prediction is false, its highest rate.", 0.1, 200.0
+    )
+    odom_prediction: bool = parameter_field(
+        True,
+        "Predict odom between the reports of a moving robot; false publishes each report once.",
+    )
+    pose_covariance: tuple[float, ...] = parameter_field(
+        (0.0025, 0.0025, 1e6, 1e6, 1e6, 0.0076),
+        "Diagonal of the pose covariance in odom: x, y, z in m^2, roll, pitch, yaw in rad^2.",
+        0.0,
+        1e12,
+    )
+    twist_covariance: tuple[float, ...] = parameter_field(
+        (0.0025, 0.0025, 1e6, 1e6, 1e6, 0.0076),
+        "Diagonal of the twist covariance in odom: x, y, z in (m/s)^2, roll, pitch, yaw in "
+        "(rad/s)^2.",
+        0.0,
+        1e12,
+    )
+    scan_rate: float = parameter_field(
+        10.0, "Rate at which scans are requested and published, in Hz.", 0.1, 50.0
+    )
+
+    cmd_vel_stamped: bool = parameter_field(
+        False, "Subscribe to cmd_vel as TwistStamped instead of Twist.", read_only=True
+    )
+    cmd_vel_rate: float = parameter_field(
+        20.0, "Maximum rate of velocity commands sent to the chassis, in Hz.", 1.0, 100.0
+    )
+    cmd_vel_timeout: float = parameter_field(
+        0.5,
+        "Time without a message on cmd_vel after which the robot is stopped, in seconds.",
+        0.05,
+        5.0,
+    )
+    cmd_vel_max_age: float = parameter_field(
+        0.5,
+        "Maximum age of a velocity on cmd_vel when it is sent, at most 0.5 s, and difference of a "
+        "TwistStamped's stamp from now, in seconds; 0 accepts any stamp.",
+        0.0,
+        60.0,
+    )
+    cmd_vel_max_linear: float = parameter_field(
+        1.0,
+        "Maximum linear speed, in m/s; cmd_vel and robot/Twist are clamped to it.",
+        0.0,
+        MAX_VELOCITY,
+    )
+    cmd_vel_max_angular: float = parameter_field(
+        1.0,
+        "Maximum angular speed, in rad/s; cmd_vel and robot/Twist are clamped to it.",
+        0.0,
+        MAX_VELOCITY,
+    )
+    cmd_vel_override: bool = parameter_field(
+        False, "Accept cmd_vel even while a goal or another client's task is running."
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("frame_prefix", "map_frame", "odom_frame", "base_frame", "scan_frame"):
+            frame = getattr(self, name)
+            if frame.startswith("/"):
+                raise ValueError(f"{name} must not begin with a slash: {frame!r}")
+            if not frame and name != "frame_prefix":
+                raise ValueError(f"{name} must not be empty")
+
+    @property
+    def velocity_limits(self) -> VelocityLimits:
+        """Limits of cmd_vel; those of the speed also hold for robot/Twist."""
+        return VelocityLimits(
+            max_linear=self.cmd_vel_max_linear,
+            max_angular=self.cmd_vel_max_angular,
+            rate=self.cmd_vel_rate,
+            timeout=self.cmd_vel_timeout,
+            override=self.cmd_vel_override,
+            max_age=self.cmd_vel_max_age or math.inf,
+        )
+
 
 EXECUTORS = ("events", "single")
 """Values of the parameter `executor`, the default first."""

@@ -16,8 +16,8 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 
 from tests.harness import Client
+from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
-from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_agent.testing import own_domain, running_agent, running_chassis, wait_until
 
 DRIVE = (

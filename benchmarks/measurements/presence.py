@@ -16,7 +16,7 @@ from benchmarks.programs.start import agent_command, echo_chassis
 from tests.harness import Client
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.parameters import PARAMETERS
-from woosh_robot_agent.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.testing import wait_until
 
 _STARTS = 5

@@ -34,18 +34,16 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.choice import JSON, PROTOBUF, server_codec
+from woosh_robot_agent.link.codecs import JSON, PROTOBUF, server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec
-from woosh_robot_agent.link.server.base import ServerTransport
-from woosh_robot_agent.link.server.tcp import serve_tcp
-from woosh_robot_agent.link.server.websocket import serve_websocket
-from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.link.protos import full_name, message_type
+from woosh_robot_agent.link.server import ServerTransport, serve_tcp, serve_websocket
+from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.pb.map.map_pack_pb2 import Download, DownloadResponse
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
-from woosh_robot_agent.protos import full_name, message_type
 
 _PLACEHOLDER = 123456789
 """Serial number in a prepared answer, which is replaced by that of the request."""

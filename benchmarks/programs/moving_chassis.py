@@ -13,10 +13,10 @@ import itertools
 
 from benchmarks.programs.echo_chassis import EchoChassis, Send, pose_speed, scan
 from woosh_robot_agent.link.codecs.frames import Codec
-from woosh_robot_agent.link.server.websocket import serve_websocket
-from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.server import serve_websocket
+from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, ScannerData
-from woosh_robot_agent.protos import full_name
 
 _VARIANTS = 20
 """Number of different scans."""

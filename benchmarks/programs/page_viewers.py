@@ -13,7 +13,7 @@ from contextlib import AsyncExitStack
 from typing import Any
 from urllib.parse import urlsplit
 
-from woosh_robot_agent.link.transport.websockets_compat import ClientSocket, Connect
+from woosh_robot_agent.link.transport import ClientSocket, Connect
 
 
 def connect(url: str) -> Any:

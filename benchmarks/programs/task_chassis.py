@@ -16,15 +16,13 @@ import sys
 import time
 
 from benchmarks.programs.echo_chassis import EchoChassis
-from woosh_robot_agent.link.codecs.choice import server_codec
+from woosh_robot_agent.link.codecs import server_codec
 from woosh_robot_agent.link.codecs.frames import Codec
-from woosh_robot_agent.link.server.base import ServerTransport
-from woosh_robot_agent.link.server.tcp import serve_tcp
-from woosh_robot_agent.link.server.websocket import serve_websocket
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.server import ServerTransport, serve_tcp, serve_websocket
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util.task_pb2 import kCompleted, kExecuting
-from woosh_robot_agent.protos import full_name
 
 _FIRST_REPORT = 0.02
 """Delay of the first report after the answer, in seconds."""

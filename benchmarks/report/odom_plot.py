@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 
 if TYPE_CHECKING:
     from benchmarks.measurements.odom import Drive
-    from woosh_robot_agent.standard.pose2d import Pose2D
+    from woosh_robot_agent.ros.standard.poses import Pose2D
 
 _SHOWN = 12.0
 """Length of the part of the drive that is shown, in seconds."""

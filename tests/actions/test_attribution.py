@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from woosh_robot_agent.actions.attribution import Attribution
-from woosh_robot_agent.actions.outcome import Outcome
-from woosh_robot_agent.actions.phase import Phase
+from woosh_robot_agent.ros.actions.goal import Attribution, Outcome, Phase
 
 STARTING, REPORTED = Phase.STARTING, Phase.REPORTED
 UNCONFIRMED, RUNNING = Phase.UNCONFIRMED, Phase.RUNNING

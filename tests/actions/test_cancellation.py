@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from woosh_robot_agent.actions.cancellation import Cancellation
 from woosh_robot_agent.link import ConnectionLostError
+from woosh_robot_agent.ros.actions.giving_up import Cancellation
 
 pytestmark = pytest.mark.asyncio
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from woosh_robot_agent.actions.give_up import GiveUp
-from woosh_robot_agent.actions.timing import GoalTiming
+from woosh_robot_agent.ros.actions.giving_up import GiveUp
+from woosh_robot_agent.ros.actions.goal import GoalTiming
 
 TIMING = GoalTiming(
     link_timeout=8.0,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from woosh_robot_agent.actions.phase import TRANSITIONS, Phase, Step
+from woosh_robot_agent.ros.actions.goal import TRANSITIONS, Phase, Step
 
 PAGE = Path(__file__).parents[2] / "docs" / "architecture.md"
 EDGE = re.compile(r"^ +(\[\*\]|\w+) --> (\[\*\]|\w+)(?:: (.+))?$")

@@ -12,8 +12,8 @@ from google.protobuf.message import Message
 from hypothesis import strategies as st
 
 from tests.fact_files import facts
+from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.protos import message_types
 
 ENDPOINTS = facts("endpoints.yaml")
 

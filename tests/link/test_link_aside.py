@@ -13,11 +13,11 @@ import pytest
 from tests.link.link_peer import TIMEOUT, Peer, aio, eventually, soon
 from tests.link.test_link_requests import ask
 from woosh_robot_agent.link import Body, SupersededError
-from woosh_robot_agent.link.aside import LARGE
-from woosh_robot_agent.link.codecs.choice import JSON
+from woosh_robot_agent.link.codecs import JSON
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
-from woosh_robot_agent.protos import full_name
 
 SPEAK = full_name(Speak)
 POSES = 4000

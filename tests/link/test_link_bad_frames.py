@@ -11,7 +11,7 @@ import websockets
 
 from tests.link.link_peer import TIMEOUT, Packed, Peer, aio, eventually, soon
 from woosh_robot_agent.link import ConnectionLostError
-from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 OLD = int(websockets.__version__.split(".")[0]) < 14

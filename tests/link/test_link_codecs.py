@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 
 from tests.link.link_messages import messages, table_types
 from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.codecs.json_codec import JsonCodec
-from woosh_robot_agent.link.codecs.json_errors import FieldError
-from woosh_robot_agent.link.codecs.json_reader import from_json
+from woosh_robot_agent.link.codecs.json_codec import FieldError, JsonCodec, from_json
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
-from woosh_robot_agent.protos import message_types
 
 TYPES = message_types()
 LARGEST = float.fromhex("0x1.fffffep+127")

@@ -8,12 +8,8 @@ import logging
 import pytest
 
 from tests.link.link_peer import Peer, aio, eventually, soon
-from woosh_robot_agent.link import (
-    RequestTimeoutError,
-    TooManyRequestsError,
-    drop_log,
-)
-from woosh_robot_agent.link.drop_log import DropLog
+from woosh_robot_agent.link import RequestTimeoutError, TooManyRequestsError, reports
+from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
@@ -23,7 +19,7 @@ CODE = "woosh.robot.count.StatusCode"
 @pytest.fixture(autouse=True)
 def short_series(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.link")
-    monkeypatch.setattr(drop_log, "QUIET", 0.2)
+    monkeypatch.setattr(reports, "QUIET", 0.2)
 
 
 def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]]:
@@ -82,7 +78,7 @@ async def test_unanswered_requests_are_counted() -> None:
 
 @aio
 async def test_a_close_logs_the_number_at_once(caplog: pytest.LogCaptureFixture) -> None:
-    drop_log.QUIET = 60.0
+    reports.QUIET = 60.0
     async with Peer() as peer, peer.client(max_in_flight=1) as client:
         waiting = asyncio.ensure_future(client.request(Speak()))
         await (await peer.wire()).next("woosh.robot.Speak")
@@ -109,7 +105,7 @@ async def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
         await eventually(
             lambda: sum(int(t.split()[0]) for _, t in about(caplog, "none since then")) == 10
         )
-        if longest < drop_log.QUIET / 2:  # otherwise a busy machine delayed the drops
+        if longest < reports.QUIET / 2:  # otherwise a busy machine delayed the drops
             first, second = (text for _, text in about(caplog, "thing"))
             assert first == "things get lost"
             assert second.startswith("10 things were lost within ")

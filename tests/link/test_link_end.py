@@ -32,11 +32,9 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.connection import Connection
-from woosh_robot_agent.link.drop_log import DropLog
-from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.link.timeouts import run_with_timeout
-from woosh_robot_agent.link.transport.opening import open_transport
+from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.link.transport import open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 

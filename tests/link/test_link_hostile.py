@@ -25,10 +25,10 @@ from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.log_once import LogOnce, PrintableFormatter, one_line
+from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.reports import LogOnce, PrintableFormatter, one_line
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.protos import message_types
 
 MIB = 1024 * 1024
 
@@ -123,8 +123,8 @@ def test_numbers_with_very_many_digits_are_refused(sn: str, kind: str) -> None:
 def test_numbers_as_text_are_limited_independently_of_the_interpreter(limit: str) -> None:
     """Python needs many seconds to read a million digits."""
     program = (
-        "from woosh_robot_agent.link.codecs.json_errors import FieldError\n"
-        "from woosh_robot_agent.link.codecs.json_reader import from_json\n"
+        "from woosh_robot_agent.link.codecs.json_codec import FieldError\n"
+        "from woosh_robot_agent.link.codecs.json_codec import from_json\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "for text in ('9' * 20_000_000, '-' + '0' * 20_000_000, '9' * 4000):\n"
         "    try:\n"

@@ -34,7 +34,7 @@ from woosh_robot_agent.link import (
     NotConnectedError,
     RequestTimeoutError,
 )
-from woosh_robot_agent.link.backoff import Backoff
+from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 KINDS = ["json", "protobuf", "tcp"]

@@ -24,7 +24,7 @@ from tests.link.link_peer import (
     states,
 )
 from woosh_robot_agent.link import ChassisClient, ConnectionLostError
-from woosh_robot_agent.link.liveness import Liveness
+from woosh_robot_agent.link.connection import Liveness
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 KINDS = ["json", "protobuf", "tcp"]

@@ -24,7 +24,7 @@ from tests.link.link_peer import (
     turns,
 )
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.push_queue import LATEST_DEPTH, PushQueue
+from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc

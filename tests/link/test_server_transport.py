@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 
 from tests.link.link_peer import aio, config, soon
-from woosh_robot_agent.link.server.tcp import serve_tcp
-from woosh_robot_agent.link.server.websocket import serve_websocket
-from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.link.transport.opening import open_transport
+from woosh_robot_agent.link.server import serve_tcp, serve_websocket
+from woosh_robot_agent.link.transport import TransportClosedError, open_transport
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from tests.link.link_peer import Frame, Wire, soon
 from tests.motion.moving import MOVING, name_of
-from woosh_robot_agent.motion.stop import cancel_orders
+from woosh_robot_agent.motion.gate import cancel_orders
 
 TWIST = "woosh.robot.Twist"
 

@@ -11,8 +11,8 @@ from tests.motion.gate_checks import TWIST, answer_all, ok, types
 from tests.motion.moving import MOVING
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, NotPermittedError
 from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.reads import only_reads
 
 
 async def turn_to(client: ChassisClient, gate: MotionGate, peer: Peer) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from woosh_robot_agent.motion.pace import Pace
+from woosh_robot_agent.motion.velocity_driver import Pace
 
 RATE = 10.0
 

@@ -7,15 +7,15 @@ from google.protobuf.message import Message
 
 from tests.motion.moving import MOVING, name_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.motion.gate import cancel_orders
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.stop import cancel_orders
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, MoveBase, StepControl, kCancel
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.protos import message_type
 
 COMMAND_MOTION = {
     "woosh.robot.ActionOrder",

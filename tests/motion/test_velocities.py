@@ -15,10 +15,10 @@ from woosh_robot_agent.link import (
     NotConnectedError,
     RequestTimeoutError,
     SupersededError,
-    drop_log,
+    reports,
 )
-from woosh_robot_agent.motion import MotionGate, latest_wins
-from woosh_robot_agent.motion.latest_wins import LatestWins
+from woosh_robot_agent.motion import MotionGate, timeliness
+from woosh_robot_agent.motion.timeliness import LatestWins
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 
 TWIST = "woosh.robot.Twist"
@@ -27,12 +27,12 @@ TWIST = "woosh.robot.Twist"
 @pytest.fixture(autouse=True)
 def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no command be stalled or stale unless a test says so, even on a slow machine."""
-    monkeypatch.setattr(latest_wins, "STALL", 3600.0)
+    monkeypatch.setattr(timeliness, "STALL", 3600.0)
 
 
 @pytest.fixture
 def short_stall(long_stall: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(latest_wins, "STALL", 0.1)
+    monkeypatch.setattr(timeliness, "STALL", 0.1)
 
 
 def drive(gate: MotionGate, speed: float, **options: Any) -> asyncio.Task[Any]:
@@ -54,7 +54,7 @@ async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Fram
 def stall(latest: LatestWins[Any]) -> None:
     """Backdate the unanswered commands, so that they count as stalled."""
     for serial in latest._unanswered:
-        latest._unanswered[serial] -= latest_wins.STALL + 1
+        latest._unanswered[serial] -= timeliness.STALL + 1
     assert latest._stalled()
 
 
@@ -236,7 +236,7 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
         stop = asyncio.ensure_future(gate.request(Twist()))
         await turns()
         sent = loop.time()
-        await eventually(lambda: loop.time() > sent + latest_wins.STALL)
+        await eventually(lambda: loop.time() > sent + timeliness.STALL)
         assert not stale.done()
         wire.thaw()
         with pytest.raises(SupersededError, match="too old"):
@@ -295,7 +295,7 @@ async def test_superseded_velocities_are_counted_and_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     caplog.set_level(logging.INFO, "woosh_robot_agent.motion")
-    monkeypatch.setattr(drop_log, "QUIET", 0.2)
+    monkeypatch.setattr(reports, "QUIET", 0.2)
 
     def told() -> list[int]:
         return [each.levelno for each in caplog.records if "not sent" in each.getMessage()]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.timeouts import cancel_and_wait
+from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion import (
     MAX_VELOCITY,
     MotionGate,

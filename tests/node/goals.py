@@ -12,12 +12,12 @@ from action_msgs.msg import GoalStatus
 
 from tests.harness import Client, GoalClient
 from tests.quick_chassis import set_speed
-from woosh_robot_agent.actions import timing
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
+from woosh_robot_agent.ros.actions import goal
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_ros_msgs.action import LiftControl, LiftControl3, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep
@@ -142,7 +142,7 @@ def hurry(simulator: SimulatorThread) -> None:
 
 def set_timing(monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
     """Change the `GoalTiming` of goals that start after this call."""
-    monkeypatch.setattr(timing, "DEFAULT_TIMING", replace(timing.DEFAULT_TIMING, **changes))
+    monkeypatch.setattr(goal, "DEFAULT_TIMING", replace(goal.DEFAULT_TIMING, **changes))
 
 
 class Held:

@@ -31,10 +31,10 @@ from tests.node.goals import (
     step_goal,
 )
 from woosh_common_msgs.msg import Pose2D
-from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.srv import RobotState
 from woosh_ros_msgs.action import ChargeControl, LiftControl2, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep

@@ -28,9 +28,9 @@ from tests.node.goals import (
     slow_down,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED
+from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.srv import SwitchControlMode
 

@@ -36,10 +36,10 @@ from tests.node.goals import (
     step,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.srv import RobotState
 
 ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftControl3")
@@ -161,7 +161,7 @@ def test_refused_cancel_lets_the_goal_succeed(
     hurry(simulator)
     assert goal.result()[0] == SUCCEEDED
     told = [each for each in logs.messages if ": not on the lift" in each.getMessage()]
-    assert [each.name for each in told] == ["woosh_robot_agent.actions.cancellation"]
+    assert [each.name for each in told] == ["woosh_robot_agent.ros.actions.giving_up"]
 
 
 def test_cancel_waits_until_the_chassis_has_accepted_the_goal(

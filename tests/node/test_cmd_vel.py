@@ -17,12 +17,12 @@ from tests.harness import TIMEOUT, Client, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import CANCELED, SUCCEEDED, short_task, step
 from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
 from woosh_robot_agent.pb.util import task_pb2 as util_task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
-from woosh_robot_agent.standard.settings import StandardSettings
 from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Speak
 

@@ -21,7 +21,7 @@ from woosh_nav_msgs.msg import Path, PlanPath
 from woosh_robot_agent.convert import BadFieldError, converter
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.protos import full_name, message_type
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_msgs.msg import ChangeNavPath, ExecTask, PoseSpeed, ScannerData, Speak
 from woosh_ros_msgs.msg import CallAction, MoveBase
 

@@ -11,7 +11,7 @@ import yaml
 from tests.harness import Client, wait_until
 from tests.quick_chassis import quick_config, set_speed
 from tests.ros2_commands import Command, documented, parse
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import DeviceStateSoftwareBit as Software
 from woosh_robot_msgs.msg import PoseSpeed

@@ -26,9 +26,9 @@ from tests.node.goals import (
     step,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED, STOPPING
 from woosh_robot_agent.agent import _spin_once
 from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent.ros.actions.run import REPLACED, STOPPING
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg

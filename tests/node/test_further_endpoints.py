@@ -11,7 +11,7 @@ from tests.harness import Client, RunningAgent, wait_future
 from tests.node.goals import Held
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.srv import BuildMap, CountData, PlanNavPath, RobotState, SwitchControlMode
 
 BUILD_MAP, PLAN = "woosh.robot.BuildMap", "woosh.robot.PlanNavPath"

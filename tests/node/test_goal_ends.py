@@ -28,7 +28,7 @@ from tests.node.goals import (
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 
 pytestmark = pytest.mark.usefixtures("agent")
 

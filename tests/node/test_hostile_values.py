@@ -42,14 +42,13 @@ from tests.random_messages import (
     leaves,
     merged,
 )
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.standard import map as map_part
-from woosh_robot_agent.standard import states
-from woosh_robot_agent.standard.diagnostics import diagnostics
-from woosh_robot_agent.standard.endpoints import STANDARD
+from woosh_robot_agent.ros.standard import diagnostics, states
+from woosh_robot_agent.ros.standard import map as map_part
+from woosh_robot_agent.ros.standard.endpoints import STANDARD
 
 NAV_PATH = "woosh.robot.NavPath"
 POSE_SPEED = "woosh.robot.PoseSpeed"

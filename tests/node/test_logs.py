@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from rclpy.logging import LoggingSeverity, get_logger
 
-from woosh_robot_agent import rclpy_private
-from woosh_robot_agent.logs import RosLogHandler, context_of, log_as, log_to_ros
+from woosh_robot_agent.ros import rclpy_private
+from woosh_robot_agent.ros.logs import RosLogHandler, context_of, log_as, log_to_ros
 
 
 @pytest.fixture

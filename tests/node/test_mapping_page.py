@@ -19,7 +19,7 @@ from nav_msgs.msg import OccupancyGrid
 from tests.harness import Client, RunningAgent, wait_until
 from tests.node.test_documented_commands import echo
 from tests.ros2_commands import NAMESPACE, parse, set_message_fields
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.world.geometry import Pose

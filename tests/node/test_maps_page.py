@@ -15,7 +15,7 @@ from nav_msgs.msg import OccupancyGrid
 from tests.harness import Client, RunningAgent, wait_until
 from tests.quick_chassis import quick_config
 from tests.ros2_commands import parse
-from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
+from woosh_robot_agent.robot.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools import maps
 

@@ -22,13 +22,13 @@ from tests.node.goals import ABORTED, EXECUTING, stop_time, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
 from tests.quick_chassis import set_speed
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES, TOPICS
 from woosh_robot_agent.motion import velocity_driver
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.standard.endpoints import STANDARD, Kind
 from woosh_robot_msgs.srv import RobotWiFi, Speak
 from woosh_robot_msgs.srv import Twist as TwistSrv
 

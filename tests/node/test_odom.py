@@ -20,8 +20,8 @@ from tests.harness import Client, wait_until
 from tests.node.goals import SUCCEEDED
 from tests.quick_chassis import quick_config, set_speed
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
-from woosh_robot_agent.standard.pose2d import Pose2D
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
 from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
 from woosh_ros_msgs.action import StepControl

@@ -24,9 +24,9 @@ from tests.harness import Client, Collector, wait_until
 from tests.node.goals import SUCCEEDED
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.ros.standard.odometry import HORIZON
+from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
-from woosh_robot_agent.standard.pose2d import Pose2D
-from woosh_robot_agent.standard.prediction import HORIZON
 from woosh_ros_msgs.action import StepControl
 from woosh_ros_msgs.msg import StepControlStep
 

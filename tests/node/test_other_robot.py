@@ -35,11 +35,11 @@ from tests.node.test_topics import subscribed
 from tests.node.test_twist import answers, drive, speeds
 from tests.quick_chassis import set_speed
 from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, NavPath, TaskProc
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import running_chassis
 from woosh_robot_msgs.srv import RobotInfo, Speak
@@ -361,7 +361,7 @@ class TestDriving:
         logs: Collector,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        monkeypatch.setattr("woosh_robot_agent.node._ZERO_TIMEOUT", 3600.0)
+        monkeypatch.setattr("woosh_robot_agent.ros.node._ZERO_TIMEOUT", 3600.0)
         answers([drive(client, 0.3)])
         simulator.refuse(TWIST, "no speed control")
         leave(client)
@@ -389,7 +389,7 @@ class TestDriving:
     def test_while_the_zero_is_unanswered_nothing_of_the_former_robot_is_told(
         self, agent: RunningAgent, client: Client, simulator: SimulatorThread, monkeypatch: Any
     ) -> None:
-        monkeypatch.setattr("woosh_robot_agent.node._ZERO_TIMEOUT", 3600.0)
+        monkeypatch.setattr("woosh_robot_agent.ros.node._ZERO_TIMEOUT", 3600.0)
         batteries = client.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
         batteries.wait_count(1)
         answers([drive(client, 0.3)])

@@ -9,8 +9,8 @@ import pytest
 from tests.random_messages import blank, item_type
 from tests.type_pairs import PAIRS
 from woosh_robot_agent.convert import converter
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link.protos import message_type
 
 
 def _with_presence() -> dict[str, tuple[Any, Any]]:

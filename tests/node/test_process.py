@@ -22,7 +22,7 @@ from tests.node.goals import ABORTED, EXECUTING, lift3, slow_down, step, stop_ti
 from woosh_robot_agent import agent
 from woosh_robot_agent.parameters import EXECUTORS, PARAMETERS
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing.domains import domain_variables
+from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
@@ -450,7 +450,7 @@ def test_a_folder_of_messages_that_cannot_be_read_is_not_omitted() -> None:
     """Otherwise each message in it would be unknown, and nothing would tell why."""
     code = """
 import os, resource
-from woosh_robot_agent.protos import message_types
+from woosh_robot_agent.link.protos import message_types
 free = os.dup(0)
 os.close(free)
 resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))

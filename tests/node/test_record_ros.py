@@ -30,11 +30,11 @@ from std_msgs.msg import String
 
 from tests.harness import HUMBLE, wait_until
 from tests.interface_facts import HASHES
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.ros_release import PublisherEventCallbacks
-from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.tools.recording.errors import RecordingError
+from woosh_robot_agent.ros.releases import PublisherEventCallbacks
 from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.records import RecordingError
 from woosh_robot_msgs.msg import Mode
 
 TIMEOUT = 60.0

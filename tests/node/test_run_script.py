@@ -17,7 +17,7 @@ import pytest
 
 from tests.harness import TIMEOUT
 from tests.vda5050.broker import mosquitto_path
-from woosh_robot_agent.testing.domains import domain_variables
+from woosh_robot_agent.testing.agents import domain_variables
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 

@@ -18,9 +18,9 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import wait_until
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
 from woosh_robot_agent.pb.util.common_pb2 import Vector3
+from woosh_robot_agent.ros.standard.scan import rep_117
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.world.laser import Laser
-from woosh_robot_agent.standard.scan import rep_117
 
 SCANNER = "woosh.robot.ScannerData"
 

@@ -15,9 +15,9 @@ from tests.harness import wait_future, wait_until
 from tests.random_messages import blank, carried, item_type, random_proto, random_ros
 from tests.type_pairs import field_class
 from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import COMMANDS
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_msgs.msg import InitRobot as InitRobotMsg
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.msg import SwitchControlMode as ControlModeMsg

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from tests.harness import Client, wait_future, wait_until
-from woosh_robot_agent.bridge import Reply
 from woosh_robot_agent.parameters import EXECUTORS
+from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import General, Mode, SetSound, Speak, SwitchControlMode
 

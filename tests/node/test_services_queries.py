@@ -13,10 +13,10 @@ from tests.harness import RunningAgent, wait_until
 from tests.random_messages import blank
 from tests.type_pairs import field_class
 from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotState
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
 from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Battery as BatterySrv
 from woosh_robot_msgs.srv import NavPath, PlanPath, RobotInfo

@@ -15,9 +15,9 @@ from xml.etree import ElementTree as xml
 import pytest
 from action_msgs.msg import GoalStatus
 
+from scripts import sros2_policies
 from tests.harness import HUMBLE, Client, RunningAgent, wait_until
 from tests.node.secured_client import SAID
-from woosh_robot_agent import security
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentProcess, running_chassis
@@ -80,7 +80,7 @@ def test_the_agent_has_exactly_what_its_policy_allows(
     start_agent: Callable[..., RunningAgent], client: Client
 ) -> None:
     start_agent(ip="127.0.0.1", port=1, publish_tf=True)
-    allowed = permissions(security.agent_policy())
+    allowed = permissions(sros2_policies.agent_policy())
 
     def seen() -> bool:
         nodes = client.node.get_node_names_and_namespaces()
@@ -95,15 +95,15 @@ def test_the_agent_has_exactly_what_its_policy_allows(
 
 
 def test_every_node_has_the_endpoints_that_the_policy_assumes(client: Client) -> None:
-    nothing = permissions(security.client_policy(read_only=True, only=["robot/General"]))
+    nothing = permissions(sros2_policies.client_policy(read_only=True, only=["robot/General"]))
     nothing["publish"].remove("rq/woosh_robot/robot/GeneralRequest")
     nothing["subscribe"].remove("rr/woosh_robot/robot/GeneralReply")
     wait_until(lambda: used(client, "client", "/") == nothing, "the endpoints of a node")
 
 
 def test_policies_of_agent_and_client_match() -> None:
-    agent = permissions(security.agent_policy())
-    client = permissions(security.client_policy())
+    agent = permissions(sros2_policies.agent_policy())
+    client = permissions(sros2_policies.client_policy())
     common = {"rt/rosout", "rt/parameter_events"}
 
     def of_the_robot(names: set[str]) -> set[str]:
@@ -144,7 +144,7 @@ def secured(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_sros2
 @pytest.mark.timeout(900)
 def test_agent_and_clients_work_under_sros2(domain: int, client: Client, secured: None) -> None:
-    """`client` is started without security, so it must not see the agent."""
+    """`client` is started without sros2_policies, so it must not see the agent."""
     from woosh_robot_msgs.srv import PoseSpeed
 
     with running_chassis() as chassis:

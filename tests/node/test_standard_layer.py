@@ -14,11 +14,10 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.quick_chassis import quick_config
-from woosh_robot_agent.parameter import parameters_of
+from woosh_robot_agent.parameters import StandardSettings, parameters_of
+from woosh_robot_agent.ros.standard.diagnostics import Diagnostics
+from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.standard.diagnostics import Diagnostics
-from woosh_robot_agent.standard.endpoints import STANDARD, Kind
-from woosh_robot_agent.standard.settings import StandardSettings
 
 TWIST = "woosh.robot.Twist"
 PARAMETERS = parameters_of(StandardSettings)

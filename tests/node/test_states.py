@@ -18,11 +18,11 @@ from std_msgs.msg import Bool
 
 from tests.harness import wait_until
 from tests.node.goals import short_task
-from woosh_robot_agent.map_image import MapError, cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, TaskProc
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.robot.maps import MapError, cells_of
 from woosh_robot_agent.simulator import Outgoing
 from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
 

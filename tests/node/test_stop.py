@@ -16,12 +16,12 @@ from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
 from tests.node.goals import ABORTED, EXECUTE, short_task, step, step_goal, task
 from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion import gate
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist
 from woosh_ros_msgs.action import StepControl

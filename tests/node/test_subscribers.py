@@ -17,10 +17,10 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.test_parameters import change
-from woosh_robot_agent import subscriber_events
 from woosh_robot_agent.parameters import EXECUTORS
-from woosh_robot_agent.qos import latched
-from woosh_robot_agent.ros_release import UnsupportedEventTypeError
+from woosh_robot_agent.ros import latched as latched_topics
+from woosh_robot_agent.ros.qos import latched
+from woosh_robot_agent.ros.releases import UnsupportedEventTypeError
 from woosh_robot_agent.simulator import SimulatorThread
 
 NO_EVENTS = "a middleware without matched events"
@@ -53,7 +53,7 @@ def start(
         def refuse(*_arguments: Any) -> Any:
             raise UnsupportedEventTypeError("no such event")
 
-        monkeypatch.setattr(subscriber_events, "subscriber_event_handlers", refuse)
+        monkeypatch.setattr(latched_topics, "subscriber_event_handlers", refuse)
     executor = EXECUTORS[0] if request.param == NO_EVENTS else request.param
 
     def start(**parameters: Any) -> RunningAgent:

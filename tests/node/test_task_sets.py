@@ -17,7 +17,7 @@ from tests.node.goals import (
     slow_down,
     task,
 )
-from woosh_robot_agent.actions.run import REPLACED
+from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.action import ExecPreTask
 

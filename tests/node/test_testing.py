@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import rclpy
 
-from woosh_robot_agent.ros_release import this_computer_only
+from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.testing import (
     RunningAgent,
     own_domain,
@@ -215,7 +215,8 @@ def test_the_exception_of_a_callback_reaches_the_test() -> None:
 def test_the_driver_does_not_need_pytest() -> None:
     """The driver must not import this package either."""
     program = (
-        "import sys, woosh_robot_agent.agent, woosh_robot_agent.node, woosh_robot_agent.simulator\n"
+        "import sys, woosh_robot_agent.agent, woosh_robot_agent.ros.node\n"
+        "import woosh_robot_agent.simulator\n"
         "found = {'pytest', 'woosh_robot_agent.testing'} & set(sys.modules)\n"
         "sys.exit(f'loaded: {found}' if found else 0)"
     )

@@ -9,8 +9,8 @@ import pytest
 
 from tests.harness import Client, RunningAgent
 from woosh_robot_agent.endpoints import minimum_timeouts
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pb2 import General
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import General as GeneralSrv
 from woosh_robot_msgs.srv import InitRobot, Speak

@@ -23,14 +23,13 @@ from tests.node.goals import SUCCEEDED, step
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.qos import latched
+from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.testing import AgentProcess
-from woosh_robot_agent.tools.link_report import LinkReport
 from woosh_robot_agent.tools.monitor import ros_source
 from woosh_robot_agent.tools.monitor.program import print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.monitor.screen import draw
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
 TIMEOUT = 60.0
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]

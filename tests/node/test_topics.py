@@ -15,11 +15,11 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from tests.harness import HUMBLE, wait_until
 from tests.random_messages import random_proto
 from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, RobotState, TaskProc
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
 from woosh_robot_msgs.msg import Battery as BatteryMsg
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg

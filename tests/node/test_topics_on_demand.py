@@ -6,10 +6,10 @@ import pytest
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.test_topics import subscribed
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.ros_types import class_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import BuildMapData as BuildMapDataMsg
 

@@ -17,9 +17,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
-from woosh_robot_agent import second_agent
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.ros import second_agent
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 

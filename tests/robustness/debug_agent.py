@@ -8,7 +8,7 @@ Python objects by type. In all other respects it is the program that users run.
 
 from __future__ import annotations
 
-from woosh_robot_agent.memory import Heap
+from woosh_robot_agent.agent import Heap
 
 Heap()  # as the agent does, before imports that start threads
 
@@ -20,7 +20,8 @@ import threading
 from collections import Counter
 from typing import Any
 
-from woosh_robot_agent import agent, fleet, node
+from woosh_robot_agent import agent
+from woosh_robot_agent.ros import fleet, node
 
 _MAX_TYPES = 40
 """Number of types that are reported: those with the most objects."""

@@ -13,8 +13,8 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.protos import message_types
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
 
 DOCUMENTED = (

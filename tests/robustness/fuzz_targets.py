@@ -28,14 +28,12 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
-from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.link.transport.opening import open_transport
-from woosh_robot_agent.link.transport.tcp import TcpTransport
+from woosh_robot_agent.link.protos import full_name, message_types
+from woosh_robot_agent.link.transport import TcpTransport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.protos import full_name, message_types
 from woosh_robot_agent.simulator import SimulatedChassis
-from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.protocol.reports import TOPICS
 
 try:
     from tests.type_pairs import PAIRS

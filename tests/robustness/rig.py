@@ -23,12 +23,11 @@ from rclpy.logging import LoggingSeverity
 from tests.harness import Client
 from tests.quick_chassis import quick_config
 from tests.robustness.traffic import DuplicateAnswers, Traffic
-from woosh_robot_agent.actions import timing
-from woosh_robot_agent.link.transport.tcp import TcpTransport
-from woosh_robot_agent.link.transport.websocket import WebSocketTransport
+from woosh_robot_agent.link.transport import TcpTransport, WebSocketTransport
+from woosh_robot_agent.robot import code_log
+from woosh_robot_agent.ros.actions import goal
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentInProcess, own_domain
-from woosh_robot_agent.watch import code_log
 
 SPEED = 20
 """Speed of the simulated chassis, as a multiple of real time."""
@@ -260,9 +259,9 @@ def is_twist(data: str | bytes) -> bool:
 @contextlib.contextmanager
 def _short_poll_period() -> Iterator[None]:
     """Let silent goals be queried more often than usual."""
-    default = timing.DEFAULT_TIMING
-    timing.DEFAULT_TIMING = replace(default, poll_period=_POLL_PERIOD)
+    default = goal.DEFAULT_TIMING
+    goal.DEFAULT_TIMING = replace(default, poll_period=_POLL_PERIOD)
     try:
         yield
     finally:
-        timing.DEFAULT_TIMING = default
+        goal.DEFAULT_TIMING = default

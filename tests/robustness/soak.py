@@ -29,10 +29,10 @@ from tests.harness import Client
 from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent
 from tests.robustness.traffic import DuplicateAnswers, Traffic
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS, Topic
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
-from woosh_robot_agent.qos import latched
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.faults import FAULTS
 from woosh_robot_agent.testing import own_domain, wait_until

@@ -19,20 +19,18 @@ from tests.robustness.fuzz import fuzz
 from tests.robustness.fuzz_inputs import blob, text
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.link.codecs.json_errors import FieldError
-from woosh_robot_agent.link.codecs.json_reader import from_json
+from woosh_robot_agent.link.codecs.json_codec import FieldError, from_json
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.tools.dashboard.robot import Robot
-from woosh_robot_agent.tools.doctor.readiness_checks import (
+from woosh_robot_agent.tools.doctor.checks import (
     check_codes,
     check_initialisation,
     check_localisation,
     check_mode,
 )
-from woosh_robot_agent.tools.link_report import link_report
 from woosh_robot_agent.tools.monitor.screen import draw
-from woosh_robot_agent.vda5050.robot.factsheet import Limits, factsheet
-from woosh_robot_agent.vda5050.robot.status import robot_status
+from woosh_robot_agent.tools.robot_view import link_report
+from woosh_robot_agent.vda5050.robot.status import Limits, factsheet, robot_status
 
 SEED = 1
 FEEDBACKS = "woosh.ros.Feedbacks"

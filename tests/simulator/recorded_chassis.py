@@ -10,9 +10,8 @@ from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.pushes import TOPICS
-from woosh_robot_agent.simulator.serving.client import Client
-from woosh_robot_agent.simulator.serving.exchange import Exchange
+from woosh_robot_agent.simulator.protocol.reports import TOPICS
+from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
 
 SCANNER_DATA = "woosh.robot.ScannerData"
 

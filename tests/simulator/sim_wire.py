@@ -16,8 +16,8 @@ from typing import Any
 import websockets
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorThread
 
 TIMEOUT = 60.0

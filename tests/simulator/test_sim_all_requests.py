@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.simulator.sim_wire import JsonClient
+from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.map import map_edit_pb2, map_pack_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import (
     robot_count_pb2,
@@ -14,8 +15,7 @@ from woosh_robot_agent.pb.robot import (
 )
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
-from woosh_robot_agent.protos import message_types
-from woosh_robot_agent.simulator.protocol.pushes import TOPICS
+from woosh_robot_agent.simulator.protocol.reports import TOPICS
 
 FILES = (
     map_edit_pb2,

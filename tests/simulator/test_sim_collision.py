@@ -9,13 +9,12 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.profile_files import load_profile
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
-from woosh_robot_agent.simulator.world.geometry import Pose, Wall
-from woosh_robot_agent.simulator.world.hull import hull
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall, hull
 
 ORIGINAL = load_profile("instant").model.outline
 

@@ -12,13 +12,12 @@ from google.protobuf import json_format
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
-from woosh_robot_agent.simulator.protocol.pushes import TOPICS
-from woosh_robot_agent.simulator.serving.client import Client
-from woosh_robot_agent.simulator.serving.exchange import Exchange
+from woosh_robot_agent.simulator.protocol.reports import TOPICS
+from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
 
 Command = Callable[[Chassis], None]
 

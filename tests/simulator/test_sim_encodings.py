@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import JsonClient, TcpClient, body_of, packed, subscription
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorThread
 
 

@@ -20,7 +20,7 @@ from tests.simulator.test_sim_uploads import NAV2, SCENE, distance_ahead, file_d
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.refusals import REFUSALS
-from woosh_robot_agent.simulator.scenes.editing import with_map
+from woosh_robot_agent.simulator.scenes.scene import with_map
 from woosh_robot_agent.simulator.world.grid import Grid
 from woosh_robot_agent.simulator.world.maps import Map
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from tests.quick_chassis import quick_config
 from tests.simulator.map_files import cells, room_picture, write_map
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes.files import load_scene

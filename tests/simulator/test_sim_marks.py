@@ -165,6 +165,6 @@ def test_bad_requests_are_refused_and_change_nothing(
 
 def test_number_of_marks_is_limited(client: JsonClient, monkeypatch: pytest.MonkeyPatch) -> None:
     count = len(client.ask("woosh.map.SceneData")["maps"][0]["markInfo"]["storages"])
-    monkeypatch.setattr("woosh_robot_agent.simulator.protocol.mark_commands.MAX_MARKS", count + 1)
+    monkeypatch.setattr("woosh_robot_agent.simulator.protocol.scene_files.MAX_MARKS", count + 1)
     client.ask(f"{PREFIX}.Create", storage("one"))
     assert "marks already" in client.refusal(f"{PREFIX}.Create", storage("two"))

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
     MAX_SPEED,

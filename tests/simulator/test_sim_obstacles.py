@@ -7,11 +7,11 @@ import math
 import pytest
 
 from tests.quick_chassis import quick_config
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.obstacles import Obstacles
 
 
 @pytest.fixture

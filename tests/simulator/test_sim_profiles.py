@@ -13,7 +13,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
-from woosh_robot_agent.simulator.profile_files import SHIPPED, SHIPPED_FOLDER, load_profile
+from woosh_robot_agent.simulator.profile import SHIPPED, SHIPPED_FOLDER, load_profile
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 from woosh_robot_agent.simulator.world.geometry import Pose

@@ -21,7 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
-from woosh_robot_agent.simulator.scenes import library as scenes
+from woosh_robot_agent.simulator.scenes import files as scenes
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
 PATIENT_PROGRAM = [
@@ -136,7 +136,7 @@ sys.exit(main(["--port", "0", "--tcp-port", "0"]))
 
 @pytest.mark.parametrize(
     "module",
-    ["asyncio", "woosh_robot_agent.protos", "woosh_robot_agent.simulator.server"],
+    ["asyncio", "woosh_robot_agent.link.protos", "woosh_robot_agent.simulator.server"],
 )
 def test_signal_during_startup_ends_it_cleanly(module: str) -> None:
     command = [sys.executable, "-c", SIGNAL_ON_IMPORT, module]

@@ -13,8 +13,8 @@ from PIL import Image
 from tests.quick_chassis import quick_config
 from tests.simulator.map_files import room_picture, write_map
 from tests.simulator.sim_wire import JsonClient
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import Chassis

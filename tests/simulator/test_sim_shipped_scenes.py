@@ -13,14 +13,14 @@ import pytest
 from PIL import Image
 
 from tests.quick_chassis import quick_config
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
-from woosh_robot_agent.simulator.scenes import library as scenes
+from woosh_robot_agent.simulator.scenes import files as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
+from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.maps import MarkKind
-from woosh_robot_agent.simulator.world.obstacles import Obstacles
 from woosh_robot_agent.simulator.world.picture import draw
 from woosh_robot_agent.simulator.world.planner import Planner
 

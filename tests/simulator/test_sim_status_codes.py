@@ -12,7 +12,7 @@ from tests.simulator.test_sim_program import running
 from woosh_robot_agent import simulator as package
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
-from woosh_robot_agent.simulator.profile_files import load_profile
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.status_codes import CODES
 
 FACTS = Path(__file__).parents[1] / "facts/status_codes.yaml"
@@ -40,8 +40,8 @@ def test_no_code_is_declared_twice_or_elsewhere() -> None:
         for path in folder.rglob("*.py")
         if (found := re.findall(r"\b1[1-4]\d{10}\b", path.read_text("utf-8")))
     }
-    assert set(elsewhere) == {"status_codes.py"}
-    assert sorted(map(int, elsewhere["status_codes.py"])) == sorted(numbers)
+    assert set(elsewhere) == {"robot/status_codes.py"}
+    assert sorted(map(int, elsewhere["robot/status_codes.py"])) == sorted(numbers)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from google.protobuf.message import Message
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch

@@ -16,7 +16,7 @@ from PIL import Image
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.protocol import uploads
+from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.refusals import RefusedError
 
 NAV2 = b"""
@@ -222,10 +222,10 @@ def test_invalid_uploads_are_refused_and_change_nothing(
 
 def test_total_size_of_uploads_is_limited() -> None:
     big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
-    files = uploads.merge_files({}, big)
-    assert list(uploads.merge_files(files, big)) == ["big.bin"]
+    files = scene_files.merge_files({}, big)
+    assert list(scene_files.merge_files(files, big)) == ["big.bin"]
     with pytest.raises(RefusedError, match="2 files of 41943040 bytes are more"):
-        uploads.merge_files(files, [FileData(name="more.bin", data=big[0].data)])
+        scene_files.merge_files(files, [FileData(name="more.bin", data=big[0].data)])
 
 
 def test_invalid_second_upload_keeps_the_first(client: JsonClient) -> None:

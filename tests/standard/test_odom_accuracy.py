@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from woosh_robot_agent.ros.standard.odometry import Odometry, Prediction
+from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.simulator.body.base import Base
 from woosh_robot_agent.simulator.body.base import Velocity as BaseVelocity
-from woosh_robot_agent.simulator.profile_files import load_profile
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.standard.odometry import Odometry
-from woosh_robot_agent.standard.pose2d import Pose2D
-from woosh_robot_agent.standard.prediction import Prediction
 
 STEP = 0.001
 REPORTS, RATE = 204, 50

@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from woosh_robot_agent.standard.odometry import Odometry
-from woosh_robot_agent.standard.pose2d import Pose2D
+from woosh_robot_agent.ros.standard.odometry import Odometry
+from woosh_robot_agent.ros.standard.poses import Pose2D
 
 PERIOD = 0.204
 

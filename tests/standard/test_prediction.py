@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import pytest
 
-from woosh_robot_agent.standard.pose2d import Pose2D
-from woosh_robot_agent.standard.prediction import HORIZON, Prediction
-from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
+from woosh_robot_agent.ros.standard.cmd_vel import STANDSTILL, Velocity
+from woosh_robot_agent.ros.standard.odometry import HORIZON, Prediction
+from woosh_robot_agent.ros.standard.poses import Pose2D
 
 PERIOD = 0.204
 """Time between two reports of a real robot, in seconds."""

@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from woosh_robot_agent.standard.report_time import ReportTime
-from woosh_robot_agent.standard.velocity import STANDSTILL, Velocity
+from woosh_robot_agent.ros.standard.cmd_vel import STANDSTILL, Velocity
+from woosh_robot_agent.ros.standard.odometry import ReportTime
 
 PERIOD = 0.204
 DRIVE = Velocity(0.5, 0.0, 0.5)

@@ -17,7 +17,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.doctor import main
-from woosh_robot_agent.tools.doctor.examination import CHECKS
+from woosh_robot_agent.tools.doctor.program import CHECKS
 
 SHORT = "0.5"
 """Timeout for a peer that never answers, in seconds."""

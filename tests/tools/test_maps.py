@@ -27,15 +27,18 @@ from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
 from tests.simulator.test_sim_uploads import NAV2, floor_png
 from tests.tools.test_tool_programs import TIMEOUT, address, start
-from woosh_robot_agent.map_image import cells_of
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
+from woosh_robot_agent.robot.maps import cells_of
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.tools import maps
-from woosh_robot_agent.tools.maps.errors import MapsError
-from woosh_robot_agent.tools.maps.file_names import to_file_name
-from woosh_robot_agent.tools.maps.marks_file import read_marks, write_marks
+from woosh_robot_agent.tools.maps.scene_folder import (
+    MapsError,
+    read_marks,
+    to_file_name,
+    write_marks,
+)
 
 Run = Callable[..., tuple[int, str, str]]
 

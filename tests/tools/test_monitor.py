@@ -38,11 +38,9 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.enum_names import enum_name
-from woosh_robot_agent.tools.link_report import LinkReport
 from woosh_robot_agent.tools.monitor import main
 from woosh_robot_agent.tools.monitor.screen import draw
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
 TIMEOUT = 60.0

@@ -13,10 +13,8 @@ from websockets.frames import Opcode
 from tests.tools.connections import link
 from tests.tools.test_recording import HEAD, numbered
 from tests.tools.waiting import aio
-from woosh_robot_agent.tools.record.frame_parsers import WebSocketParser
-from woosh_robot_agent.tools.record.frame_recorder import Direction, FrameRecorder
-from woosh_robot_agent.tools.record.proxy import RecordingProxy
-from woosh_robot_agent.tools.record.read_pace import ReadPace
+from woosh_robot_agent.tools.record.frame_recorder import Direction, FrameRecorder, WebSocketParser
+from woosh_robot_agent.tools.record.proxy import ReadPace, RecordingProxy
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.records import Event, Frame

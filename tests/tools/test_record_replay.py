@@ -30,7 +30,7 @@ from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
-from woosh_robot_agent.tools.replay.playback import prepare
+from woosh_robot_agent.tools.replay.timeline import prepare
 
 
 @asynccontextmanager

@@ -28,7 +28,7 @@ from tests.quick_chassis import quick_config
 from tests.tools.connections import link
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.codecs.choice import JSON
+from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask

@@ -18,7 +18,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, Robot
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
 from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
-from woosh_robot_agent.tools.replay.playback import prepare
+from woosh_robot_agent.tools.replay.timeline import prepare
 
 
 def made_up(*records: Any) -> Recording:

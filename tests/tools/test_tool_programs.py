@@ -21,9 +21,9 @@ from tests.simulator.sim_wire import JsonClient
 from tests.tools.test_recording import numbered
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneDataEasy, SceneList
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.tools import doctor, maps, record, replay
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
@@ -31,7 +31,7 @@ from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.records import Event
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from woosh_robot_agent.tools.replay.playback import prepare
+from woosh_robot_agent.tools.replay.timeline import prepare
 
 TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.robot.status import Limits
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 

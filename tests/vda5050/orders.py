@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from woosh_robot_agent.vda5050.model.errors import RejectedError, VehicleError
-from woosh_robot_agent.vda5050.model.order import (
+from woosh_robot_agent.vda5050.messages.order import (
     Action,
     BlockingType,
     Edge,
@@ -18,8 +17,13 @@ from woosh_robot_agent.vda5050.model.order import (
     NodePosition,
     Order,
 )
-from woosh_robot_agent.vda5050.model.state import ActionStatus, Position
-from woosh_robot_agent.vda5050.orders.commands import Command, Drive, Perform
+from woosh_robot_agent.vda5050.messages.state import (
+    ActionStatus,
+    Position,
+    RejectedError,
+    VehicleError,
+)
+from woosh_robot_agent.vda5050.orders.legs import Command, Drive, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
 MAP = "hall"

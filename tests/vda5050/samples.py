@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from woosh_robot_agent.vda5050.model.errors import ErrorType, warning
-from woosh_robot_agent.vda5050.model.factsheet import (
+from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
     Kinematics,
@@ -12,18 +11,19 @@ from woosh_robot_agent.vda5050.model.factsheet import (
     Scope,
     VehicleClass,
 )
-from woosh_robot_agent.vda5050.model.order import (
+from woosh_robot_agent.vda5050.messages.order import (
     ControlPoint,
     Edge,
     Node,
     NodePosition,
     Trajectory,
 )
-from woosh_robot_agent.vda5050.model.state import (
+from woosh_robot_agent.vda5050.messages.state import (
     ActionState,
     ActionStatus,
     Battery,
     EmergencyStop,
+    ErrorType,
     Map,
     OperatingMode,
     OrderStatus,
@@ -31,6 +31,7 @@ from woosh_robot_agent.vda5050.model.state import (
     RobotStatus,
     VehicleState,
     Velocity,
+    warning,
 )
 
 LINE = Trajectory(1, (0.0, 0.0, 1.0, 1.0), (ControlPoint(0.0, 0.0), ControlPoint(1.0, 0.0)))

@@ -16,14 +16,14 @@ from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import result_of, statuses
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, Message, action, error_types, node, status_of
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.actions import map_files
-from woosh_robot_agent.vda5050.actions.map_files import MapFileError, fetch, unpack
-from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.actions import map_actions
+from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
+from woosh_robot_agent.vda5050.robot.status import Limits
 
 START = (4.23276472, -6.6727581)
 AT_ONCE = Limits(min_state_interval=0.0)
@@ -236,7 +236,7 @@ def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
 
 
 def test_a_download_does_not_take_for_ever(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(map_files, "_MAX_DURATION", 0.0)
+    monkeypatch.setattr(map_actions, "_MAX_DURATION", 0.0)
     with pytest.raises(MapFileError, match="takes too long"):
         fetch(f"{server}/shed.zip")
 

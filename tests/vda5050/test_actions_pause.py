@@ -17,16 +17,16 @@ from tests.vda5050.master import Master, Message, action, error_types, node, sta
 from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.simulator.serving.hooks import Outgoing
-from woosh_robot_agent.vda5050 import task_orders
-from woosh_robot_agent.vda5050.actions import pausing, robot_calls
-from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
+from woosh_robot_agent.vda5050 import driving
+from woosh_robot_agent.vda5050.actions import robot_calls, standard
+from woosh_robot_agent.vda5050.messages.state import ActionStatus
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
@@ -318,8 +318,8 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
     chassis: SimulatorThread,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(pausing, "TIMEOUT", 0.2)
-    monkeypatch.setattr(task_orders, "_REPEAT_AFTER", 0.5)
+    monkeypatch.setattr(standard, "TIMEOUT", 0.2)
+    monkeypatch.setattr(driving, "_REPEAT_AFTER", 0.5)
     async with Master(broker.port) as master, vehicle():
         await drive(master, chassis)
         chassis.refuse(ORDER, "not now")

@@ -14,8 +14,8 @@ from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, Message, action, edge, error_types, node, status_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.model.factsheet import Scope
-from woosh_robot_agent.vda5050.model.order import Action, BlockingType
+from woosh_robot_agent.vda5050.messages.factsheet import Scope
+from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 
 START = (4.23276472, -6.6727581)
 POSE = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "wooshmap", "lastNodeId": "a"}

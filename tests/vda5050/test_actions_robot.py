@@ -13,11 +13,11 @@ from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, references, result_of, statuses
 from tests.vda5050.conftest import AT_ONCE, VehicleStarter
 from tests.vda5050.master import Master, action, error_types, node, status_of
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 
 START = (4.23276472, -6.6727581)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any, cast
 
 from tests.tools.waiting import aio, eventually
-from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.actions.robot_calls import Pause
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
-from woosh_robot_agent.vda5050.model.errors import ErrorType
-from woosh_robot_agent.vda5050.model.order import Action
-from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.vda5050.messages.order import Action
+from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
 
 
 class Record:

@@ -21,20 +21,18 @@ from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050 import other_connector
+from woosh_robot_agent.vda5050 import session
+from woosh_robot_agent.vda5050.messages.protocol import HeaderIds, Identity, Topic
+from woosh_robot_agent.vda5050.messages.v2_1 import Version21
 from woosh_robot_agent.vda5050.mqtt import (
     BrokerConfig,
     MqttConnection,
     Publication,
     refused_topics,
 )
-from woosh_robot_agent.vda5050.other_connector import OtherConnector
-from woosh_robot_agent.vda5050.protocol.header import HeaderIds, Identity
-from woosh_robot_agent.vda5050.protocol.topics import Topic
-from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
-from woosh_robot_agent.vda5050.publisher import Publisher
-from woosh_robot_agent.vda5050.reports import Reports
-from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.reports import Publisher, Reports
+from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.session import OtherConnector
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
@@ -248,7 +246,7 @@ async def test_two_connectors_of_a_robot_are_detected(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("woosh_robot_agent.vda5050.mqtt._BACKOFF_MAX", 1.0)
-    monkeypatch.setattr("woosh_robot_agent.vda5050.other_connector._QUIET", 5.0)
+    monkeypatch.setattr("woosh_robot_agent.vda5050.session._QUIET", 5.0)
 
     async with Master(broker.port) as master, vehicle():
         await master.online()
@@ -302,7 +300,7 @@ async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart
 async def test_another_connector_whose_end_was_missed_is_gone_after_a_while(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(other_connector, "_QUIET", 0.0)
+    monkeypatch.setattr(session, "_QUIET", 0.0)
     other = OtherConnector(lambda payload: False, lambda: None)
     other.connected()
     other.received(b'{"connectionState": "ONLINE"}', False)

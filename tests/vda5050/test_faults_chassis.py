@@ -19,7 +19,7 @@ from woosh_robot_agent import simulator
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050 import vehicle as vehicles
-from woosh_robot_agent.vda5050.robot import marks
+from woosh_robot_agent.vda5050.robot import maps
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
@@ -355,7 +355,7 @@ async def test_marks_that_the_robot_did_not_send_are_requested_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(vehicles, "minimum_timeouts", dict)
-    monkeypatch.setattr(marks, "_RETRY", 0.1)
+    monkeypatch.setattr(maps, "_RETRY", 0.1)
     chassis.mute(SCENE_DATA)
     async with Master(broker.port) as master, vehicle() as started:
         await master.online()

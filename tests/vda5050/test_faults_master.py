@@ -21,10 +21,10 @@ from tests.vda5050.master import Master, Message, action, error_types, node, sta
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050 import mqtt
-from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError
-from woosh_robot_agent.vda5050.parsing import read_order
-from woosh_robot_agent.vda5050.protocol.header import Identity
-from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
+from woosh_robot_agent.vda5050.messages.parsing import read_order
+from woosh_robot_agent.vda5050.messages.protocol import Identity
+from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
+from woosh_robot_agent.vda5050.messages.v2_1 import Version21
 
 EXEC = "woosh.robot.ExecTask"
 HEADER = {

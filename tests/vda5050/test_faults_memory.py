@@ -8,17 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from woosh_robot_agent.vda5050.model.errors import ErrorType
-from woosh_robot_agent.vda5050.model.order import Action, BlockingType, Edge, Node, NodePosition
-from woosh_robot_agent.vda5050.model.order import Order as VehicleOrder
-from woosh_robot_agent.vda5050.model.plain import from_plain, to_plain
-from woosh_robot_agent.vda5050.model.state import ActionStatus, Position
-from woosh_robot_agent.vda5050.orders.acceptance import Verdict
-from woosh_robot_agent.vda5050.orders.commands import CancelDrive, Drive, Perform
+from woosh_robot_agent.vda5050.messages.order import Action, BlockingType, Edge, Node, NodePosition
+from woosh_robot_agent.vda5050.messages.order import Order as VehicleOrder
+from woosh_robot_agent.vda5050.messages.protocol import HeaderIds
+from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType, Position
+from woosh_robot_agent.vda5050.orders.actions import Memory
+from woosh_robot_agent.vda5050.orders.legs import CancelDrive, Drive, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.orders.memory import Memory
-from woosh_robot_agent.vda5050.protocol.header import HeaderIds
-from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
+from woosh_robot_agent.vda5050.orders.structure import Verdict
+from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_plain
 
 HARD, NONE = BlockingType.HARD, BlockingType.NONE
 

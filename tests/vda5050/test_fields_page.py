@@ -9,10 +9,10 @@ import pytest
 
 from tests.vda5050.fields import message_fields, schema_fields, topics
 from tests.vda5050.samples import FACTSHEET, ROBOT, STATE
-from woosh_robot_agent.vda5050.model.state import ConnectionState
-from woosh_robot_agent.vda5050.protocol.base import Version
-from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
-from woosh_robot_agent.vda5050.protocol.v3_0 import Version30
+from woosh_robot_agent.vda5050.messages.protocol import Version
+from woosh_robot_agent.vda5050.messages.state import ConnectionState
+from woosh_robot_agent.vda5050.messages.v2_1 import Version21
+from woosh_robot_agent.vda5050.messages.v3_0 import Version30
 
 PAGE = (Path(__file__).parents[2] / "docs/vda5050_fields.md").read_text("utf-8")
 VERSIONS: list[Version] = [Version21(), Version30()]

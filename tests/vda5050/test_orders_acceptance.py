@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from tests.vda5050.orders import Robot, action, at, path, place, references
-from woosh_robot_agent.vda5050.model.errors import ErrorLevel, ErrorType
-from woosh_robot_agent.vda5050.model.order import BlockingType, Edge, Node, Order
-from woosh_robot_agent.vda5050.orders.acceptance import Verdict
+from woosh_robot_agent.vda5050.messages.order import BlockingType, Edge, Node, Order
+from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
+from woosh_robot_agent.vda5050.orders.structure import Verdict
 
 
 def test_an_order_at_the_place_of_the_vehicle_is_accepted() -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from tests.vda5050.orders import Robot, action, at, path, place, references
-from woosh_robot_agent.vda5050.model.errors import ErrorLevel, ErrorType
-from woosh_robot_agent.vda5050.model.order import BlockingType, ControlPoint, Trajectory
-from woosh_robot_agent.vda5050.orders.commands import (
+from woosh_robot_agent.vda5050.messages.order import BlockingType, ControlPoint, Trajectory
+from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
+from woosh_robot_agent.vda5050.orders.legs import (
     CancelDrive,
     Drive,
     EndAction,

@@ -10,8 +10,8 @@ import pytest
 
 from tests.vda5050.orders import MAP, Robot, action, at, path, place
 from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
-from woosh_robot_agent.vda5050.leg_task import leg_task
-from woosh_robot_agent.vda5050.model.order import (
+from woosh_robot_agent.vda5050.driving import leg_task
+from woosh_robot_agent.vda5050.messages.order import (
     Action,
     BlockingType,
     ControlPoint,
@@ -19,7 +19,7 @@ from woosh_robot_agent.vda5050.model.order import (
     Order,
     Trajectory,
 )
-from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
+from woosh_robot_agent.vda5050.orders.reach import with_marks
 
 MARK = NodePosition(1.0, 0.0, MAP, theta=1.5)
 

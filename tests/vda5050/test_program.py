@@ -11,7 +11,7 @@ import pytest
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.vda5050 import __main__ as program
 from woosh_robot_agent.vda5050.__main__ import main
-from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
+from woosh_robot_agent.vda5050.program import RobotsFileError, read_robots
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -121,7 +121,7 @@ def test_without_its_libraries_the_program_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delitem(sys.modules, "woosh_robot_agent.vda5050.program", raising=False)
-    monkeypatch.setitem(sys.modules, "woosh_robot_agent.vda5050.broker_options", None)
-    monkeypatch.setattr(program, "_LIBRARIES", ("woosh_robot_agent.vda5050.broker_options",))
+    monkeypatch.setitem(sys.modules, "woosh_robot_agent.vda5050.mqtt", None)
+    monkeypatch.setattr(program, "_LIBRARIES", ("woosh_robot_agent.vda5050.mqtt",))
     assert main(["--help"]) == 1
     assert "pip install 'aiomqtt>=2.3' 'jsonschema>=4.20'" in capsys.readouterr().err

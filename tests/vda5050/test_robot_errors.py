@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.vda5050.model.errors import ErrorLevel, Reference
-from woosh_robot_agent.vda5050.robot.code_errors import code_errors, field_violated
+from woosh_robot_agent.vda5050.messages.state import ErrorLevel, Reference
+from woosh_robot_agent.vda5050.robot.status import code_errors, field_violated
 
 BUSY, IDLE, SCANNER = 120301000022, 140801000071, 110203000012
 

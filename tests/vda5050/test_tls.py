@@ -19,9 +19,8 @@ from tests.vda5050.certificates import Authority, openssl_path
 from tests.vda5050.master import Master
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
-from woosh_robot_agent.vda5050.connector import Connector
-from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
+from woosh_robot_agent.vda5050.program import Connector
 from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 SERIAL = "30001"

@@ -21,19 +21,21 @@ from tests.vda5050.master import Master, Message, action, error_types, node, pla
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.model.errors import ErrorType, RejectedError, warning
-from woosh_robot_agent.vda5050.model.order import Ellipse, NodePosition, Order
-from woosh_robot_agent.vda5050.model.path import path_ahead
-from woosh_robot_agent.vda5050.model.state import ConnectionState, OperatingMode, Position
+from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order, path_ahead
+from woosh_robot_agent.vda5050.messages.parsing import defect, read_order, refusal_of_zone_set
+from woosh_robot_agent.vda5050.messages.protocol import PUBLISHED, Identity, Topic, Version, header
+from woosh_robot_agent.vda5050.messages.state import (
+    ConnectionState,
+    ErrorType,
+    OperatingMode,
+    Position,
+    RejectedError,
+    warning,
+)
+from woosh_robot_agent.vda5050.messages.v3_0 import Version30
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
-from woosh_robot_agent.vda5050.parsing import read_order, refusal_of_zone_set
-from woosh_robot_agent.vda5050.protocol.base import Version
-from woosh_robot_agent.vda5050.protocol.header import Identity, header
-from woosh_robot_agent.vda5050.protocol.topics import PUBLISHED, Topic
-from woosh_robot_agent.vda5050.protocol.v3_0 import Version30
-from woosh_robot_agent.vda5050.protocol.validation import defect
-from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
-from woosh_robot_agent.vda5050.robot.factsheet import OPTIONAL_PARAMETERS
+from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
+from woosh_robot_agent.vda5050.vehicle_config import VERSIONS
 
 V3 = Version30()
 VEHICLE = Identity("Woosh", "1")
@@ -470,7 +472,7 @@ def test_the_schemas_are_those_of_the_topics() -> None:
     names = {"order", "instantActions", "zoneSet", "responses"} | {
         topic.value for topic in PUBLISHED
     }
-    folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/protocol/schemas/3.0.0"
+    folder = Path(__file__).parents[2] / "woosh_robot_agent/vda5050/messages/schemas/3.0.0"
     assert {path.stem for path in folder.iterdir()} == names
     assert PUBLISHED[Topic.CONNECTION] == (1, True)
 

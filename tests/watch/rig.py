@@ -8,11 +8,11 @@ from dataclasses import replace
 from typing import Any
 
 from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, eventually
-from woosh_robot_agent.last_known import LastKnown
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.refusals import RefusalExplainer
-from woosh_robot_agent.watch.watch import Watch
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.refusals import RefusalExplainer
+from woosh_robot_agent.robot.watch import Watch
 
 READY = {
     "mode": {"ctrl": 1, "work": 2},

@@ -12,7 +12,7 @@ import pytest
 from tests.link.link_peer import aio
 from tests.watch.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.watch import code_log
+from woosh_robot_agent.robot import code_log
 
 PRESSED = {"code": "110201000013", "level": 3}
 HOT = {"code": 110301000042, "level": 2, "msg": "左电机过热"}

@@ -9,12 +9,11 @@ import pytest
 
 from tests.link.link_peer import TIMEOUT, aio, eventually
 from tests.watch.rig import READY, Rig
-from woosh_robot_agent import refusals
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, TaskProc
-from woosh_robot_agent.watch import standstill
-from woosh_robot_agent.watch.who_drives import OTHER_CLIENT, Driver
+from woosh_robot_agent.robot import refusals, standstill
+from woosh_robot_agent.robot.who_drives import OTHER_CLIENT, Driver
 
 FORWARD = Twist(linear=0.2)
 MOVING = {"pose": {"x": 1.1}, "twist": {"linear": 0.2}}

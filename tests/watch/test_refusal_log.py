@@ -13,11 +13,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
-from woosh_robot_agent.watch import refusal_log
+from woosh_robot_agent.robot import code_log
 
 
 def logged(caplog: pytest.LogCaptureFixture) -> list[str]:
-    records = [record for record in caplog.records if record.name == refusal_log.__name__]
+    records = [record for record in caplog.records if record.name == code_log.__name__]
     return [record.getMessage() for record in records if record.levelno == logging.WARNING]
 
 
@@ -85,7 +85,7 @@ async def test_a_refused_cancel_is_left_to_the_log_of_its_goal(
     rig = Rig(READY)
     async with rig.running():
         rig.refusal = "Request failed"
-        await refused(rig, ActionOrder(order=action_pb2.kCancel), refusal_log.GOAL_CANCEL)
+        await refused(rig, ActionOrder(order=action_pb2.kCancel), code_log.GOAL_CANCEL)
         assert logged(caplog) == []
         await refused(rig, ActionOrder(order=action_pb2.kCancel), "robot/ActionOrder")
         assert [line[:37] for line in logged(caplog)] == ["the chassis refused robot/ActionOrder"]

@@ -21,8 +21,8 @@ from woosh_robot_agent.pb.ros.action_pb2 import (
 )
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util.action_pb2 import kContinue
-from woosh_robot_agent.watch import standstill
-from woosh_robot_agent.watch.causes import likely_causes
+from woosh_robot_agent.robot import standstill
+from woosh_robot_agent.robot.standstill import likely_causes
 
 FORWARD, ZERO = Twist(linear=0.2), Twist()
 STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=1.0)

@@ -11,8 +11,8 @@ import pytest
 from tests.link.link_peer import aio
 from tests.watch.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.watch import velocity_sources
-from woosh_robot_agent.watch.interleaving import WINDOW, Interleaving
+from woosh_robot_agent.robot import who_drives
+from woosh_robot_agent.robot.who_drives import WINDOW, Interleaving
 
 FORWARD, ZERO = Twist(linear=0.2), Twist()
 
@@ -20,7 +20,7 @@ FORWARD, ZERO = Twist(linear=0.2), Twist()
 @pytest.fixture
 def long(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let velocities count as simultaneous for the whole test, even on a slow machine."""
-    monkeypatch.setattr(velocity_sources, "OVERLAP", 3600.0)
+    monkeypatch.setattr(who_drives, "OVERLAP", 3600.0)
 
 
 class Clock:
@@ -28,7 +28,7 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = time.monotonic()
-        monkeypatch.setattr(velocity_sources, "time", SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(who_drives, "time", SimpleNamespace(monotonic=lambda: self.now))
 
 
 @pytest.mark.usefixtures("long")
@@ -93,13 +93,13 @@ def test_a_source_that_falls_silent_may_be_followed_by_another(
     async def run() -> None:
         async with Rig(READY).running() as rig:
             await rig.send(FORWARD, "cmd_vel")
-            clock.now += velocity_sources.OVERLAP
+            clock.now += who_drives.OVERLAP
             await rig.send(FORWARD, "robot/Twist")
             assert rig.watch.velocities.simultaneous == ()
-            clock.now += velocity_sources.OVERLAP / 2
+            clock.now += who_drives.OVERLAP / 2
             await rig.send(FORWARD, "cmd_vel")
             assert rig.watch.velocities.simultaneous
-            clock.now += velocity_sources.SHOWN
+            clock.now += who_drives.SHOWN
             assert rig.watch.velocities.simultaneous == ()
 
     run()

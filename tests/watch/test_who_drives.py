@@ -14,8 +14,8 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Fol
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
-from woosh_robot_agent.watch import who_drives
-from woosh_robot_agent.watch.who_drives import Driver
+from woosh_robot_agent.robot import who_drives
+from woosh_robot_agent.robot.who_drives import Driver
 
 FORWARD, ZERO = Twist(linear=0.2), Twist()
 MOVING = {"pose": {"x": 1.1}, "twist": {"linear": 0.2}}

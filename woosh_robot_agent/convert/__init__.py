@@ -16,8 +16,8 @@ JSON, the usual encoding of frames, is converted directly to ROS messages. A pro
 between would take several times as long.
 """
 
-from woosh_robot_agent.convert.bad_field import BadFieldError
 from woosh_robot_agent.convert.converter import Converter, converter
-from woosh_robot_agent.convert.new_message import filled
+from woosh_robot_agent.convert.mapping import BadFieldError
+from woosh_robot_agent.convert.to_ros import filled
 
 __all__ = ["BadFieldError", "Converter", "converter", "filled"]

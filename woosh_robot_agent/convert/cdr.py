@@ -15,9 +15,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from woosh_robot_agent.convert.mapping import ARRAY_CODES, item_type
-from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.convert.mapping import ARRAY_CODES, Source, class_of, item_type
 
 _HEADER = bytes((0, sys.byteorder == "little", 0, 0))
 """Encapsulation header: plain CDR in the byte order of this computer."""

@@ -1,10 +1,98 @@
-"""Correspondence between the fields of a ROS message and of the protobuf message it mirrors."""
+"""How ROS and protobuf types correspond, and the compilation of the functions that convert them."""
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
-from woosh_robot_agent.protos import message_type
+from woosh_robot_agent.link.protos import message_type
+
+
+class BadFieldError(ValueError):
+    """A ROS message holds a value that must not be sent to the robot.
+
+    Attributes:
+        path: path of the field in the message, e.g. `poses[1].x`.
+        reason: what is wrong with the value.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path} {reason}")
+        self.path = path
+        self.reason = reason
+
+    def below(self, prefix: str) -> BadFieldError:
+        """Return the same error for a message that holds this one in its field `prefix`."""
+        return BadFieldError(f"{prefix}.{self.path}", self.reason)
+
+
+class Source:
+    """Source of one function.
+
+    Args:
+        head: name and arguments of the function, e.g. `fill(p, r)`.
+    """
+
+    def __init__(self, head: str) -> None:
+        self._function = head.partition("(")[0]
+        self._lines = [f"def {head}:"]
+        self._names: dict[str, Any] = {}
+
+    def add(self, line: str) -> None:
+        """Append a line to the function's body."""
+        self._lines.append("    " + line)
+
+    def bind(self, value: Any) -> str:
+        """Make a value available to the function; return its generated name."""
+        name = f"_{len(self._names)}"
+        self._names[name] = value
+        return name
+
+    def bind_as(self, name: str, value: Any) -> None:
+        """Make a value available to the function under a given name."""
+        self._names[name] = value
+
+    def compile(self) -> Callable[..., Any]:
+        """Compile and return the function."""
+        if len(self._lines) == 1:
+            self.add("pass")
+        exec("\n".join(self._lines), self._names)
+        function: Callable[..., Any] = self._names[self._function]
+        return function
+
+
+@cache
+def class_of(name: str, kind: str = "msg") -> Any:
+    """Return the class of a ROS type.
+
+    Args:
+        name: package and type, e.g. `woosh_robot_msgs/Twist`.
+        kind: `msg`, `srv` or `action`.
+    """
+    package, short = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+
+
+@cache
+def extra_slots(ros_class: Any) -> Mapping[str, Any] | None:
+    """Return the values of the slots that a message has besides those of its fields.
+
+    The classes of Jazzy and Kilted have the slot `_check_fields`, and those of Humble have none.
+
+    Returns:
+        Values by name, for messages whose slots are set directly; None if that is not possible,
+        because ROS checks fields (`ROS_PYTHON_CHECK_FIELDS=1`) or the class has unexpected slots.
+    """
+    fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
+    extra = set(ros_class.__slots__) - fields
+    if not extra:
+        return {} if fields == set(ros_class.__slots__) else None
+    if extra != {"_check_fields"} or ros_class()._check_fields:
+        return None
+    return {"_check_fields": False}
+
 
 ARRAY_CODES = {
     "boolean": "B",

@@ -12,16 +12,16 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 
-from woosh_robot_agent.convert.bad_field import BadFieldError
 from woosh_robot_agent.convert.mapping import (
+    BadFieldError,
+    Source,
+    class_of,
     item_type,
     message_class,
     oneofs,
     pairs,
     presence_bits,
 )
-from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.ros_types import class_of
 
 _FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 

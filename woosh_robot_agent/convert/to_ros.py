@@ -1,27 +1,155 @@
-"""Conversion from protobuf or JSON to ROS: one generated function per pair of types."""
+"""Conversion to ROS messages, from JSON values and from protobuf messages.
+
+A message is created without its constructor. That creates all nested messages, only for the caller
+to replace them, and takes longer than the rest of a conversion. So fields are set directly in the
+slots behind the properties. The constructor and the properties are used if ROS checks fields
+(`ROS_PYTHON_CHECK_FIELDS=1`), or if a class has unexpected slots.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Callable
+from ctypes import c_float
 from functools import cache, partial
 from typing import Any
 
-from woosh_robot_agent.convert.json_values import array_reader, list_of, scalar
+from google.protobuf.descriptor import FieldDescriptor
+
 from woosh_robot_agent.convert.mapping import (
     ARRAY_CODES,
+    Source,
+    class_of,
+    extra_slots,
     item_type,
     message_class,
     oneofs,
     pairs,
     presence_bits,
 )
-from woosh_robot_agent.convert.new_message import NewMessage
-from woosh_robot_agent.convert.source import Source
-from woosh_robot_agent.link.codecs.json_fields import is_repeated, json_names
-from woosh_robot_agent.link.codecs.json_scalars import blank_of
-from woosh_robot_agent.ros_types import class_of
+from woosh_robot_agent.link.codecs.json_codec import (
+    blank_of,
+    is_repeated,
+    json_names,
+    scalar_reader,
+)
+
+_MAX_FLOAT32 = 3.4e38
+"""Largest value that is used unchanged: a larger one may not fit a float32, and ROS does not
+check."""
+_INTEGERS = {
+    FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
+    FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),
+    FieldDescriptor.CPPTYPE_INT64: (-(2**63), 2**63 - 1),
+    FieldDescriptor.CPPTYPE_UINT64: (0, 2**64 - 1),
+    FieldDescriptor.CPPTYPE_ENUM: (-(2**31), 2**31 - 1),
+}
+"""Smallest and largest value of each integer type."""
+
+
+def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
+    """Return a condition for values that need no conversion, and a converter for all others.
+
+    Returns:
+        The source of a condition that is true if `v` can be used unchanged, and a function that
+        converts all other values. The function raises ValueError, TypeError or OverflowError.
+    """
+    kind, read = field.cpp_type, scalar_reader(field)
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        return "False", lambda value: array("B", read(value))
+    if kind == FieldDescriptor.CPPTYPE_FLOAT:
+        usual = f"type(v) is float and -{_MAX_FLOAT32} <= v <= {_MAX_FLOAT32}"
+        return usual, lambda value: c_float(read(value)).value
+    if kind == FieldDescriptor.CPPTYPE_DOUBLE:
+        return "type(v) is float", read
+    if kind == FieldDescriptor.CPPTYPE_BOOL:
+        return "type(v) is bool", read
+    if kind == FieldDescriptor.CPPTYPE_STRING:
+        return "type(v) is str and v.isascii()", read
+    least, most = _INTEGERS[kind]
+
+    def read_integer(value: Any) -> int:
+        number = read(value)
+        if number is None:  # an enum value that is newer than this schema, given by name
+            return 0
+        if not least <= number <= most:
+            raise ValueError("out of range")
+        return int(number)
+
+    return f"type(v) is int and {least} <= v <= {most}", read_integer
+
+
+def list_of(blank: Any) -> Callable[[Any], list[Any]]:
+    """Return a function that checks that a value is a list, and replaces null in it by `blank`."""
+
+    def checked(values: Any) -> list[Any]:
+        if type(values) is not list:
+            raise TypeError("not a list")
+        return [blank if value is None else value for value in values] if None in values else values
+
+    return checked
+
+
+def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
+    """Return a function that reads a list of numbers, or bytes, as an array of typecode `code`."""
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        return scalar(field)[1]
+    checked, (_, read) = list_of(blank_of(field)), scalar(field)
+
+    def read_each(values: Any) -> Any:
+        return array(code, [read(value) for value in checked(values)])
+
+    def read_floats(values: Any) -> Any:
+        try:
+            if type(values) is list:
+                return array(code, values)  # the usual case: only numbers
+        except (TypeError, OverflowError):
+            pass  # null, or a number as text: read them one by one
+        return read_each(values)
+
+    return read_floats if code in "fd" else read_each
+
+
+def filled(ros_class: Any, **fields: Any) -> Any:
+    """Return a new message. `fields` must name all fields of its class."""
+    extra = extra_slots(ros_class)
+    if extra is None:
+        return ros_class(**fields)
+    message = object.__new__(ros_class)
+    for name, value in extra.items():
+        setattr(message, name, value)
+    for name, value in fields.items():
+        setattr(message, f"_{name}", value)
+    return message
+
+
+class NewMessage:
+    """Generator of source that creates a message and sets its fields.
+
+    Args:
+        source: function that the source is added to.
+        variable: variable that holds the message.
+        ros_class: class of the message.
+    """
+
+    def __init__(self, source: Source, variable: str, ros_class: Any) -> None:
+        self.source = source
+        self._variable = variable
+        extra = extra_slots(ros_class)
+        self._slot = "" if extra is None else "_"
+        bound = source.bind(ros_class)
+        if extra is None:
+            source.add(f"{variable} = {bound}()")
+            return
+        source.add(f"{variable} = {source.bind(object.__new__)}({bound})")
+        for name, value in extra.items():
+            source.add(f"{variable}.{name} = {value!r}")
+
+    def set(self, name: str, expression: str) -> None:
+        """Add source that sets a field."""
+        self.source.add(f"{self._variable}.{self._slot}{name} = {expression}")
+
 
 Make = Callable[[Any], Any]
 """Function that returns a new ROS message."""

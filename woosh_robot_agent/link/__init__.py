@@ -18,14 +18,13 @@ Example::
     asyncio.run(main())
 """
 
-from woosh_robot_agent.link.answer import Answer
-from woosh_robot_agent.link.body import Body
+from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.client import ChassisClient
 from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.config import LinkConfig
-from woosh_robot_agent.link.errors import (
+from woosh_robot_agent.link.config import (
     ConnectionLostError,
     HandshakeError,
+    LinkConfig,
     LinkError,
     NotConnectedError,
     NotPermittedError,
@@ -33,7 +32,7 @@ from woosh_robot_agent.link.errors import (
     SupersededError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.state import LinkState
+from woosh_robot_agent.link.reconnect import LinkState
 
 __all__ = [
     "Answer",

@@ -11,24 +11,20 @@ from typing import Any, TypeVar
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.answer import Answer
-from woosh_robot_agent.link.body import Body
-from woosh_robot_agent.link.config import LinkConfig
-from woosh_robot_agent.link.connection import Connection
-from woosh_robot_agent.link.drop_log import DropLog
-from woosh_robot_agent.link.errors import (
+from woosh_robot_agent.link.answer import Answer, Body
+from woosh_robot_agent.link.config import (
     ConnectionLostError,
+    LinkConfig,
     LinkError,
     NotConnectedError,
     NotPermittedError,
 )
-from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.link.reconnect import ReconnectLoop
-from woosh_robot_agent.link.state import LinkState, LinkStatus
-from woosh_robot_agent.link.stats import LinkStats
+from woosh_robot_agent.link.connection import Connection
+from woosh_robot_agent.link.protos import full_name, message_types
+from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
+from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce
 from woosh_robot_agent.link.subscriptions import Consumer, Subscriptions
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.protos import full_name, message_types
 
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)

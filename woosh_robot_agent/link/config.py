@@ -1,4 +1,4 @@
-"""Configuration of a link: address of the chassis, encoding, timeouts and limits."""
+"""The configuration of the link, and the errors of requests, whose texts name cause and remedy."""
 
 from __future__ import annotations
 
@@ -7,6 +7,39 @@ import re
 from dataclasses import dataclass
 from ipaddress import IPv6Address
 from typing import Literal
+
+
+class LinkError(Exception):
+    """Base class of all errors of the link."""
+
+
+class NotConnectedError(LinkError):
+    """There is no link to the chassis; nothing was sent."""
+
+
+class ConnectionLostError(LinkError):
+    """The link went down before the answer arrived; the request may have taken effect."""
+
+
+class HandshakeError(LinkError):
+    """The other end accepted the connection but does not behave like a chassis."""
+
+
+class RequestTimeoutError(LinkError):
+    """The chassis did not answer in time; the request may have taken effect."""
+
+
+class TooManyRequestsError(LinkError):
+    """The maximum number of requests is in flight already; nothing was sent."""
+
+
+class NotPermittedError(LinkError):
+    """The client may not send the request; nothing was sent. See `ChassisClient.permit_only`."""
+
+
+class SupersededError(LinkError):
+    """The request was withdrawn or waited too long to be sent; nothing was sent."""
+
 
 DEFAULT_IP = "169.254.128.2"
 """Factory default address of a chassis."""

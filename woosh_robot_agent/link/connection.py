@@ -1,4 +1,4 @@
-"""One connection to a chassis, used once: reader, writer, requests and liveness."""
+"""One connection to a chassis, used once: reader, writer, requests, deadlines and liveness."""
 
 from __future__ import annotations
 
@@ -14,30 +14,161 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.answer import Answer
-from woosh_robot_agent.link.aside import LARGE, aside
-from woosh_robot_agent.link.body import Body
+from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
-from woosh_robot_agent.link.config import LinkConfig
-from woosh_robot_agent.link.drop_log import DropLog
-from woosh_robot_agent.link.errors import (
+from woosh_robot_agent.link.config import (
     ConnectionLostError,
+    LinkConfig,
     LinkError,
     NotConnectedError,
     RequestTimeoutError,
     SupersededError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.expiry import Expiry
-from woosh_robot_agent.link.liveness import Liveness
-from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.link.push_queue import COUNTED_PUSHES
-from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.link.timeouts import cancel_and_wait
-from woosh_robot_agent.link.transport.base import Transport, TransportClosedError
+from woosh_robot_agent.link.protos import full_name, message_types
+from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce
+from woosh_robot_agent.link.subscriptions import COUNTED_PUSHES
+from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
+from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.protos import full_name, message_types
+
+
+class Expiry:
+    """Calls a function when the earliest of many deadlines has passed.
+
+    It has one timer in the event loop, which most deadlines do not touch: a timer for each request
+    would be created and cancelled with each answer.
+
+    Args:
+        loop: the event loop.
+        expire: called with the loop time; ends what has expired, and returns the next deadline, or
+            infinity if there is none.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[float], float]) -> None:
+        self._loop = loop
+        self._expire = expire
+        self._timer: asyncio.TimerHandle | None = None
+        self._at = math.inf
+        """Loop time of the timer."""
+
+    def watch(self, deadline: float) -> None:
+        """Add a deadline, in loop time."""
+        if deadline < self._at:
+            self.cancel()
+            self._at = deadline
+            self._timer = self._loop.call_at(deadline, self._due)
+
+    def cancel(self) -> None:
+        """Forget all deadlines."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer, self._at = None, math.inf
+
+    def _due(self) -> None:
+        self._timer, self._at = None, math.inf
+        self.watch(self._expire(self._loop.time()))
+
+
+_IDLE_SHARE = 0.4
+"""Share of the timeout that may pass in silence before the other end is probed."""
+_MARGIN = 0.03
+"""Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
+_BUSY_SHARE = 0.3
+"""A timer that fires late by more than this share of the timeout shows that this program was busy.
+The delay is not counted as silence, because the remaining time could be too short for an answer."""
+
+
+class Liveness:
+    """Decides whether the other end of one connection is alive.
+
+    Signs of life are valid frames, and bytes of unfinished frames in either direction: a map of
+    several MiB may take longer than the timeout.
+
+    Args:
+        transport: the transport to watch.
+        timeout: time without a sign of life after which the link counts as lost, in seconds.
+        probe: asks for a sign of life and waits for it.
+        sent: returns the number of frames that the transport has taken so far.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        timeout: float,
+        probe: Callable[[], Awaitable[None]],
+        sent: Callable[[], int],
+    ) -> None:
+        self._transport = transport
+        self._timeout = timeout
+        self._usable_timeout = timeout * (1 - _MARGIN)
+        self._probe = probe
+        self._sent = sent
+        self._now = asyncio.get_running_loop().time
+        self._heard_at = self._taken_at = self._now()
+        self._previous = (sent(), 0)
+        """Frames sent, and bytes waiting to be sent, at the last check."""
+
+    def heard(self) -> None:
+        """Note a sign of life."""
+        self._heard_at = self._now()
+
+    async def watch(self) -> None:
+        """Watch the connection for as long as the other end is alive.
+
+        Raises:
+            ConnectionLostError: the other end is no longer alive.
+        """
+        while True:
+            quiet = self._check()
+            if quiet < self._timeout * _IDLE_SHARE:
+                await self._sleep(self._timeout * _IDLE_SHARE - quiet)
+                continue
+            try:
+                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._ask())
+            except (TimeoutError, RequestTimeoutError):
+                if self._check() >= self._usable_timeout:
+                    raise ConnectionLostError(
+                        f"nothing was heard for {self._timeout:g} s; check that the robot is on "
+                        "and that the network reaches it"
+                    ) from None
+
+    async def _sleep(self, seconds: float) -> None:
+        """Sleep. A delay because this program was busy does not count as silence."""
+        due = self._now() + seconds
+        await asyncio.sleep(seconds)
+        late = self._now() - due
+        if late > self._timeout * _BUSY_SHARE:
+            self._heard_at += late
+            self._taken_at += late
+
+    async def _ask(self) -> None:
+        await self._probe()
+        self.heard()
+
+    def _check(self) -> float:
+        """Return the time since the last sign of life, in seconds.
+
+        Raises:
+            ConnectionLostError: the other end has stopped reading.
+        """
+        now = self._now()
+        self._heard_at = max(self._heard_at, self._transport.progress_at)
+        sent, backlog = self._sent(), self._transport.backlog()
+        previous_sent, previous_backlog = self._previous
+        self._previous = sent, backlog
+        if sent == previous_sent and backlog < previous_backlog:
+            self._heard_at = now
+        if not backlog or sent != previous_sent or backlog < previous_backlog:
+            self._taken_at = now
+        elif now - self._taken_at >= self._timeout:
+            raise ConnectionLostError(
+                f"the chassis has read nothing for {self._timeout:g} s; bytes waiting to be sent: "
+                f"{backlog}"
+            )
+        return now - self._heard_at
+
 
 _LOG = logging.getLogger(__name__)
 _MAX_SN = 2**31 - 1

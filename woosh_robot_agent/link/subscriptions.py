@@ -5,24 +5,146 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections import deque
-from collections.abc import Awaitable, Callable
+from collections import Counter, deque
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from woosh_robot_agent.link.answer import Answer
-from woosh_robot_agent.link.aside import aside
-from woosh_robot_agent.link.body import Body
-from woosh_robot_agent.link.callbacks import call, call_plain
+from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.drop_log import DropLog
-from woosh_robot_agent.link.log_once import LogOnce, one_line
-from woosh_robot_agent.link.push_queue import COUNTED_PUSHES, LATEST_DEPTH, PushQueue
-from woosh_robot_agent.link.robot_identity import RobotIdentity
-from woosh_robot_agent.link.stats import LinkStats
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce, one_line
+from woosh_robot_agent.link.tasks import aside
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 
 _LOG = logging.getLogger(__name__)
+
+
+def call(callback: Callable[[Any], None], argument: object) -> None:
+    """Call a consumer's callback and log its exceptions.
+
+    Raises:
+        FrameError: the callback tried to read an invalid body.
+    """
+    try:
+        callback(argument)
+    except FrameError:
+        raise
+    except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
+        _LOG.exception("a callback failed")
+
+
+def call_plain(callback: Callable[[], None]) -> None:
+    """Call a consumer's callback that takes no argument, and log its exceptions."""
+    try:
+        callback()
+    except Exception:
+        _LOG.exception("a callback failed")
+
+
+COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
+"""Types of which every push must be delivered. Of other types, only the newest values matter."""
+LATEST_DEPTH = 50
+"""Maximum number of queued pushes of a type of which only the newest values matter. Enough
+for 17 ms at 3000 Hz, in which another program may use the core."""
+
+Deliver = Callable[[], Awaitable[None] | None]
+"""Delivers a push; if it returns an awaitable, the pushes behind it wait for that."""
+
+
+class PushQueue:
+    """A queue of pushes in the order of their arrival, with a limit for each type.
+
+    Args:
+        depths: maximum number of queued pushes, by type; `LATEST_DEPTH` for all other types.
+        dropped: counter of drops, by type.
+    """
+
+    def __init__(self, depths: Mapping[str, float], dropped: Counter[str]) -> None:
+        self._depths = depths
+        self._dropped = dropped
+        self._queue: deque[tuple[str, Deliver]] = deque()
+        """The type of each push, and the function that delivers it."""
+        self._waiting: dict[str, int] = {}
+        """Number of queued pushes, by type."""
+        self._filled = asyncio.Event()
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def put(self, name: str, deliver: Deliver) -> bool:
+        """Add a push, as the function that delivers it.
+
+        Returns:
+            False if the oldest push of this type was dropped to make room.
+        """
+        waiting = self._waiting.get(name, 0)
+        fits = waiting < self._depths.get(name, LATEST_DEPTH)
+        if fits:
+            self._waiting[name] = waiting + 1
+        else:
+            self._dropped[name] += 1
+            self._discard_oldest(name)
+        self._queue.append((name, deliver))
+        self._filled.set()
+        return fits
+
+    async def get(self) -> Deliver:
+        """Wait for the next push and return the function that delivers it."""
+        while True:
+            if self._queue:
+                name, deliver = self._queue.popleft()
+                self._waiting[name] -= 1
+                return deliver
+            self._filled.clear()
+            await self._filled.wait()
+
+    def take_all(self) -> list[tuple[str, Deliver]]:
+        """Remove all pushes; return their types and the functions that deliver them."""
+        pushes = list(self._queue)
+        self._queue.clear()
+        self._waiting.clear()
+        return pushes
+
+    def _discard_oldest(self, name: str) -> None:
+        for index, (queued, _) in enumerate(self._queue):
+            if queued == name:
+                del self._queue[index]
+                return
+
+
+@dataclass(frozen=True)
+class RobotIdentity:
+    """The identity of a robot.
+
+    Attributes:
+        robot_id: its number; 0 if it reports none.
+        serial_number: its serial number; 0 if it reports none.
+    """
+
+    robot_id: int
+    serial_number: int
+
+    @classmethod
+    def of(cls, info: RobotInfo) -> RobotIdentity:
+        """Return the identity of the robot that sent `info`."""
+        return cls(info.robot_id, info.genral.serial_number)
+
+    def __str__(self) -> str:
+        return f"robot {self.robot_id} (serial number {self.serial_number})"
+
+    def differs_from(self, other: RobotIdentity) -> bool:
+        """Return True if a number that both robots report differs."""
+        pairs = (
+            (self.robot_id, other.robot_id),
+            (self.serial_number, other.serial_number),
+        )
+        return any(mine and others and mine != others for mine, others in pairs)
+
+
 _TIME_SLICE = 0.005
 """Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
 starve them."""

@@ -1,10 +1,12 @@
-"""Tasks that start at once."""
+"""Tasks that start at once, timeouts, and work on large messages in a thread of its own."""
 
 from __future__ import annotations
 
 import asyncio
+import contextvars
 import sys
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -24,3 +26,84 @@ def start_task(work: Coroutine[Any, Any, T], name: str | None = None) -> asyncio
     if sys.version_info >= (3, 12):
         return asyncio.Task(work, loop=loop, name=name, eager_start=True)
     return loop.create_task(work, name=name)
+
+
+_GRACE = 1.0
+"""Maximum wait for cancelled work to end, in seconds. Only a library that blocks uses it up."""
+
+
+async def run_with_timeout(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T]) -> T:
+    """Return the result of `work`; cancel it on timeout, and when the caller is cancelled.
+
+    Use it instead of `asyncio.wait_for`. In Python 3.10 and 3.11, that swallows a cancellation that
+    coincides with a result, and it waits for cancelled work without a limit.
+
+    Raises:
+        TimeoutError: `work` took longer than `timeout` seconds.
+    """
+    task = asyncio.ensure_future(work)
+    try:
+        await asyncio.wait({task}, timeout=timeout)
+        if task.done():
+            return task.result()
+        raise TimeoutError(f"not within {timeout:g} s")
+    finally:
+        if not task.done():
+            await cancel_and_wait(task)
+        elif not task.cancelled():
+            task.exception()  # marks it as retrieved
+
+
+async def cancel_and_wait(*tasks: asyncio.Future[Any]) -> None:
+    """Cancel tasks and wait for their end, at most one second."""
+    for task in tasks:
+        task.cancel()
+        task.add_done_callback(_retrieve_exception)
+    if tasks:
+        await asyncio.wait(tasks, timeout=_GRACE)
+
+
+async def wait_then_cancel(task: asyncio.Future[Any]) -> None:
+    """Wait at most one second for a task that is about to end by itself, then cancel it."""
+    try:
+        await asyncio.wait({task}, timeout=_GRACE)
+    finally:
+        await cancel_and_wait(task)
+
+
+def _retrieve_exception(task: asyncio.Future[Any]) -> None:
+    if not task.cancelled():
+        task.exception()
+
+
+LARGE = 64 * 1024
+"""Length of a frame from which it is handled aside, in characters or bytes.
+
+A shorter one takes some milliseconds at most.
+"""
+_SWITCH_INTERVAL = 0.0005
+"""Time for which other threads wait for the GIL while this one works, in seconds. The link thread
+waits for it after each system call; with Python's 5 ms, a few of them would hold it for 20 ms."""
+_THREAD = ThreadPoolExecutor(1, thread_name_prefix="large messages")
+"""One thread, so that large messages keep their order, and at most one competes for the GIL."""
+
+
+async def aside(function: Callable[..., T], *args: Any) -> T:
+    """Return the result of a function that runs in the thread for large messages.
+
+    The function must consist of small steps of Python: a long call into C that keeps the GIL would
+    hold up all threads.
+    """
+    context = contextvars.copy_context()  # of the logger
+    return await asyncio.get_running_loop().run_in_executor(
+        _THREAD, context.run, _run, function, *args
+    )
+
+
+def _run(function: Callable[..., T], *args: Any) -> T:
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    try:
+        return function(*args)
+    finally:
+        sys.setswitchinterval(interval)

@@ -7,8 +7,7 @@ Example::
         await gate.request(Twist(linear=0.2))
 """
 
-from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate, ZeroRefusedError
-from woosh_robot_agent.motion.stop import StopReport
+from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate, StopReport, ZeroRefusedError
 from woosh_robot_agent.motion.velocity_driver import (
     MAX_VELOCITY,
     UnusableVelocityError,

@@ -1,21 +1,42 @@
-"""Classification of requests by what they do to the robot's motion."""
+"""Classification of requests: which only read, which command motion, which move the robot."""
 
 from __future__ import annotations
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.endpoints import COMMANDS, OWN_READS, QUERIES
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
+    CountData,
     ExecPreTask,
     ExecTask,
     ExecTaskSet,
     Follow,
+    RobotWiFi,
     Twist,
 )
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel, kExecute, kPause, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import action_pb2
+
+_READS = {
+    *(query.request for query in QUERIES),
+    *(command.request for command in COMMANDS if command.reads),
+    *OWN_READS,
+}
+"""Protobuf full names of the requests that only read, whatever they contain."""
+
+
+def only_reads(request: Message) -> bool:
+    """Return True if a request changes and moves nothing; False if in doubt."""
+    if isinstance(request, RobotWiFi):
+        return request == RobotWiFi(order=RobotWiFi.kWiFiList)
+    if isinstance(request, CountData):
+        return request.req_type == CountData.kGet
+    return full_name(request) in _READS
+
 
 TASK_REQUESTS = (ExecTask, ExecPreTask, ExecTaskSet, RepeatTask)
 """Types of the requests that start tasks. RepeatTask can also just edit a task set."""

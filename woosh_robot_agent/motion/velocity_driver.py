@@ -10,13 +10,40 @@ from dataclasses import dataclass
 from functools import partial
 
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
-from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import start_task
-from woosh_robot_agent.motion import latest_wins
+from woosh_robot_agent.motion import timeliness
 from woosh_robot_agent.motion.gate import MotionGate
-from woosh_robot_agent.motion.pace import Pace
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+
+_LATE = 0.5
+"""Delay of a message that does not delay the next one, in periods of the rate."""
+_EARLY = 0.1
+"""Maximum earliness of a message that is sent at once, in periods of the rate."""
+
+
+class Pace:
+    """The times at which the next message of a stream may be sent.
+
+    On average, no more messages are sent than the rate allows. A message that comes a little late
+    does not delay the next ones: at the maximum rate, all of them would be as late. A message that
+    comes a little early is sent at once, because the first one may have been late.
+    """
+
+    def __init__(self) -> None:
+        self._slot = -math.inf
+        """Time from which the period of the last message counts, in seconds."""
+
+    def due(self, rate: float) -> float:
+        """Return the time from which the next message may be sent, at a rate in Hz."""
+        return self._slot + (1.0 - _EARLY) / rate
+
+    def sent(self, now: float, rate: float) -> None:
+        """Note that a message was sent."""
+        slot = self._slot + 1.0 / rate
+        self._slot = slot if now < slot + _LATE / rate else now
+
 
 _LOG = logging.getLogger(__name__)
 MAX_VELOCITY = 10.0
@@ -40,7 +67,7 @@ class VelocityLimits:
         timeout: time without a velocity after which the robot is stopped, in seconds.
         override: drive even while a goal, a task or an action drives the robot.
         max_age: maximum age at which a velocity is sent, in seconds; never more than `timeout` and
-            `latest_wins.STALL`.
+            `timeliness.STALL`.
     """
 
     max_linear: float
@@ -219,7 +246,7 @@ class VelocityDriver:
     @property
     def _max_age(self) -> float:
         limits = self._limits()
-        return min(limits.max_age, limits.timeout, latest_wins.STALL)
+        return min(limits.max_age, limits.timeout, timeliness.STALL)
 
     def _has_to_stop(self) -> bool:
         """Return True if a zero would stop something."""

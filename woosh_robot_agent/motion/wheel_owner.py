@@ -5,18 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
-from woosh_robot_agent.protos import full_name
-from woosh_robot_agent.readiness import is_running
 
 _HELD = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action that an obstacle or traffic control holds up: the robot ends the pause."""
 _DRIVING_ACTIONS = {
     full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
 }
+
+_RUNNING = (
+    task_pb2.kInit,
+    task_pb2.kReady,
+    task_pb2.kExecuting,
+    task_pb2.kPaused,
+    task_pb2.kActionWait,
+    task_pb2.kTaskWait,
+)
+"""States of a task that has not ended."""
+
+
+def is_running(task_proc: TaskProc) -> bool:
+    """Return True if a task has begun and not ended; it may be paused or waiting."""
+    return task_proc.state in _RUNNING
 
 
 class WheelOwner:

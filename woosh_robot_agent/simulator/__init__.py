@@ -35,10 +35,8 @@ if TYPE_CHECKING:
         Scenario,
         load_scenario,
     )
-    from woosh_robot_agent.simulator.server import SimulatedChassis
-    from woosh_robot_agent.simulator.serving.exchange import Received
-    from woosh_robot_agent.simulator.serving.hooks import Interceptor, Outgoing
-    from woosh_robot_agent.simulator.snapshot import Snapshot
+    from woosh_robot_agent.simulator.server import SimulatedChassis, Snapshot
+    from woosh_robot_agent.simulator.serving.exchange import Interceptor, Outgoing, Received
     from woosh_robot_agent.simulator.thread import SimulatorThread
 
 __all__ = [
@@ -76,7 +74,7 @@ def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     # Imported first, for its helpful error if the protobuf modules are not compiled.
-    importlib.import_module("woosh_robot_agent.protos")
+    importlib.import_module("woosh_robot_agent.link.protos")
     value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
     globals()[name] = value
     return value

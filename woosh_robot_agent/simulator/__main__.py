@@ -5,7 +5,7 @@ from __future__ import annotations
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
 
-from woosh_robot_agent.stop_signals import StopSignals
+from woosh_robot_agent.program import StopSignals
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         return run(arguments, signals)
     except ImportError as error:
-        from woosh_robot_agent.library_versions import import_problem
+        from woosh_robot_agent.program import import_problem
 
         if not (problem := import_problem(error)):
             raise

@@ -20,33 +20,25 @@ from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.agenda import ROUNDING, Agenda
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
-from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.deployment import Deployment
-from woosh_robot_agent.simulator.behaviour.following import Follower
 from woosh_robot_agent.simulator.behaviour.mapping import Mapping
-from woosh_robot_agent.simulator.behaviour.ownership import Ownership
+from woosh_robot_agent.simulator.behaviour.ownership import Follower, Ownership, Teleop
+from woosh_robot_agent.simulator.behaviour.robot import DelayedCalls
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
-from woosh_robot_agent.simulator.behaviour.teleop import Teleop
 from woosh_robot_agent.simulator.body.base import Base, displacement
-from woosh_robot_agent.simulator.body.battery import Battery
-from woosh_robot_agent.simulator.body.codes import Codes
-from woosh_robot_agent.simulator.body.devices import Device
-from woosh_robot_agent.simulator.body.lift import Lift
+from woosh_robot_agent.simulator.body.devices import Battery, Device, Lift
 from woosh_robot_agent.simulator.body.readiness import Readiness
-from woosh_robot_agent.simulator.body.statistics import Statistics
+from woosh_robot_agent.simulator.body.statistics import Codes, Statistics
 from woosh_robot_agent.simulator.body.wifi import WiFi
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.profile_files import load_profile
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes import library
-from woosh_robot_agent.simulator.scenes.editing import with_map_changed
-from woosh_robot_agent.simulator.scenes.scene import Scene
-from woosh_robot_agent.simulator.world.collision import CollisionDetector
-from woosh_robot_agent.simulator.world.footprints import Outline, footprints
-from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.scenes import files
+from woosh_robot_agent.simulator.scenes.scene import Scene, with_map_changed
+from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obstacles
+from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints
 from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map, MarkKind
-from woosh_robot_agent.simulator.world.obstacles import Obstacles
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 TIME_STEP = 0.05
@@ -140,8 +132,8 @@ class Chassis:
         """Messages that were emitted since the last call of `take_events`, in order."""
         self.chance = random.Random(f"{self._seed}:chance")
 
-        self.scenes, self.scene = library.known_scenes(config.scenes)
-        self.map, start = library.start(self.scene)
+        self.scenes, self.scene = files.known_scenes(config.scenes)
+        self.map, start = files.start(self.scene)
         self.obstacles = Obstacles()
         self._collisions = CollisionDetector()
 

@@ -14,16 +14,15 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from pathlib import Path
 from typing import Any
 
-import woosh_robot_agent.protos  # noqa: F401 - reports protobuf modules that are missing
-from woosh_robot_agent.link.log_once import log_to_stderr
+import woosh_robot_agent.link.protos  # noqa: F401 - reports protobuf modules that are missing
+from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.program import StopSignals, exit_on_stdout_error
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
-from woosh_robot_agent.simulator.profile_files import SHIPPED
+from woosh_robot_agent.simulator.profile import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.simulator.status_codes import LANGUAGES
 from woosh_robot_agent.simulator.yaml_fields import DataFileError
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
-from woosh_robot_agent.stop_signals import StopSignals
 
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.

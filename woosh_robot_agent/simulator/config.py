@@ -1,15 +1,47 @@
-"""Options of a simulated chassis."""
+"""The configuration of the simulated chassis, and scenarios: faults that begin at given times."""
 
 from __future__ import annotations
 
 import ipaddress
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from woosh_robot_agent.simulator.profile import Profile
-from woosh_robot_agent.simulator.scenario import Scenario
 from woosh_robot_agent.simulator.status_codes import Language
+
+
+@dataclass(frozen=True)
+class Step:
+    """One fault and the time at which it begins.
+
+    Attributes:
+        at: Simulated time since the start, in seconds.
+        name: Name of the fault.
+        arguments: All arguments of the fault, by name.
+    """
+
+    at: float
+    name: str
+    arguments: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A schedule of faults.
+
+    Attributes:
+        steps: The faults, in any order. Those with equal times begin in the order given here.
+    """
+
+    steps: tuple[Step, ...] = ()
+
+    def __add__(self, other: Scenario) -> Scenario:
+        """Return a scenario with the faults of both."""
+        return Scenario(self.steps + other.steps)
+
 
 SEEDED_START = 1735689600.0
 """Start of the simulated clock of a seeded run, as Unix time in seconds: 2025-01-01 00:00 UTC."""

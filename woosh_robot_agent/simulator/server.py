@@ -7,19 +7,71 @@ import logging
 import random
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_pb2
+from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
+from woosh_robot_agent.simulator.protocol.reports import robot_info
 from woosh_robot_agent.simulator.serving.connections import Connections
-from woosh_robot_agent.simulator.serving.exchange import Exchange, Received
-from woosh_robot_agent.simulator.serving.hooks import Hooks, Interceptor
+from woosh_robot_agent.simulator.serving.exchange import Exchange, Hooks, Interceptor, Received
 from woosh_robot_agent.simulator.serving.ports import Ports
-from woosh_robot_agent.simulator.snapshot import Snapshot, snapshot
+from woosh_robot_agent.simulator.world.geometry import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The state of the robot at one moment.
+
+    Attributes:
+        elapsed: Simulated time since the start, in seconds.
+        pose: Pose in the map's frame, in metres and radians.
+        velocity: Velocity, in m/s and rad/s.
+        odometer: Total distance driven, in metres.
+        jack: Height of the lift of LiftControl, in metres.
+        column: Height of the lift of LiftControl2 and LiftControl3, in metres.
+        following: The robot follows a leader.
+        spoken: The last texts that the robot was told to say.
+        lights: Settings of the lights, by submodule.
+        remote_keys: Keys of the radio remote controller that are held down, one bit each.
+        info: All states as reported to clients.
+    """
+
+    elapsed: float
+    pose: Pose
+    velocity: Velocity
+    odometer: float
+    jack: float
+    column: float
+    following: bool
+    spoken: tuple[str, ...]
+    lights: dict[int, robot_pack_pb2.LED]
+    remote_keys: int
+    info: robot_pb2.RobotInfo
+
+
+def snapshot(chassis: Chassis) -> Snapshot:
+    """Return the current state of `chassis`."""
+    return Snapshot(
+        elapsed=chassis.elapsed,
+        pose=chassis.pose,
+        velocity=chassis.base.velocity,
+        odometer=chassis.base.odometer,
+        jack=chassis.jack.height,
+        column=chassis.column.height,
+        following=chassis.follower.active,
+        spoken=tuple(chassis.spoken),
+        lights=dict(chassis.lights),
+        remote_keys=chassis.remote_controller.keys,
+        info=robot_info(chassis),
+    )
+
 
 _LOG = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, get_args
 from woosh_robot_agent.pb.robot import robot_count_pb2
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.status_codes import meaning
+from woosh_robot_agent.robot.status_codes import meaning
 
 Language = Literal["zh", "en", "none"]
 """Language of the texts of status codes; `none` for codes without a text."""
@@ -24,7 +24,7 @@ class Code(NamedTuple):
     """A status code.
 
     Attributes:
-        number: Number of the code, as in the table of `woosh_robot_agent.status_codes`.
+        number: Number of the code, as in the table of `woosh_robot_agent.robot.status_codes`.
         chinese: Text in Chinese.
     """
 

@@ -14,10 +14,8 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
-from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.simulator.serving.exchange import Received
-from woosh_robot_agent.simulator.serving.hooks import Interceptor
-from woosh_robot_agent.simulator.snapshot import Snapshot
+from woosh_robot_agent.simulator.server import SimulatedChassis, Snapshot
+from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received
 
 T = TypeVar("T")
 

@@ -13,21 +13,23 @@ This package needs pytest and rclpy. docs/testing.md has an example and describe
 """
 
 from woosh_robot_agent.testing.agents import (
+    TIMEOUT,
     AgentInProcess,
     AgentProcess,
     RunningAgent,
+    Spinner,
+    own_domain,
     running_agent,
     running_chassis,
+    spinning,
+    wait_until,
 )
-from woosh_robot_agent.testing.domains import own_domain
 from woosh_robot_agent.testing.fixtures import (
     pytest_configure,
     ros_domain,
     simulated_chassis,
     woosh_agent,
 )
-from woosh_robot_agent.testing.spinning import Spinner, spinning
-from woosh_robot_agent.testing.waiting import TIMEOUT, wait_until
 
 __all__ = [
     "TIMEOUT",

@@ -1,28 +1,184 @@
-"""A simulated chassis and the real agent, which runs in this process or in one of its own."""
+"""Agents, ROS domains, spinning nodes and waiting, for tests of nodes that use an agent."""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
-from typing import Any, Protocol
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Protocol, TypeVar
 
 import rclpy
 from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.endpoints import NAMESPACE
-from woosh_robot_agent.node import Agent
+from woosh_robot_agent.ros.node import Agent
+from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.testing.domains import domain_variables, inherited_lock, own_domain
-from woosh_robot_agent.testing.spinning import Spinner
-from woosh_robot_agent.testing.waiting import TIMEOUT, wait_until
+
+T = TypeVar("T")
+
+TIMEOUT = 60.0
+"""Default timeout of all waits, in seconds. Even a busy machine does not need that long."""
+_POLL_PERIOD = 0.005
+"""Time between two calls of a condition, in seconds."""
+
+
+def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIMEOUT) -> T:
+    """Wait until a condition is true, by calling it every few milliseconds.
+
+    Args:
+        condition: Function to call until it returns a true value.
+        what: Description of the condition, for the error message.
+        timeout: Maximum time to wait, in seconds.
+
+    Returns:
+        The value that the condition returned.
+
+    Raises:
+        AssertionError: The condition did not become true within `timeout`.
+    """
+    deadline = time.monotonic() + timeout
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            raise AssertionError(f"timed out waiting for {what or condition}")
+        time.sleep(_POLL_PERIOD)
+    return value
+
+
+_LOCK_PORT = 21000
+"""Base of the TCP ports that lock a domain for all processes of this machine.
+
+Domain N is in use while the port with this number plus N is bound.
+"""
+_DOMAINS = 100
+"""Number of domains for tests, from 1."""
+_counter = itertools.count()
+_locks: dict[int, socket.socket] = {}
+"""Sockets that are bound to the port of each domain which this process uses."""
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """Yield a ROS_DOMAIN_ID that no other test on this machine uses, limited to this machine.
+
+    The environment variables are set meanwhile, so `rclpy.init()` and child processes use it.
+
+    Raises:
+        RuntimeError: All domains for tests are in use.
+    """
+    start = (os.getpid() * 17 + next(_counter)) % _DOMAINS
+    for offset in range(_DOMAINS):
+        domain = 1 + (start + offset) % _DOMAINS
+        with socket.socket() as lock:
+            try:
+                lock.bind(("127.0.0.1", _LOCK_PORT + domain))
+            except OSError:
+                continue
+            _locks[domain] = lock
+            try:
+                with _environment(domain_variables(domain)):
+                    yield domain
+            finally:
+                del _locks[domain]
+            return
+    raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
+
+
+def inherited_lock(domain: int) -> tuple[int, ...]:
+    """Return the file descriptors that a child process in a domain must inherit.
+
+    They keep the domain in use for as long as the process runs, even if the test is killed.
+    """
+    return (_locks[domain].fileno(),) if domain in _locks else ()
+
+
+def domain_variables(domain: int) -> dict[str, str]:
+    """Return the environment variables of a process in a domain, limited to this machine."""
+    return {"ROS_DOMAIN_ID": str(domain), **this_computer_only()}
+
+
+@contextlib.contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+_TURN = 1.0
+"""Maximum duration of a call of `spin_once` without work, in seconds."""
+
+
+class Spinner:
+    """Spins an executor in a thread until it is stopped.
+
+    An exception of a callback ends the spinning; `stop` raises it again.
+
+    Args:
+        executor: The executor; its nodes are added by the caller.
+    """
+
+    def __init__(self, executor: Any) -> None:
+        self.executor = executor
+        self._stop = threading.Event()
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._spin, name="spinner", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop spinning and wait for the thread; raise the exception of a callback, if any."""
+        self._stop.set()
+        self.executor.create_task(lambda: None)  # ends `spin_once`; `wake` would not
+        self._thread.join(TIMEOUT)
+        if self._error is not None:
+            raise self._error
+
+    def _spin(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self.executor.spin_once(timeout_sec=_TURN)
+        except ExternalShutdownException:
+            pass
+        except BaseException as error:
+            self._error = error
+
+
+@contextlib.contextmanager
+def spinning(*nodes: Any) -> Iterator[None]:
+    """Spin nodes in a thread; at the end, raise the exception of a callback, if any.
+
+    Args:
+        nodes: Nodes of one context.
+    """
+    executor = SingleThreadedExecutor(context=nodes[0].context)
+    for node in nodes:
+        executor.add_node(node)
+    spinner = Spinner(executor)
+    try:
+        yield
+    finally:
+        try:
+            spinner.stop()
+        finally:
+            executor.shutdown()
+
 
 _SPIN_TIMEOUT = 0.02
 """Duration of one step of the executor while the agent closes, in seconds."""
@@ -76,7 +232,7 @@ class AgentInProcess:
         parameters: Parameters of the agent.
 
     Attributes:
-        agent: The `woosh_robot_agent.node.Agent`.
+        agent: The `woosh_robot_agent.ros.node.Agent`.
         domain: ROS_DOMAIN_ID of the agent.
         namespace: Namespace of the agent.
         context: rclpy's context of the agent.

@@ -8,8 +8,12 @@ from typing import Any
 import pytest
 
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing.agents import RunningAgent, running_agent, running_chassis
-from woosh_robot_agent.testing.domains import own_domain
+from woosh_robot_agent.testing.agents import (
+    RunningAgent,
+    own_domain,
+    running_agent,
+    running_chassis,
+)
 
 _MARKS = (
     "woosh_chassis(**options): options of SimulatorConfig for the fixture simulated_chassis",

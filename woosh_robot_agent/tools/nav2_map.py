@@ -7,8 +7,8 @@ import struct
 
 import yaml
 
-from woosh_robot_agent.map_image import FREE_THRESHOLD, OCCUPIED_THRESHOLD, MapError, grey_png
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.robot.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, MapError, grey_png
 
 
 def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:

@@ -1,16 +1,27 @@
-"""Command-line options that several of the programs have, and hints that repeat them."""
+"""Options that the tools share, and the end of a tool by SIGINT or SIGTERM."""
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import ipaddress
 import re
+import signal
 import sys
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
+
+
+def stop_event() -> asyncio.Event:
+    """Return an event that SIGINT and SIGTERM set; call it in the running event loop."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    return stop
+
 
 _LOCALHOST = "127.0.0.1"
 

@@ -1,16 +1,53 @@
-"""State of a robot as known to a program that shows it, independent of ROS and of the display."""
+"""What the tools show of a robot: values, readable names of enums, the state of the link."""
 
 from __future__ import annotations
 
+import os
+import re
+import time
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
+from google.protobuf.descriptor import EnumDescriptor
 from google.protobuf.message import Message
 
-from woosh_robot_agent.last_known import LastKnown
+from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.tools.options import link_arguments
+
+_PREFIXES = ("k", "Ros")
+_SUFFIXES = ("Mode",)
+
+
+def enum_name(enum: Any, number: int) -> str:
+    """Return the readable name of a value of a generated enum, e.g. `task` for `kTaskMode`.
+
+    An undefined value is called `unknown`. For a value that the enum does not have, the result is
+    its number.
+    """
+    return _enum_name(enum.DESCRIPTOR, number)
+
+
+@cache
+def _enum_name(descriptor: EnumDescriptor, number: int) -> str:
+    value = descriptor.values_by_number.get(number)
+    if value is None:
+        return str(number)
+    name = str(value.name)
+    if name.endswith("Undefined"):
+        return "unknown"
+    for prefix in _PREFIXES:
+        name = name.removeprefix(prefix)
+    for suffix in _SUFFIXES:
+        name = name.removesuffix(suffix) or name
+    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])", " ", name).lower()
+
 
 _MAX_CODES = 50
 """Number of status codes kept."""
@@ -78,3 +115,42 @@ class RobotView:
         }
         self.codes.clear()
         self.codes.extend(sorted(merged.values(), key=lambda code: code.time))
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """State of the connection from the robot to a program that shows it.
+
+    Attributes:
+        good: True if what the program shows is up to date.
+        text: State of the link in words.
+        detail: Counters, times or advice; may be empty.
+    """
+
+    good: bool
+    text: str
+    detail: str = ""
+
+
+def link_report(chassis: ChassisClient) -> LinkReport:
+    """Return the state of a link."""
+    stats = chassis.stats
+    since = time.strftime("%H:%M:%S", time.localtime(chassis.since))
+    if chassis.state is LinkState.READY:
+        bad, dropped = stats.bad_frames.total(), stats.dropped_pushes.total()
+        counts = (
+            f"frames: {stats.rx} received, {stats.tx} sent, {bad} invalid; {dropped} pushes dropped"
+        )
+        ping = "" if stats.round_trip is None else f"round trip {stats.round_trip * 1000:.0f} ms; "
+        return LinkReport(True, f"connected since {since}", ping + counts)
+    state = "connection lost" if stats.connects else "not connected"
+    reason = f": {chassis.last_error}" if chassis.last_error else ""
+    remedy = f"run `doctor {link_arguments(chassis.config)}` to find the cause"
+    return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)
+
+
+def system_text(error: OSError) -> str:
+    """Return the operating system's text for an error, without what asyncio adds."""
+    if error.errno and error.errno > 0:  # negative: a host name that cannot be resolved
+        return os.strerror(error.errno)
+    return error.strerror or str(error) or type(error).__name__

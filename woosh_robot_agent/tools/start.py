@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-from woosh_robot_agent.library_versions import import_problem
+from woosh_robot_agent.program import import_problem
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from woosh_robot_agent.library_versions import import_problem
+from woosh_robot_agent.program import import_problem
 
 _LIBRARIES = ("aiomqtt", "jsonschema", "paho")
 """Libraries that are installed only for this program."""

@@ -5,13 +5,18 @@ from __future__ import annotations
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.vda5050.actions.performer import RobotTasks
 from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
-from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
 from woosh_robot_agent.vda5050.driving import Driver
-from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.model.state import OperatingMode, OrderStatus
+from woosh_robot_agent.vda5050.messages.protocol import timestamp
+from woosh_robot_agent.vda5050.messages.state import (
+    ErrorType,
+    OperatingMode,
+    OrderStatus,
+    VehicleError,
+    warning,
+)
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.protocol.header import timestamp
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 
 _OTHER_MOTION = (

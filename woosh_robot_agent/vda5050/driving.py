@@ -1,13 +1,16 @@
-"""Driving the legs of an order by tasks of the robot."""
+"""The drive along a leg: the task of the robot, its pause, resumption, cancellation and end."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import time
 from collections.abc import Callable
+from itertools import pairwise
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.link import (
     Answer,
     ChassisClient,
@@ -17,19 +20,231 @@ from woosh_robot_agent.link import (
     NotConnectedError,
     RequestTimeoutError,
 )
+from woosh_robot_agent.link.config import TooManyRequestsError
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
 from woosh_robot_agent.vda5050.background import BackgroundTasks
-from woosh_robot_agent.vda5050.leg_task import leg_task
-from woosh_robot_agent.vda5050.model.state import Position
-from woosh_robot_agent.vda5050.orders.legs import Leg
-from woosh_robot_agent.vda5050.task_orders import TaskOrders
+from woosh_robot_agent.vda5050.messages.order import Node, Trajectory
+from woosh_robot_agent.vda5050.messages.state import Position
+from woosh_robot_agent.vda5050.orders.legs import Leg, curve_points
 
 _LOG = logging.getLogger(__name__)
+_REPEAT_AFTER = 3.0
+"""Time after which a command that stops the robot is repeated if it had no effect, in seconds."""
+_EFFECT_WITHIN = 1.5
+"""Maximum time from a command to the report of its effect, in seconds."""
+
+
+class TaskOrders:
+    """Pauses, resumes and cancels one task at a time. Used in the event loop of the link.
+
+    A pause or a cancellation is repeated until the robot reports its effect, because it only stops
+    the robot. A pause is sent again if the robot drives on. A resumption is sent once, when there
+    is a link.
+
+    Args:
+        chassis: the link.
+        gate: sends the commands.
+        requests: addresses the requests.
+        is_current: returns True unless the robot executes another task, which would get commands.
+        inquire: asks the robot about the task.
+
+    Attributes:
+        paused: True if the robot has reported that the task is paused.
+        stands: True if it is paused and was not resumed since.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        requests: RequestMaker,
+        is_current: Callable[[], bool],
+        inquire: Callable[[], None],
+    ) -> None:
+        self._chassis = chassis
+        self._gate = gate
+        self._requests = requests
+        self._is_current = is_current
+        self._inquire = inquire
+        self.paused = False
+        self.stands = False
+        self._task_id = 0
+        self._wanted: action.Order | None = None
+        """Command that the robot must obey; None without one."""
+        self._sent_at = dict.fromkeys((action.kPause, action.kContinue), -math.inf)
+        """Loop times of a pause and a resumption whose effects were not reported yet; else minus
+        infinity."""
+        self._wake = asyncio.Event()
+        self._log = LogOnce(_LOG)
+        self._insisting: asyncio.Task[None] | None = None
+        """Sends `_wanted` until the robot has obeyed."""
+        self._tasks = BackgroundTasks("vda5050 task orders")
+        chassis.on_state(lambda state: self._wake.set())
+
+    def begin(self, task_id: int) -> None:
+        """Control another task, which runs; 0 for none."""
+        self._task_id = task_id
+        self._wanted = None
+        self.paused = self.stands = False
+        self._sent_at = dict.fromkeys(self._sent_at, -math.inf)
+        self._log.clear()
+        self._wake.set()
+
+    def pause(self) -> None:
+        """Keep the task paused."""
+        self._want(action.kPause)
+
+    def resume(self) -> None:
+        """Let the task go on."""
+        self._want(action.kContinue)
+
+    def cancel(self) -> None:
+        """Cancel the task."""
+        self._want(action.kCancel)
+
+    def reported(self, paused: bool) -> bool:
+        """Take a report on the task.
+
+        Args:
+            paused: the task is paused.
+
+        Returns:
+            True if `paused` or `stands` has changed.
+        """
+        before = (self.paused, self.stands)
+        self.paused = paused
+        self._sent_at[action.kPause if paused else action.kContinue] = -math.inf
+        self.stands = paused and not self._may_take_effect(action.kContinue)
+        changed = (self.paused, self.stands) != before
+        if changed:
+            self._wake.set()
+        self._control()
+        return changed
+
+    async def close(self) -> None:
+        """Send nothing more."""
+        await self._tasks.close()
+
+    def _want(self, order: action.Order) -> None:
+        if self._task_id and self._wanted != action.kCancel:
+            self._wanted = order
+            self._wake.set()
+            self._control()
+
+    def _control(self) -> None:
+        """Start to send the wanted command, unless the robot has obeyed it."""
+        if self._due() is not None and (self._insisting is None or self._insisting.done()):
+            self._insisting = self._tasks.start(self._insist())
+
+    async def _insist(self) -> None:
+        """Send the wanted command until the robot has obeyed it."""
+        while (order := self._due()) is not None:
+            self._wake.clear()
+            if self._chassis.state is LinkState.READY and self._is_current():
+                self._sent_at[order] = asyncio.get_running_loop().time()
+                if order == action.kContinue:
+                    self._wanted, self.stands = None, False
+                self._tasks.start(self._send(order, self._task_id))
+            with contextlib.suppress(TimeoutError):
+                await run_with_timeout(_REPEAT_AFTER, self._wake.wait())
+
+    def _due(self) -> action.Order | None:
+        """Return the command that the robot has not obeyed; None without one."""
+        if self._wanted == action.kPause and self.stands:
+            return None
+        runs = not self.paused and not self._may_take_effect(action.kPause)
+        if self._wanted == action.kContinue and runs:
+            self._wanted = None
+        return self._wanted
+
+    def _may_take_effect(self, order: action.Order) -> bool:
+        """Return True if a command was sent that may still take effect."""
+        return asyncio.get_running_loop().time() < self._sent_at[order] + _EFFECT_WITHIN
+
+    async def _send(self, order: action.Order, task_id: int) -> None:
+        name = action.Order.Name(order)
+        try:
+            answer = await self._gate.request(self._requests.address(ActionOrder(order=order)))
+        except LinkError as error:
+            self._log.warn(f"{name} {task_id}", f"{name} of task {task_id} failed: {error}")
+            is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)
+            if is_unsent and order == action.kContinue and self._wanted is None:
+                self._wanted = order
+        else:
+            if not answer.ok and task_id == self._task_id:
+                self._log.warn(
+                    f"{name} {task_id}", f"the robot refused {name} of task {task_id}: {answer.msg}"
+                )
+        if task_id == self._task_id:
+            self._inquire()
+
+
+def leg_task(leg: Leg, position: Position | None) -> ExecTask:
+    """Return the task that drives a leg, without its id.
+
+    Args:
+        leg: the leg.
+        position: position of the robot; None if unknown.
+    """
+    request = ExecTask(type=task.kPick)
+    if leg.goal.mark:
+        request.mark_no = leg.goal.mark
+    elif leg.edges[0].trajectory is not None:
+        for edge, node in zip(leg.edges, leg.nodes, strict=True):
+            if edge.trajectory is not None:
+                _add_segment(request, _along(edge.trajectory, node), PlanPath.kStrict)
+    else:
+        poses = _through(leg.nodes, position)
+        if len(poses) == 1:
+            request.pose.CopyFrom(poses[0])
+        else:
+            _add_segment(request, poses, PlanPath.kOptimal)
+    return request
+
+
+def _add_segment(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optimal) -> None:
+    segment = request.plan_path.plan_path.add(target=poses[-1], optimal=optimal)
+    segment.path.poses.extend(poses)
+
+
+def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
+    """Return a pose for each node. Without `theta`, its heading is that of the way to the node."""
+    poses: list[Pose2D] = []
+    here = None if position is None else (position.x, position.y)
+    heading = 0.0 if position is None else position.theta
+    for node in nodes:
+        place = node.position
+        if place is None:
+            continue
+        if here is not None and here != (place.x, place.y):
+            heading = math.atan2(place.y - here[1], place.x - here[0])
+        here = (place.x, place.y)
+        heading = heading if place.theta is None else place.theta
+        poses.append(Pose2D(x=place.x, y=place.y, theta=heading))
+    return poses
+
+
+def _along(trajectory: Trajectory, end: Node) -> list[Pose2D]:
+    """Return the poses along a trajectory, without its start, where the robot stands."""
+    points = curve_points(trajectory)
+    poses = [
+        Pose2D(x=there[0], y=there[1], theta=math.atan2(there[1] - here[1], there[0] - here[0]))
+        for here, there in pairwise(points)
+        if here != there
+    ]
+    if end.position is not None and end.position.theta is not None:
+        poses[-1].theta = end.position.theta
+    return poses
+
+
 _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0

@@ -1,28 +1,202 @@
-"""Acceptance of messages of the master control."""
+"""The intake of orders: can the vehicle execute it, and is it where the order begins?"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection
+import math
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-from woosh_robot_agent.link.log_once import LogOnce, one_line
+from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.model.errors import RejectedError, VehicleError
-from woosh_robot_agent.vda5050.model.order import Action, Order
-from woosh_robot_agent.vda5050.order_check import OrderCheck
-from woosh_robot_agent.vda5050.orders.acceptance import Verdict
+from woosh_robot_agent.vda5050.messages.factsheet import Scope
+from woosh_robot_agent.vda5050.messages.order import MAX_NODES, Action, Edge, Node, Order
+from woosh_robot_agent.vda5050.messages.parsing import (
+    read_instant_actions,
+    read_order,
+    refusal_of_zone_set,
+)
+from woosh_robot_agent.vda5050.messages.protocol import Identity, Version
+from woosh_robot_agent.vda5050.messages.state import (
+    ErrorType,
+    OperatingMode,
+    RejectedError,
+    RobotStatus,
+    VehicleError,
+    rejection,
+)
+from woosh_robot_agent.vda5050.orders.legs import curve_defect, curve_points
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.orders.mark_nodes import with_marks
-from woosh_robot_agent.vda5050.orders.structure import check_instant_ids
-from woosh_robot_agent.vda5050.parsing import read_instant_actions, read_order, refusal_of_zone_set
-from woosh_robot_agent.vda5050.protocol.base import Version
-from woosh_robot_agent.vda5050.protocol.header import Identity
+from woosh_robot_agent.vda5050.orders.reach import with_marks
+from woosh_robot_agent.vda5050.orders.structure import Verdict, check_instant_ids
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary
-from woosh_robot_agent.vda5050.robot.marks import RobotMarks
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
+
+MIN_SPEED = 0.05
+"""Lowest speed limit that the robot obeys, in m/s."""
+_MAX_CONTROL_POINTS = 2000
+"""Maximum number of control points of all trajectories of an order."""
+_TOLERANCE = 0.25
+"""Maximum distance of the ends of a trajectory from their nodes, in metres."""
+
+
+class OrderCheck:
+    """Check of an order against what a vehicle can do.
+
+    Args:
+        order: the order.
+        registry: the actions of the vehicle.
+    """
+
+    def __init__(self, order: Order, registry: Registry) -> None:
+        self._order = order
+        self._registry = registry
+
+    def check(self, status: RobotStatus | None) -> None:
+        """Check the order.
+
+        Args:
+            status: state of the robot; None if unknown.
+
+        Raises:
+            RejectedError: the vehicle cannot perform it.
+        """
+        self._check_mode(status)
+        if status is not None and status.position is not None and not status.position.initialised:
+            raise self._error(
+                ErrorType.NOT_AVAILABLE,
+                "the robot does not know its position",
+                "place it on the map with initPosition",
+            )
+        if self._order.unsupported:
+            raise self._unsupported(self._order.unsupported, "the order")
+        self._check_size()
+        for edge in self._order.edges:
+            self._check_edge(edge)
+        for node in self._order.nodes:
+            self._check_node(node, status)
+        for start, edge, end in zip(
+            self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
+        ):
+            self._check_trajectory(start, edge, end)
+
+    def _check_mode(self, status: RobotStatus | None) -> None:
+        if status is None or status.mode is not OperatingMode.AUTOMATIC:
+            raise self._error(
+                ErrorType.NOT_AVAILABLE,
+                "the robot is not in automatic mode",
+                "switch the robot to automatic control and task mode",
+            )
+
+    def _check_size(self) -> None:
+        if (number := len(self._order.nodes)) > MAX_NODES:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the order has {number} nodes, more than {MAX_NODES}",
+                "send a shorter order, and extend it by updates",
+                parameter="nodes",
+            )
+        trajectories = (edge.trajectory for edge in self._order.edges)
+        count = sum(len(each.points) for each in trajectories if each is not None)
+        if count > _MAX_CONTROL_POINTS:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the trajectories have {count} control points, more than {_MAX_CONTROL_POINTS}",
+                "send simpler trajectories, or fewer of them at a time",
+                parameter="trajectory",
+            )
+
+    def _check_edge(self, edge: Edge) -> None:
+        if edge.unsupported:
+            raise self._unsupported(edge.unsupported, "an edge", edgeId=edge.id)
+        if edge.max_speed is not None and edge.max_speed < MIN_SPEED:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the robot cannot drive as slowly as maxSpeed: {edge.max_speed}",
+                f"permit at least {MIN_SPEED} m/s",
+                edgeId=edge.id,
+                parameter="maxSpeed",
+            )
+        self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
+
+    def _check_node(self, node: Node, status: RobotStatus | None) -> None:
+        if node.position is None:
+            raise self._error(
+                ErrorType.ORDER,
+                f"node {node.id} has no position, and the robot has no mark of that name",
+                "give the node a nodePosition, or use the number of a mark as nodeId",
+                nodeId=node.id,
+                parameter="nodePosition",
+            )
+        place = status.position if status is not None else None
+        maps = {place.map_id} if place is not None else set()
+        maps |= {each.id for each in (status.maps or ())} if status is not None else set()
+        if node.position.map_id not in maps:
+            raise self._error(
+                ErrorType.UNKNOWN_MAP,
+                f"the robot has no map {node.position.map_id}",
+                f"use one of its maps: {', '.join(sorted(maps)) or 'it has no position on any'}",
+                nodeId=node.id,
+                mapId=node.position.map_id,
+            )
+        self._check_actions(node.actions, Scope.NODE, nodeId=node.id)
+
+    def _check_trajectory(self, start: Node, edge: Edge, end: Node) -> None:
+        if edge.trajectory is None:
+            return
+        reason = curve_defect(edge.trajectory)
+        if not reason:
+            points = curve_points(edge.trajectory)
+            reason = _misses(start, points[0]) or _misses(end, points[-1])
+        if reason:
+            raise self._error(
+                ErrorType.ORDER,
+                f"the robot cannot drive the trajectory: {reason}",
+                "send a NURBS from the start node to the end node, or leave it out",
+                edgeId=edge.id,
+                parameter="trajectory",
+            )
+
+    def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
+        for action in actions:
+            if objection := self._registry.objection(action, scope):
+                raise self._error(
+                    ErrorType.ORDER_ACTION,
+                    objection.reason,
+                    "see the factsheet for the actions of the vehicle",
+                    **place,
+                    actionId=action.id,
+                    actionType=action.type,
+                    **objection.references,
+                )
+
+    def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
+        return self._error(
+            ErrorType.UNSUPPORTED_PARAMETER,
+            f"the robot cannot obey {', '.join(fields)} of {place}",
+            "leave it out; the factsheet lists the optional fields that the robot obeys",
+            **references,
+            parameter=list(fields),
+        )
+
+    def _error(
+        self, kind: ErrorType, reason: str, hint: str, **references: object
+    ) -> RejectedError:
+        return rejection(kind, self._order, reason, hint, **references)
+
+
+def _misses(node: Node, point: tuple[float, float]) -> str:
+    """Return why a trajectory does not begin or end at a node; empty if it does."""
+    place = node.position
+    if place is None:
+        return ""
+    distance = math.hypot(place.x - point[0], place.y - point[1])
+    if distance <= max(place.deviation_xy, _TOLERANCE):
+        return ""
+    return f"it begins or ends {distance:.2f} m away from node {node.id}"
+
 
 _LOG = logging.getLogger(__name__)
 

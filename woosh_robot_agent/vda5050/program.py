@@ -1,26 +1,197 @@
-"""Command line of the connector."""
+"""The program: its options, its file of robots, and one connector for each robot."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import contextvars
 import logging
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.log_once import log_to_stderr
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
-from woosh_robot_agent.tools.options import Address, add_link_options, link_config
-from woosh_robot_agent.tools.stop_event import stop_event
-from woosh_robot_agent.vda5050.broker_options import add_broker_options, broker_config
-from woosh_robot_agent.vda5050.connector import Connector, VehicleNameFilter
-from woosh_robot_agent.vda5050.protocol.versions import VERSIONS
-from woosh_robot_agent.vda5050.robot.factsheet import Limits
-from woosh_robot_agent.vda5050.robots_file import RobotsFileError, read_robots
+from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.program import exit_on_stdout_error
+from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
+from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
+from woosh_robot_agent.vda5050.robot.status import Limits
 from woosh_robot_agent.vda5050.store import state_folder
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.vehicle_config import VERSIONS, VehicleConfig
+
+_NODE = "agent"
+"""Name of the node in the sections of the file."""
+_PARAMETERS = "ros__parameters"
+_TYPES: dict[str, tuple[type, ...]] = {
+    field.name: {"str": (str,), "float": (int, float), "int": (int,)}.get(str(field.type), (str,))
+    for field in fields(LinkConfig)
+}
+"""Types of the parameters of the link, by name."""
+
+
+class RobotsFileError(Exception):
+    """The file of the robots cannot be used. The text names the file and the reason."""
+
+
+@dataclass(frozen=True)
+class ListedRobot:
+    """A robot in the file.
+
+    Attributes:
+        name: name in the list `robots`, without slashes at its ends.
+        link: address of the robot, and options of its link.
+        serial_number: serial number in the topics; empty for that of the robot.
+    """
+
+    name: str
+    link: LinkConfig
+    serial_number: str
+
+
+def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
+    """Read the robots of a file.
+
+    Args:
+        path: the file.
+        default: the options of the link where the file has none; the address is not used.
+
+    Raises:
+        RobotsFileError: the file cannot be read, or a robot in it is invalid.
+    """
+    try:
+        content = yaml.safe_load(path.read_text("utf-8"))
+        return _robots(content, default)
+    except OSError as error:
+        reason = error.strerror or str(error)
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+    except ValueError as error:
+        reason = str(error)
+    raise RobotsFileError(f"cannot use {path}: {reason}")
+
+
+def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
+    sections = list(_sections("", content))
+    names = _parameters(sections, f"/{_NODE}").get("robots")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise ValueError("list the names of the robots: /**: {ros__parameters: {robots: [r1, r2]}}")
+    robots: list[ListedRobot] = []
+    for name in (each.strip("/") for each in names):
+        try:
+            robot = _robot(name, _parameters(sections, f"/{name}/{_NODE}"), default)
+            _check_distinct(robot, robots)
+        except ValueError as error:
+            raise ValueError(f"robot {name}: {error}") from None
+        robots.append(robot)
+    return robots
+
+
+def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the name and the parameters of each node; names may be nested or contain slashes."""
+    if not isinstance(content, dict):
+        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
+    for key, value in content.items():
+        if key == _PARAMETERS and name and isinstance(value, dict):
+            yield name, value
+        else:
+            yield from _sections(f"{name}/{str(key).strip('/')}", value)
+
+
+def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dict[str, Any]:
+    """Return the parameters of a node from all sections that match it; later ones override."""
+    found: dict[str, Any] = {}
+    for pattern, parameters in sections:
+        if re.fullmatch(_regex(pattern), node):
+            found |= parameters
+    return found
+
+
+def _regex(pattern: str) -> str:
+    """Return the regular expression for a name with `*` for one part, or `**` for any parts."""
+    parts = {"*": "/[^/]+", "**": "(/[^/]+)*"}
+    return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
+
+
+def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> ListedRobot:
+    given = {key: value for key, value in parameters.items() if key in _TYPES}
+    if not given.get("ip"):
+        raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
+    for key, value in given.items():
+        if isinstance(value, bool) or not isinstance(value, _TYPES[key]):
+            raise ValueError(f"{key} cannot be {value!r}")
+    serial_number = parameters.get("serial_number", "")
+    if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):
+        raise ValueError(f"serial_number cannot be {serial_number!r}")
+    return ListedRobot(name, replace(default, **given), str(serial_number))
+
+
+def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
+    for other in others:
+        if other.name == robot.name:
+            raise ValueError("give each robot its own name; two have this one")
+        if other.link.addresses_same_robot(robot.link):
+            raise ValueError(
+                f"it has the address of robot {other.name}, {robot.link.address}; give each its "
+                "own ip, port or robot_id"
+            )
+        if robot.serial_number and other.serial_number == robot.serial_number:
+            raise ValueError(f"it has the serial_number of robot {other.name}")
+
+
+_LOG = logging.getLogger(__name__)
+_VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")
+"""Name of the vehicle that the current code runs for; tasks and callbacks inherit it."""
+
+
+class Connector:
+    """Several vehicles at one broker. Used in one asyncio event loop.
+
+    Each vehicle has its own connections, so that a lost robot affects only its own vehicle.
+
+    Args:
+        vehicles: configuration of each vehicle, by its name in the log.
+        broker: address of the broker.
+    """
+
+    def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:
+        self._vehicles: list[tuple[Vehicle, contextvars.Context]] = []
+        for name, config in vehicles.items():
+            context = contextvars.copy_context()
+            context.run(_VEHICLE_NAME.set, name)
+            self._vehicles.append((context.run(Vehicle, config, broker), context))
+
+    def start(self) -> None:
+        """Start connecting to the robots, and to the broker once each robot is known."""
+        for vehicle, context in self._vehicles:
+            context.run(vehicle.start)
+
+    async def close(self) -> None:
+        """Close all vehicles at the same time; see `Vehicle.close`."""
+        closing = [
+            context.run(asyncio.ensure_future, vehicle.close())
+            for vehicle, context in self._vehicles
+        ]
+        for ended in await asyncio.gather(*closing, return_exceptions=True):
+            if isinstance(ended, BaseException):
+                _LOG.error("a vehicle was not closed properly", exc_info=ended)
+
+
+class VehicleNameFilter(logging.Filter):
+    """Sets the attribute `vehicle` of log records to the name and a colon, or to an empty string.
+
+    Add it to a handler, and use `%(vehicle)s` in its format.
+    """
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        name = _VEHICLE_NAME.get()
+        record.vehicle = f"{name}: " if name else ""
+        return True
 
 
 @exit_on_stdout_error

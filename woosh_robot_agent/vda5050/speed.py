@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.link import ChassisClient, LinkError, NotConnectedError
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
@@ -13,7 +14,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.vda5050.background import BackgroundTasks
 
 _LOG = logging.getLogger(__name__)

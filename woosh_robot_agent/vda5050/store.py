@@ -6,17 +6,82 @@ import fcntl
 import json
 import logging
 import os
+import types
+import typing
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from enum import Enum
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, TypeVar
 from urllib.parse import quote
 
-from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.model.plain import from_plain, to_plain
-from woosh_robot_agent.vda5050.model.state import ActionState
-from woosh_robot_agent.vda5050.orders.memory import Memory
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
+from woosh_robot_agent.vda5050.orders.actions import Memory
+
+T = TypeVar("T")
+
+
+def to_plain(value: Any) -> Any:
+    """Return a value as dictionaries, lists, strings, numbers, bools and None."""
+    if is_dataclass(value):
+        return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, tuple | list):
+        return [to_plain(each) for each in value]
+    if isinstance(value, Mapping):
+        return {key: to_plain(each) for key, each in value.items()}
+    return value
+
+
+def from_plain(cls: type[T], data: Any) -> T:
+    """Return the dataclass instance for data from `to_plain`.
+
+    Unknown fields are ignored, and missing ones take their defaults.
+
+    Raises:
+        ValueError: the data does not fit the class.
+    """
+    return _value(cls, data)  # type: ignore[no-any-return]
+
+
+def _value(kind: Any, data: Any) -> Any:
+    if kind is Any:
+        return data
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (types.UnionType, typing.Union):
+        inner = next(each for each in arguments if each is not types.NoneType)
+        return None if data is None else _value(inner, data)
+    if origin is tuple:
+        return tuple(_value(arguments[0], each) for each in _checked(list, data))
+    if origin is Mapping:
+        return {key: _value(arguments[1], each) for key, each in _checked(dict, data).items()}
+    if is_dataclass(kind):
+        return _dataclass(kind, _checked(dict, data))
+    if issubclass(kind, Enum):
+        return kind(data)
+    if kind is float and type(data) is int:
+        return float(data)
+    return _checked(kind, data)
+
+
+def _dataclass(kind: Any, data: dict[str, Any]) -> Any:
+    hints = typing.get_type_hints(kind)
+    values = {}
+    for each in fields(kind):
+        if each.name in data:
+            values[each.name] = _value(hints[each.name], data[each.name])
+        elif each.default is MISSING and each.default_factory is MISSING:
+            raise ValueError(f"{kind.__name__} has no {each.name}")
+    return kind(**values)
+
+
+def _checked(kind: Any, data: Any) -> Any:
+    if type(data) is not kind:
+        raise ValueError(f"a {kind.__name__} was expected, not {type(data).__name__}")
+    return data
+
 
 _LOG = logging.getLogger(__name__)
 _FORMAT = 1

@@ -7,59 +7,55 @@ import logging
 from dataclasses import replace
 from functools import partial
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
-from woosh_robot_agent.link.robot_identity import RobotIdentity
+from woosh_robot_agent.link.subscriptions import RobotIdentity
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.requests import RequestMaker
-from woosh_robot_agent.vda5050.actions.conditions import Conditions
-from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
 from woosh_robot_agent.vda5050.actions.instant import InstantActions
-from woosh_robot_agent.vda5050.actions.log_report import LogReport
-from woosh_robot_agent.vda5050.actions.pause import Pause
-from woosh_robot_agent.vda5050.actions.performer import Context
+from woosh_robot_agent.vda5050.actions.performer import Context, RobotTasks
 from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.actions.requests import CancelOrder
-from woosh_robot_agent.vda5050.actions.robot_calls import RobotCalls
-from woosh_robot_agent.vda5050.actions.robot_tasks import RobotTasks
+from woosh_robot_agent.vda5050.actions.robot_calls import (
+    ActionFailedError,
+    Conditions,
+    Pause,
+    RobotCalls,
+)
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
+from woosh_robot_agent.vda5050.actions.standard import CancelOrder, LogReport
 from woosh_robot_agent.vda5050.drive_permission import DrivePermission
 from woosh_robot_agent.vda5050.driving import Driver
 from woosh_robot_agent.vda5050.intake import Intake
-from woosh_robot_agent.vda5050.model.errors import (
-    ErrorType,
-    VehicleError,
-    warning,
-)
-from woosh_robot_agent.vda5050.model.factsheet import Factsheet
-from woosh_robot_agent.vda5050.model.order import Action
-from woosh_robot_agent.vda5050.model.state import (
+from woosh_robot_agent.vda5050.messages.factsheet import Factsheet
+from woosh_robot_agent.vda5050.messages.order import Action
+from woosh_robot_agent.vda5050.messages.protocol import Identity, Topic
+from woosh_robot_agent.vda5050.messages.state import (
     ActionStatus,
+    ErrorType,
     OperatingMode,
     OrderStatus,
     Position,
+    VehicleError,
     VehicleState,
+    warning,
 )
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.orders.acceptance import Verdict
-from woosh_robot_agent.vda5050.orders.commands import (
+from woosh_robot_agent.vda5050.orders.legs import (
     CancelDrive,
     Drive,
     EndAction,
     PauseDrive,
     Perform,
     ResumeDrive,
+    stops,
 )
-from woosh_robot_agent.vda5050.orders.legs import stops
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.protocol.header import Identity
-from woosh_robot_agent.vda5050.protocol.topics import Topic
+from woosh_robot_agent.vda5050.orders.structure import Verdict
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
-from woosh_robot_agent.vda5050.robot.factsheet import factsheet
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary
-from woosh_robot_agent.vda5050.robot.marks import RobotMarks
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
+from woosh_robot_agent.vda5050.robot.status import factsheet
 from woosh_robot_agent.vda5050.session import Session, SessionConfig
 from woosh_robot_agent.vda5050.speed import SpeedLimiter
 from woosh_robot_agent.vda5050.store import Record

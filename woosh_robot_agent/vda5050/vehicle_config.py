@@ -1,14 +1,20 @@
-"""Configuration of a vehicle."""
+"""The configuration of a vehicle, with the versions of the standard."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.vda5050.protocol.base import Version
-from woosh_robot_agent.vda5050.protocol.v2_1 import Version21
-from woosh_robot_agent.vda5050.robot.factsheet import Limits
+from woosh_robot_agent.vda5050.messages.protocol import Version
+from woosh_robot_agent.vda5050.messages.v2_1 import Version21
+from woosh_robot_agent.vda5050.messages.v3_0 import Version30
+from woosh_robot_agent.vda5050.robot.status import Limits
+
+VERSIONS: Mapping[str, Callable[[], Version]] = {"2.1": Version21, "3.0": Version30}
+"""Versions, by the value of `--version`."""
+
 
 _FORBIDDEN = frozenset("+#/\0")
 """Characters that a level of a topic cannot have."""

@@ -13,7 +13,7 @@ from rclpy.context import Context
 
 from tests.harness import Spinner, wait_until
 from woosh_robot_agent.agent import make_executor
-from woosh_robot_agent.fleet import Fleet
+from woosh_robot_agent.ros.fleet import Fleet
 from woosh_robot_agent.simulator import SimulatorThread
 
 NAMES = ["/r1", "hall/r2"]

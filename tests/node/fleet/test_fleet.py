@@ -22,11 +22,11 @@ from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet, write_parameters
 from tests.node.goals import ABORTED, EXECUTING, SUCCEEDED, slow_down, stop_time, task
 from tests.node.test_process import TWIST, drive
-from woosh_robot_agent.fleet import Fleet
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.ros.fleet import Fleet
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing.domains import domain_variables
+from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo, Speak
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.harness import Program
 from tests.node.fleet.robots import logger_of, write_parameters
-from woosh_robot_agent.fleet import namespaces
+from woosh_robot_agent.ros.fleet import namespaces
 from woosh_robot_agent.simulator import SimulatorThread
 
 A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))

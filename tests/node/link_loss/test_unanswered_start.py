@@ -21,9 +21,8 @@ from tests.node.goals import (
     task,
 )
 from tests.node.link_loss.timeouts import short_timeouts
-from woosh_robot_agent.actions.events import Event, Tick
-from woosh_robot_agent.actions.phase import Phase
-from woosh_robot_agent.actions.run import GoalRun
+from woosh_robot_agent.ros.actions.goal import Event, Phase, Tick
+from woosh_robot_agent.ros.actions.run import GoalRun
 from woosh_robot_agent.simulator import SimulatorThread
 
 pytestmark = pytest.mark.usefixtures("agent")

@@ -13,11 +13,13 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from tests.harness import wait_until
-from woosh_robot_agent.link.server.base import ServerTransport
-from woosh_robot_agent.link.server.listener import Listener
-from woosh_robot_agent.link.server.outbox import ConnectedClient
-from woosh_robot_agent.link.server.websocket import serve_websocket
-from woosh_robot_agent.link.transport.base import TransportClosedError
+from woosh_robot_agent.link.server import (
+    ConnectedClient,
+    Listener,
+    ServerTransport,
+    serve_websocket,
+)
+from woosh_robot_agent.link.transport import TransportClosedError
 
 T = TypeVar("T")
 Body = dict[str, Any]

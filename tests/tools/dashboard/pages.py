@@ -14,7 +14,7 @@ from typing import Any
 
 from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.transport.websockets_compat import Connect
+from woosh_robot_agent.link.transport import Connect
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.control import TOO_SLOW
 from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig

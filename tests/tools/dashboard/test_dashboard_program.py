@@ -9,10 +9,10 @@ import pytest
 
 from tests.tools.dashboard.pages import page, program
 from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.behaviour import teleop
+from woosh_robot_agent.simulator.behaviour import ownership
 from woosh_robot_agent.tools.dashboard.program import main
 
 TWIST = full_name(Twist)
@@ -36,7 +36,7 @@ async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> in
 async def test_the_end_of_the_program_stops_the_robot(
     chassis: SimulatorThread, end: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(teleop, "COMMAND_TIMEOUT", math.inf)  # only a zero stops the robot
+    monkeypatch.setattr(ownership, "COMMAND_TIMEOUT", math.inf)  # only a zero stops the robot
     assert await end_while_driving(chassis, end) == 0
     assert chassis.last(TWIST) == Twist()
 

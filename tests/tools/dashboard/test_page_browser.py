@@ -33,9 +33,9 @@ from tests.tools.dashboard.browsers import (
     touch,
 )
 from tests.tools.dashboard.pages import page, program
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, SetRobotPose, Twist
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.control import TOO_SLOW
 

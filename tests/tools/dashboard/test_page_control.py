@@ -13,6 +13,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Page, dashboard, delayed, page
 from tests.tools.waiting import TIMEOUT, aio, eventually
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion.gate import HOLD
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
@@ -28,9 +29,8 @@ from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.behaviour import teleop
+from woosh_robot_agent.simulator.behaviour import ownership
 from woosh_robot_agent.tools.dashboard import control
 
 TWIST = full_name(Twist)
@@ -257,7 +257,7 @@ async def test_a_driver_that_goes_away_stops_the_robot(
     chassis: SimulatorThread, end: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # neither the timeout of the chassis nor, except in silence, that of the stick stops the robot
-    monkeypatch.setattr(teleop, "COMMAND_TIMEOUT", math.inf)
+    monkeypatch.setattr(ownership, "COMMAND_TIMEOUT", math.inf)
     if end != "silent":
         monkeypatch.setattr(control, "_STICK_TIMEOUT", 60.0)
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:

@@ -25,8 +25,8 @@ from tests.tools.dashboard.browsers import (
     touch,
 )
 from tests.tools.dashboard.pages import page, program
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 
 pytestmark = pytest.mark.timeout(300)

@@ -13,6 +13,7 @@ from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import dashboard, fetch, page
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -22,10 +23,9 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     TaskProc,
 )
 from woosh_robot_agent.pb.util import task_pb2
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import robot_data
-from woosh_robot_agent.tools.dashboard.scan_frame import scan_frame
+from woosh_robot_agent.tools.dashboard.robot import scan_frame
 from woosh_robot_agent.tools.robot_view import RobotView
 
 

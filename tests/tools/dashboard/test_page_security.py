@@ -12,10 +12,10 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from tests.tools.dashboard.pages import dashboard, fetch, page, place
 from tests.tools.waiting import TIMEOUT, aio, eventually
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.protos import full_name
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard import http
+from woosh_robot_agent.tools.dashboard import access
 from woosh_robot_agent.tools.dashboard.dashboard import Dashboard
 
 _CONNECTION_LOST, _POLICY_VIOLATION, _TOO_BIG, _TRY_AGAIN_LATER = 1006, 1008, 1009, 1013
@@ -229,8 +229,8 @@ async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorTh
 async def test_connections_that_ask_for_nothing_do_not_keep_viewers_out(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if http._TIMEOUT_OPTION:  # their timeout must not be what closes them
-        monkeypatch.setitem(http._TIMEOUT_OPTION, "open_timeout", 10 * TIMEOUT)
+    if access._TIMEOUT_OPTION:  # their timeout must not be what closes them
+        monkeypatch.setitem(access._TIMEOUT_OPTION, "open_timeout", 10 * TIMEOUT)
     async with dashboard(chassis) as running:
         host, _, port = place(running).rpartition(":")
         idle = [await asyncio.open_connection(host, port) for _ in range(100)]

@@ -1,25 +1,437 @@
-"""JSON encoding: one object in a text frame. Real chassis are known to use this one."""
+"""Frames as JSON text: decoders and encoders, compiled once per protobuf message class.
+
+`google.protobuf.json_format` takes about 15 times as long, and refuses values that some chassis
+send, such as NaN as a number and unknown enum names.
+"""
 
 from __future__ import annotations
 
+import math
+import re
+import reprlib
+from collections.abc import Callable
+from ctypes import c_float
+from functools import cache
 from typing import Any
 
+from google.protobuf import json_format
+from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.base64_text import (
+from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
+from woosh_robot_agent.link.codecs.json_text import (
     LONG_FRAME,
     LONG_MESSAGE,
     cut_out,
     insert,
+    parse,
+    parse_in_pieces,
     put_back,
+    read_base64,
     take_out,
+    write,
+    write_base64,
 )
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
-from woosh_robot_agent.link.codecs.json_errors import BAD_VALUE, FieldError, brief_repr
-from woosh_robot_agent.link.codecs.json_reader import from_json
-from woosh_robot_agent.link.codecs.json_scalars import LONGEST_NUMBER
-from woosh_robot_agent.link.codecs.json_text import parse, parse_in_pieces, write
-from woosh_robot_agent.link.codecs.json_writer import to_json
+
+BAD_VALUE = (ValueError, TypeError, OverflowError)
+"""Exceptions that a setter or a converter raises for a value that does not fit."""
+
+_LONGEST_VALUE = 60
+_LONGEST_REASON = 100
+_REPR = reprlib.Repr()  # plain repr() takes seconds for a map, and fails on deep nesting
+_REPR.maxlevel = 3
+_REPR.maxstring = _REPR.maxother = 40
+
+
+class FieldError(ValueError):
+    """A value that does not fit its field.
+
+    Attributes:
+        path: path of the field inside the message, e.g. `pose.x` or `steps[2].mode`.
+        reason: the text without the path.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path}: {reason}" if path else reason)
+        self.path = path
+        self.reason = reason
+
+    def below(self, outer: str) -> FieldError:
+        """Return the same error with the field or the list index `outer` put before its path."""
+        separator = "" if not self.path or self.path.startswith("[") else "."
+        return FieldError(f"{outer}{separator}{self.path}", self.reason)
+
+
+def misfit(path: str, value: object, error: Exception) -> FieldError:
+    """Return the error for `value`, which was refused with `error`."""
+    why = _cut(str(error), _LONGEST_REASON)  # `float()` repeats a value of many MiB in its text
+    return FieldError(path, f"{brief_repr(value)} does not fit ({why})")
+
+
+def brief_repr(value: object) -> str:
+    """Return the start of a value's representation, for an error text."""
+    return _cut(_REPR.repr(value), _LONGEST_VALUE)
+
+
+def _cut(text: str, limit: int) -> str:
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+Field = Any
+"""A FieldDescriptor. Each protobuf implementation has its own class of them."""
+MessageClass = Any
+"""A type[Message], which the type stubs declare unhashable."""
+
+
+def json_names(field: Field) -> list[str]:
+    """Return the names that a field may have in JSON, the one that current chassis use first."""
+    return list(dict.fromkeys((field.json_name, _camel_case(field.name), field.name)))
+
+
+def is_repeated(field: Field) -> bool:
+    """Return True if a field is a list."""
+    repeated = getattr(field, "is_repeated", None)  # `label` goes away in protobuf 7
+    if isinstance(repeated, bool):
+        return repeated
+    return bool(field.label == FieldDescriptor.LABEL_REPEATED)
+
+
+def is_well_known(field: Field) -> bool:
+    """Return True if a field holds one of protobuf's own message types, e.g. google.protobuf.Any.
+
+    These have a JSON form of their own.
+    """
+    message_type = field.message_type
+    return message_type is not None and message_type.full_name.startswith("google.protobuf.")
+
+
+def _camel_case(name: str) -> str:
+    return re.sub(r"_(\w)", lambda found: found[1].upper(), name)
+
+
+FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
+"""C++ types of the fields that hold a floating-point number."""
+LONGEST_NUMBER = 400
+"""Longest text that is read as a number, in characters. An exact double has up to 325 digits, and
+Python needs seconds, or hours with some settings, to read millions of digits."""
+
+
+def scalar_reader(field: Field) -> Callable[[Any], Any]:
+    """Return the function that converts a JSON value to the value of a scalar field.
+
+    The function accepts every notation of a value. It returns None for the name of an enum value
+    that the schema does not have, and raises ValueError, TypeError or OverflowError for a value
+    that does not fit.
+    """
+    if field.enum_type is not None:
+        numbers = {value.name: value.number for value in field.enum_type.values}
+        return lambda value: _read_enum(value, numbers)
+    kind = field.cpp_type
+    if kind in FLOATS:
+        return _read_float
+    if kind == FieldDescriptor.CPPTYPE_BOOL:
+        return _read_bool
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        return _read_bytes
+    if kind == FieldDescriptor.CPPTYPE_STRING:
+        return _read_string
+    return _read_int
+
+
+def blank_of(field: Field) -> Any:
+    """Return the value that replaces null, and the name of an unknown enum value, in a list."""
+    return {
+        FieldDescriptor.TYPE_FLOAT: math.nan,
+        FieldDescriptor.TYPE_DOUBLE: math.nan,
+        FieldDescriptor.TYPE_STRING: "",
+        FieldDescriptor.TYPE_BYTES: b"",
+    }.get(field.type, 0)
+
+
+def _read_enum(value: Any, numbers: dict[str, int]) -> int | None:
+    if isinstance(value, str) and not re.fullmatch(r"-?\d+", value):
+        return numbers.get(value)
+    return _read_int(value)
+
+
+def _read_int(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise TypeError("not an integer")
+    if isinstance(value, str) and len(value) > LONGEST_NUMBER:
+        raise ValueError("too long for a number")
+    number = float(value) if isinstance(value, str) and re.search(r"[.eE]", value) else value
+    if isinstance(number, float) and not number.is_integer():
+        raise ValueError("not an integer")
+    return int(number)
+
+
+def _read_float(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise TypeError("not a number")
+    return float(value)  # accepts "NaN" and "-Infinity" as well
+
+
+def _read_bool(value: Any) -> bool:
+    if value in (True, "true"):
+        return True
+    if value in (False, "false"):
+        return False
+    raise TypeError("not a boolean")
+
+
+def _read_string(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError("not a string")
+    value.encode()  # refuses half a surrogate pair, which not all protobuf implementations do
+    return value
+
+
+def _read_bytes(value: Any) -> bytes:
+    if not isinstance(value, str):
+        raise TypeError("not base64 text")
+    return read_base64(value)
+
+
+Setter = Callable[[Any, Any], None]
+"""Puts a JSON value into a message, or appends it to a list."""
+
+
+def from_json(data: object, message: Message) -> None:
+    """Fill `message` from a JSON object.
+
+    Accepts camelCase and snake_case names, enum names and numbers, 64-bit integers as strings
+    and numbers, booleans as 0 and 1, NaN and infinities as numbers and strings. Skips unknown
+    fields and null. In a list, null becomes NaN among floating-point numbers and the default
+    elsewhere, so that the other items keep their places.
+
+    Raises:
+        FieldError: a value does not fit its field.
+    """
+    cls: MessageClass = type(message)
+    _decoder(cls)(message, data)
+
+
+@cache
+def _decoder(cls: MessageClass) -> Setter:
+    setters: dict[str, tuple[str, Setter]] = {}
+    for field in cls.DESCRIPTOR.fields:
+        setter = _list_setter(field) if is_repeated(field) else _setter(field)
+        for name in json_names(field):
+            setters[name] = (field.name, setter)
+
+    def decode(message: Any, data: Any) -> None:
+        if not isinstance(data, dict):
+            raise FieldError("", f"expected an object, got {brief_repr(data)}")
+        for key, value in data.items():
+            known = setters.get(key)
+            if known is None or value is None:
+                continue
+            name, setter = known
+            try:
+                setter(message, value)
+            except FieldError as error:
+                raise error.below(name) from None
+            except BAD_VALUE as error:
+                raise misfit(name, value, error) from None
+
+    return decode
+
+
+def _setter(field: Field) -> Setter:
+    name = field.name
+    if field.message_type is not None:
+        fill = _message_filler(field)
+
+        def set_message(message: Any, value: Any) -> None:
+            inner = getattr(message, name)
+            inner.SetInParent()
+            fill(inner, value)
+
+        return set_message
+    read = scalar_reader(field)
+
+    def set_scalar(message: Any, value: Any) -> None:
+        converted = read(value)
+        if converted is not None:
+            setattr(message, name, converted)
+
+    return set_scalar
+
+
+def _list_setter(field: Field) -> Setter:
+    name = field.name
+    floats = field.cpp_type in FLOATS
+    append = _appender(field)
+
+    def set_list(message: Any, values: Any) -> None:
+        if not isinstance(values, list):
+            raise FieldError("", f"expected a list, got {brief_repr(values)}")
+        items = getattr(message, name)
+        del items[:]
+        if floats:
+            try:
+                items.extend(values)  # ten times as fast, and scans are long
+                return
+            except BAD_VALUE:  # some items are not numbers
+                del items[:]
+        for index, value in enumerate(values):
+            try:
+                append(items, value)
+            except FieldError as error:
+                raise error.below(f"[{index}]") from None
+            except BAD_VALUE as error:
+                raise misfit(f"[{index}]", value, error) from None
+
+    return set_list
+
+
+def _appender(field: Field) -> Setter:
+    if field.message_type is not None:
+        fill = _message_filler(field)
+
+        def append_message(items: Any, value: Any) -> None:
+            item = items.add()
+            if value is not None:
+                fill(item, value)
+
+        return append_message
+    read = scalar_reader(field)
+    blank = blank_of(field)
+
+    def append_scalar(items: Any, value: Any) -> None:
+        converted = None if value is None else read(value)
+        items.append(blank if converted is None else converted)
+
+    return append_scalar
+
+
+def _message_filler(field: Field) -> Setter:
+    if is_well_known(field):
+
+        def fill_well_known(message: Any, value: Any) -> None:
+            try:
+                json_format.ParseDict(value, message, ignore_unknown_fields=True)
+            except Exception as error:  # its exceptions differ from release to release
+                raise misfit("", value, error) from None
+
+        return fill_well_known
+
+    def fill(message: Any, value: Any) -> None:
+        cls: MessageClass = type(message)
+        _decoder(cls)(message, value)
+
+    return fill
+
+
+_LARGEST_FLOAT32 = float.fromhex("0x1.fffffep+127")
+"""Largest finite value of a float field."""
+
+_INT64 = {
+    FieldDescriptor.TYPE_INT64,
+    FieldDescriptor.TYPE_UINT64,
+    FieldDescriptor.TYPE_SINT64,
+    FieldDescriptor.TYPE_FIXED64,
+    FieldDescriptor.TYPE_SFIXED64,
+}
+
+
+def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
+    """Return a message as a JSON object.
+
+    Names are in lowerCamelCase, enums are numbers, 64-bit integers are strings.
+
+    Args:
+        message: any message.
+        defaults: include scalars and lists that have their default value, as the chassis does.
+
+    Raises:
+        FieldError: a google.protobuf.Any holds a type that is not one of the chassis.
+    """
+    cls: MessageClass = type(message)
+    return _encoder(cls, defaults)(message)
+
+
+@cache
+def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str, Any]]:
+    fields = {
+        field.number: (field.json_name, _value_encoder(field, defaults))
+        for field in cls.DESCRIPTOR.fields
+    }
+    blank: dict[str, Any] = {}
+    if defaults:
+        for field in cls.DESCRIPTOR.fields:
+            if is_repeated(field):
+                blank[field.json_name] = None
+            elif field.message_type is None and field.containing_oneof is None:
+                blank[field.json_name] = _scalar_encoder(field)(field.default_value)
+    lists = [field.json_name for field in cls.DESCRIPTOR.fields if is_repeated(field)]
+
+    def encode(message: Message) -> dict[str, Any]:
+        out = dict(blank)
+        for field, value in message.ListFields():
+            name, encode_value = fields[field.number]
+            out[name] = encode_value(value)
+        if defaults:
+            for name in lists:
+                if out[name] is None:
+                    out[name] = []
+        return out
+
+    return encode
+
+
+def _value_encoder(field: Field, defaults: bool) -> Callable[[Any], Any]:
+    if field.message_type is None:
+        encode = _scalar_encoder(field)
+    elif is_well_known(field):
+        encode = _encode_well_known
+    else:
+
+        def encode(value: Any) -> Any:
+            cls: MessageClass = type(value)
+            return _encoder(cls, defaults)(value)
+
+    if is_repeated(field):
+        return lambda values: [encode(value) for value in values]
+    return encode
+
+
+def _encode_well_known(value: Any) -> Any:
+    try:
+        return json_format.MessageToDict(value, use_integers_for_enums=True)
+    except Exception as error:  # its exceptions differ from release to release
+        raise FieldError("", f"no JSON for a {value.DESCRIPTOR.full_name}: {error}") from None
+
+
+def _scalar_encoder(field: Field) -> Callable[[Any], Any]:
+    if field.type in _INT64:
+        return str
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        return write_base64
+    if field.type == FieldDescriptor.TYPE_FLOAT:
+        return _shortest_float32
+    if field.type == FieldDescriptor.TYPE_DOUBLE:
+        return lambda value: value if math.isfinite(value) else _non_finite_name(value)
+    return lambda value: value
+
+
+def _shortest_float32(value: float) -> float | str:
+    if not math.isfinite(value):
+        return _non_finite_name(value)
+    if abs(value) == _LARGEST_FLOAT32:  # any shorter number is larger, and refused by protobuf
+        return value
+    for digits in (7, 8):
+        short = float(f"{value:.{digits}g}")
+        if c_float(short).value == value:
+            return short
+    return float(f"{value:.9g}")  # always enough for a float32
+
+
+def _non_finite_name(value: float) -> str:
+    if math.isnan(value):
+        return "NaN"
+    return "Infinity" if value > 0 else "-Infinity"
+
 
 _MAX_PARTS = 1_000_000
 """Maximum number of objects, lists and names in a frame. Two bytes of them on the wire can take a

@@ -1,10 +1,144 @@
-"""JSON texts, read and written with orjson if it is installed."""
+"""JSON texts, read and written with orjson if it is installed, and large base64 texts in them.
+
+A JSON parser looks at each character of a text. That takes longer than to decode base64, so long
+base64 texts, which can be maps of many MiB, are cut out of a frame before it is parsed.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+import secrets
+from collections.abc import Iterator
 from typing import Any
+
+try:
+    import pybase64 as _base64
+except ImportError:  # not packaged everywhere; the standard library takes ten times as long
+    import base64 as _base64
+
+_LONG = 256 * 1024
+"""Length from which a text is cut out, in characters."""
+_STEP = _LONG // 2
+"""Distance between two places of a frame where long texts are looked for, in characters."""
+LONG_FRAME = _STEP
+"""Length from which `cut_out` looks at a frame, in characters or bytes."""
+_TOKEN = secrets.token_hex(16)
+"""Start of the short texts that replace long ones; the other end cannot know it."""
+_REPLACED = re.compile(rf"{_TOKEN}(\d+)")
+"""Text that replaces a long one, with its number."""
+LONG_MESSAGE = _LONG // 4 * 3
+"""Size of the smallest message that can have a long text, in bytes."""
+_SAMPLE = re.compile(r"[A-Za-z0-9+/_-]{64}")
+"""Start of a text that is cut out."""
+
+
+def read_base64(text: str) -> bytes:
+    """Return the bytes that a base64 text stands for, in either alphabet, with or without padding.
+
+    Raises:
+        ValueError: the text is not base64.
+    """
+    try:
+        return bytes(_base64.b64decode(text, validate=True))
+    except ValueError:
+        pass
+    standard = text.replace("-", "+").replace("_", "/").rstrip("=")
+    return bytes(_base64.b64decode(standard + "=" * (-len(standard) % 4), validate=True))
+
+
+class LongBase64(str):
+    """A base64 text that is long enough to be cut out."""
+
+    __slots__ = ()
+
+
+def write_base64(data: bytes) -> str:
+    """Return the base64 text of some bytes."""
+    text: str = _base64.b64encode(data).decode("ascii")
+    return text if len(text) < _LONG else LongBase64(text)
+
+
+def take_out(value: Any) -> list[str]:
+    """Replace the texts of class `LongBase64` in a JSON value; return them, for `insert`."""
+    texts: list[str] = []
+    for outer, key, inner in _texts_in(value):
+        if type(inner) is LongBase64:
+            outer[key] = f"{_TOKEN}{len(texts)}"
+            texts.append(inner)
+    return texts
+
+
+def insert(frame: str, texts: list[str]) -> str:
+    """Return the frame with the texts in it that `take_out` replaced before it was written."""
+    return _REPLACED.sub(lambda found: texts[int(found[1])], frame)
+
+
+def cut_out(frame: str | bytes) -> tuple[str | bytes, list[str]]:
+    """Replace the long base64 texts in a JSON frame by short ones.
+
+    Returns:
+        The shorter frame, and the texts cut out of it, for `put_back`.
+    """
+    quote: Any = b'"' if isinstance(frame, bytes) else '"'
+    pieces: list[Any] = []
+    texts: list[str] = []
+    copied, at = 0, _STEP
+    while at < len(frame) and (end := frame.find(quote, at)) >= 0:
+        if end - at >= _STEP:
+            begin = frame.rfind(quote, at - _STEP, at) + 1
+            text = _text(frame, begin, end) if begin else None
+            if text is not None:
+                token = f"{_TOKEN}{len(texts)}"
+                pieces += frame[copied:begin], token.encode() if isinstance(frame, bytes) else token
+                texts.append(text)
+                copied = end
+        at = end + _STEP
+    if not texts:
+        return frame, texts
+    nothing: Any = frame[:0]
+    return nothing.join((*pieces, frame[copied:])), texts
+
+
+def _text(frame: str | bytes, begin: int, end: int) -> str | None:
+    """Return the text between two quotation marks of a frame; None if it does not look like base64.
+
+    It must begin like base64: between two texts, JSON has other characters. And it must have no
+    escapes, which only a JSON parser can read.
+    """
+    is_bytes = isinstance(frame, bytes)
+    backslash: Any = b"\\" if is_bytes else "\\"
+    sample = frame[begin : begin + 64]
+    if not _SAMPLE.match(sample.decode("latin-1") if isinstance(sample, bytes) else sample):
+        return None
+    if frame.find(backslash, max(0, begin - 2), end) >= 0:
+        return None
+    if isinstance(frame, str):
+        return frame[begin:end]
+    try:
+        return str(memoryview(frame)[begin:end], "ascii")
+    except UnicodeDecodeError:
+        return None
+
+
+def put_back(value: Any, texts: list[str]) -> None:
+    """Put the texts that were cut out of a frame into the frame's parsed value."""
+    for outer, key, inner in _texts_in(value):
+        if inner.startswith(_TOKEN):
+            outer[key] = texts[int(inner[len(_TOKEN) :])]
+
+
+def _texts_in(value: Any) -> Iterator[tuple[Any, Any, str]]:
+    """Yield each text in a JSON value, after the object or list and the key or index it is at."""
+    stack = [value]
+    while stack:
+        outer = stack.pop()
+        for key, inner in outer.items() if isinstance(outer, dict) else enumerate(outer):
+            if isinstance(inner, str):
+                yield outer, key, inner
+            elif isinstance(inner, dict | list):
+                stack.append(inner)
+
 
 try:
     import orjson

@@ -13,14 +13,10 @@ from typing import TYPE_CHECKING
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.agenda import ROUNDING
-from woosh_robot_agent.simulator.behaviour.delayed_calls import DelayedCalls
-from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.robot import DelayedCalls, Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
-from woosh_robot_agent.simulator.scenes.editing import with_map, with_map_changed
-from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
-from woosh_robot_agent.simulator.scenes.files import MAX_MAPS
-from woosh_robot_agent.simulator.scenes.library import MAX_SCENES
-from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, MAX_NAME, MAX_SCENES, is_plain
+from woosh_robot_agent.simulator.scenes.scene import Scene, with_map, with_map_changed
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map
 

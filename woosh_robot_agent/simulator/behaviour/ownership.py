@@ -19,16 +19,127 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.behaviour.actions import Actions, short_name
-from woosh_robot_agent.simulator.behaviour.following import Follower
-from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
-from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.behaviour.robot import Job, Robot, is_clear
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
-from woosh_robot_agent.simulator.behaviour.teleop import Teleop
-from woosh_robot_agent.simulator.body.base import Velocity
+from woosh_robot_agent.simulator.body.base import (
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    MAX_TURN_RATE,
+    Base,
+    Velocity,
+    approach,
+)
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.world.geometry import Point
+
+_DISTANCE = 1.0
+"""Distance from the robot's centre to the nearest side of the leader, in metres."""
+
+_MAX_DISTANCE = 3.0
+"""Distance up to which the robot sees a leader, in metres."""
+
+_MAX_BEARING = 1.0
+"""Angle from straight ahead up to which the robot sees a leader, in radians."""
+
+_MAX_DRIVING_BEARING = 0.3
+"""Angle from straight ahead up to which the robot drives while it turns, in radians."""
+
+_SPEED = 0.8
+"""Maximum speed, in m/s."""
+
+
+class Follower:
+    """Keeps a distance to the nearest obstacle ahead. Without one the robot stands still.
+
+    Attributes:
+        active: A client has ordered the robot to follow.
+    """
+
+    def __init__(self) -> None:
+        self.active = False
+
+    def start(self) -> None:
+        """Start following."""
+        self.active = True
+
+    def stop(self) -> None:
+        """Stop following. The base slows down."""
+        self.active = False
+
+    def tick(self, robot: Robot, dt: float) -> None:
+        """Drive for `dt` seconds."""
+        leader = _leader(robot) if self.active else None
+        if leader is None:
+            return
+        base = robot.base
+        bearing = base.pose.bearing(leader)
+        ahead = max(0.0, base.pose.distance(leader) - _DISTANCE)
+        drives = abs(bearing) < _MAX_DRIVING_BEARING and is_clear(robot, 0.0, ahead)
+        speed = approach(ahead, _SPEED, ACCELERATION, dt) if drives else 0.0
+        turn = approach(bearing, MAX_TURN_RATE, ANGULAR_ACCELERATION, dt)
+        base.drive(Velocity(speed, 0.0, turn))
+
+
+def _leader(robot: Robot) -> Point | None:
+    """Return the middle of the nearest visible side of an obstacle."""
+    pose = robot.base.pose
+    sides = [
+        ((wall.x1 + wall.x2) / 2.0, (wall.y1 + wall.y2) / 2.0) for wall in robot.obstacles.walls
+    ]
+    seen = [
+        side
+        for side in sides
+        if pose.distance(side) <= _MAX_DISTANCE and abs(pose.bearing(side)) <= _MAX_BEARING
+    ]
+    return min(seen, key=pose.distance, default=None)
+
+
+COMMAND_TIMEOUT = 0.5
+"""Time after which the base slows down unless a new command arrives, in seconds."""
+
+
+class Teleop:
+    """Drives the base by the last velocity command until the command times out.
+
+    Args:
+        start_delay: Time from the first command to the first motion, in seconds.
+    """
+
+    def __init__(self, start_delay: float) -> None:
+        self._start_delay = start_delay
+        self._waiting = 0.0
+        """Remaining time until the base starts to move, in seconds."""
+        self._velocity: Velocity | None = None
+        """Velocity of the last command, None if there is none or it timed out."""
+        self._left = 0.0
+        """Remaining time until the last command times out, in seconds."""
+
+    def command(self, velocity: Velocity) -> None:
+        """Drive with this velocity until the next command, or until the timeout."""
+        if self._velocity is None:
+            self._waiting = self._start_delay
+        self._velocity = velocity
+        self._left = COMMAND_TIMEOUT
+
+    def release(self) -> None:
+        """Drop the last command. The base slows down."""
+        self._velocity = None
+
+    def tick(self, base: Base, dt: float) -> None:
+        """Drive `base` for `dt` seconds if there is a command."""
+        if self._velocity is None:
+            return
+        self._waiting = 0.0 if base.moving else self._waiting - dt
+        if self._waiting <= ROUNDING:
+            base.drive(self._velocity, rolls_on=True)
+        self._left -= dt
+        if self._left <= ROUNDING:
+            self.release()
+
 
 _STEP_CONTROL = "StepControl"
 """Short name of the action that makes steps."""

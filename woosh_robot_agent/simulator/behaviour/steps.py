@@ -1,23 +1,23 @@
-"""The job that makes steps: straight moves and turns, measured by odometry."""
+"""The jobs on the spot: straight moves and turns by odometry, lifting, charging."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
-from woosh_robot_agent.simulator.behaviour.forward_clearance import is_clear
-from woosh_robot_agent.simulator.behaviour.jobs import Progress, failed
-from woosh_robot_agent.simulator.behaviour.robot import Robot
+from woosh_robot_agent.simulator.agenda import ROUNDING
+from woosh_robot_agent.simulator.behaviour.robot import Job, Progress, Robot, failed, is_clear
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
     Velocity,
     approach,
 )
-from woosh_robot_agent.simulator.body.devices import Device
+from woosh_robot_agent.simulator.body.devices import Device, Lift
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 _OBSTACLE_TIMEOUT = 5.0
@@ -150,3 +150,103 @@ class Steps:
     def suspend(self, robot: Robot) -> None:
         """Reset the timeout for obstacles."""
         self._blocked_for = 0.0
+
+
+class MoveLift:
+    """Moves a lift to one height after the other.
+
+    Args:
+        lift: The lift.
+        heights: Heights, in metres.
+        speed: Speed in m/s, of either sign; 0 for the default of the lift.
+    """
+
+    kind = util_action_pb2.kCarry
+
+    def __init__(self, lift: Lift, *heights: float, speed: float = 0.0) -> None:
+        self.device = lift.device
+        self._lift = lift
+        self._heights = list(heights)
+        self._speed = abs(speed) or lift.default_speed
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        if not robot.readiness.motors_on:
+            return Progress(text=f"at {self._lift.height:.3f} m")
+        distance = self._heights[0] - self._lift.height if self._heights else 0.0
+        if self._heights and abs(distance) <= self._speed * dt:
+            self._lift.height = self._heights.pop(0)
+        else:
+            self._lift.height += math.copysign(self._speed * dt, distance)
+        return Progress(done=not self._heights, text=f"at {self._lift.height:.3f} m")
+
+    def suspend(self, robot: Robot) -> None:
+        """Do nothing: the lift stays where it is."""
+
+
+class Charge:
+    """Charges at a charger.
+
+    Depending on the profile, the job ends when the battery is full as defined by the settings, or
+    some seconds after its start, although the battery goes on charging.
+    """
+
+    device = Device.CHARGER
+    kind = util_action_pb2.kCharge
+
+    def __init__(self) -> None:
+        self._time = 0.0
+        """Time since the start of the job, in seconds."""
+        self._charges_on = False
+        """True if the battery goes on charging after the end of the job."""
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        if not robot.at_charger():
+            return failed("not at a charger")
+        profile = robot.profile.charging
+        self._time += dt
+        if self._time >= profile.starts_after - ROUNDING:
+            robot.battery.charging = robot_pb2.Battery.kAuto
+        if profile.confirmed_after is not None:
+            self._charges_on = self._time >= profile.confirmed_after - ROUNDING
+            return Progress(done=self._charges_on, text="charging")
+        full = robot.setting.power.full
+        if robot.battery.level >= full:
+            return Progress(done=True, text=f"charged to {full} %")
+        return Progress(text=f"at {robot.battery.percent} of {full} %")
+
+    def suspend(self, robot: Robot) -> None:
+        """End the charge, unless it goes on after the end of the job."""
+        self._time = 0.0
+        if not self._charges_on:
+            robot.battery.charging = robot_pb2.Battery.kNot
+
+
+class LeaveCharger:
+    """Ends the charge, if there is one, and backs out of the charger, if the robot is in one."""
+
+    device = Device.WHEELS
+    kind = util_action_pb2.kSecondposQuit
+
+    def __init__(self) -> None:
+        self._way_out: Job | None = None
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        robot.battery.charging = robot_pb2.Battery.kNot
+        if self._way_out is None and not robot.at_charger():
+            return Progress(done=True, text="not at a charger")
+        self._way_out = self._way_out or back_out(robot)
+        progress = self._way_out.tick(robot, dt)
+        return replace(progress, text="left the charger") if progress.done else progress
+
+    def suspend(self, robot: Robot) -> None:
+        """Reset the timeout for obstacles."""
+        if self._way_out:
+            self._way_out.suspend(robot)
+
+
+def back_out(robot: Robot) -> Job:
+    """Return the job that drives a robot backwards out of a dock."""
+    profile = robot.profile.charging
+    distance = profile.docking_distance + sum(profile.steps)
+    step = Shift(0.0, -distance, profile.docking_speed)
+    return Steps([step], avoid=True, kind=util_action_pb2.kSecondposQuit)

@@ -8,15 +8,20 @@ from typing import Any
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET
-from woosh_robot_agent.simulator.faults.arguments import Argument, FaultError
-from woosh_robot_agent.simulator.faults.fault import End, Fault, Injection, Target
-from woosh_robot_agent.simulator.protocol.pushes import TOPICS
-from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES
+from woosh_robot_agent.simulator.faults.fault import (
+    Argument,
+    End,
+    Fault,
+    FaultError,
+    Injection,
+    Target,
+)
+from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES, TOPICS
 
 _SLICE = 100
 """Number of pushes of a burst after which clients get time to read."""

@@ -7,9 +7,9 @@ import random
 from collections import Counter, deque
 from collections.abc import Iterable
 
+from woosh_robot_agent.simulator.config import Step
 from woosh_robot_agent.simulator.faults.fault import End, Injection, Target
 from woosh_robot_agent.simulator.faults.table import find
-from woosh_robot_agent.simulator.scenario import Step
 
 _LOG = logging.getLogger(__name__)
 

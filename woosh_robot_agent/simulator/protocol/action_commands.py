@@ -1,4 +1,4 @@
-"""Handler of `woosh.ros.CallAction`, which starts, pauses, resumes and cancels actions."""
+"""Handlers of remote control, following, actions and the planning of paths."""
 
 from __future__ import annotations
 
@@ -6,15 +6,23 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.charging import Charge, LeaveCharger
-from woosh_robot_agent.simulator.behaviour.jobs import Done, Job
-from woosh_robot_agent.simulator.behaviour.lifting import MoveLift
-from woosh_robot_agent.simulator.behaviour.navigation import Navigate
-from woosh_robot_agent.simulator.behaviour.steps import Shift, Steps, Turn
-from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate, NoRouteError, plan_route
+from woosh_robot_agent.simulator.behaviour.robot import Done, Job
+from woosh_robot_agent.simulator.behaviour.steps import (
+    Charge,
+    LeaveCharger,
+    MoveLift,
+    Shift,
+    Steps,
+    Turn,
+)
+from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE, STANDSTILL, Velocity
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -24,8 +32,43 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     poses,
     usable_speed,
 )
+from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
+
+
+def _twist(chassis: Chassis, request: pack.Twist) -> Result:
+    velocity = Velocity(request.linear, request.linear_y, request.angular)
+    if velocity == STANDSTILL:
+        driver = chassis.ownership.driver
+        chassis.ownership.stop_wheels("stopped by a velocity of zero")
+        return f"stopped: {driver} is paused, continue or cancel it" if driver else None
+    readiness = chassis.readiness
+    if readiness.key_manual and not readiness.key_accepts:
+        raise RefusedError(refusals.KEY_AT_MANUAL)
+    if readiness.emergency_stop:
+        raise RefusedError(refusals.TWIST_IN_EMERGENCY_STOP)
+    if readiness.battery_empty:
+        raise RefusedError(refusals.TWIST_WITH_EMPTY_BATTERY)
+    if readiness.control == util_robot_pb2.kMaintain:
+        raise RefusedError(refusals.TWIST_IN_MAINTENANCE_MODE)
+    if velocity.left and not chassis.omnidirectional:
+        raise RefusedError(refusals.TWIST_SIDEWAYS)
+    chassis.ownership.drive(velocity)
+    return None
+
+
+def _follow(chassis: Chassis, request: pack.Follow) -> Result:
+    if request.type:
+        chassis.readiness.require_ready()
+        chassis.ownership.follow()
+    else:
+        chassis.follower.stop()
+    return None
+
+
+DRIVE_COMMANDS: Handlers = {pack.Twist: _twist, pack.Follow: _follow}
+
 
 _MAX_STEPS = 1000
 """Maximum number of steps of an action."""
@@ -183,4 +226,29 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
 }
 """Functions that make the job of an action, by the name of its field in CallAction."""
 
-HANDLERS: Handlers = {ros_pack_pb2.CallAction: _call_action}
+ACTION_COMMANDS: Handlers = {ros_pack_pb2.CallAction: _call_action}
+
+
+def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
+    if not request.HasField("end"):
+        raise RefusedError(refusals.NO_END)
+    if request.tolerance < 0.0:
+        raise RefusedError(refusals.NEGATIVE_TOLERANCE, tolerance=request.tolerance)
+    start, end = pose(request.start), pose(request.end)
+    if not request.HasField("start"):
+        chassis.readiness.require_located()
+        start = chassis.pose
+    for each in (start, end):
+        chassis.require_room(each)
+    try:
+        route = plan_route(chassis, start, [end])
+    except NoRouteError as error:
+        raise RefusedError(refusals.NO_PATH, failure=error) from None
+    detour = route.length - start.distance(end.point)
+    if request.tolerance and detour > request.tolerance:
+        raise RefusedError(refusals.DETOUR_TOO_LONG, detour=detour, limit=request.tolerance)
+    path = navigation_pb2.Path(poses=map(pose2d, route.poses))
+    return robot_pb2.NavPath(robot_id=chassis.robot_id, path=path)
+
+
+PLANNING: Handlers = {pack.PlanNavPath: _plan_nav_path}

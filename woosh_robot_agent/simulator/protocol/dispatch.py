@@ -11,18 +11,10 @@ from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import (
     action_commands,
-    drive_commands,
     map_commands,
-    map_queries,
-    mapping_commands,
-    mark_commands,
-    planning,
-    queries,
-    settings,
+    scene_files,
     state_commands,
-    statistics,
     task_commands,
-    task_sets,
 )
 from woosh_robot_agent.simulator.protocol.handlers import Handler, non_finite
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -57,17 +49,22 @@ def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
     return {cls.DESCRIPTOR.full_name: do for table in tables for cls, do in table.items()}
 
 
-_QUERIES = _by_name(queries.HANDLERS, map_queries.HANDLERS, planning.HANDLERS, statistics.HANDLERS)
+_QUERIES = _by_name(
+    state_commands.QUERIES,
+    map_commands.MAP_QUERIES,
+    action_commands.PLANNING,
+    state_commands.STATISTICS,
+)
 _COMMANDS = _by_name(
-    state_commands.HANDLERS,
-    map_commands.HANDLERS,
-    mapping_commands.HANDLERS,
-    mark_commands.HANDLERS,
-    drive_commands.HANDLERS,
-    task_commands.HANDLERS,
-    task_sets.HANDLERS,
-    action_commands.HANDLERS,
-    settings.HANDLERS,
+    state_commands.STATE_COMMANDS,
+    map_commands.MAP_COMMANDS,
+    map_commands.MAPPING_COMMANDS,
+    scene_files.MARK_COMMANDS,
+    action_commands.DRIVE_COMMANDS,
+    task_commands.TASK_COMMANDS,
+    task_commands.TASK_SETS,
+    action_commands.ACTION_COMMANDS,
+    state_commands.SETTINGS,
 )
 
 HANDLERS: dict[str, Handler] = {**_QUERIES, **_COMMANDS}

@@ -1,26 +1,41 @@
-"""Handlers of the commands about scenes and maps: change, upload, rename and delete."""
+"""Handlers of requests about scenes and maps: read, change, upload, make, rename and delete."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 
-from woosh_robot_agent.pb.map import map_pack_pb2
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.map import map_pack_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.behaviour.deployment import CollectedPoint, PointKind
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol import uploads
+from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handlers,
     Result,
     named_map,
+    named_mark,
     named_scene,
+    pose,
     require_map_change,
 )
+from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes.editing import with_map_renamed, without_map
-from woosh_robot_agent.simulator.scenes.file_names import MAX_NAME, is_plain
-from woosh_robot_agent.simulator.scenes.library import MAX_SCENES
-from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.scenes.files import MAX_NAME, MAX_SCENES, is_plain
+from woosh_robot_agent.simulator.scenes.scene import (
+    Scene,
+    storage_of,
+    storages_of,
+    with_map_renamed,
+    without_map,
+)
+from woosh_robot_agent.simulator.scenes.writing import files_of
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
@@ -28,17 +43,17 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     name = request.scene_name or chassis.scene.name
     if request.file_datas:
         old = _old_scene(chassis, name)
-        scene = uploads.updated_scene(name, old, request.file_datas)
+        scene = scene_files.updated_scene(name, old, request.file_datas)
         if scene is None:
             # No file describes the new scene: it gets the current map under a new name.
-            files = uploads.merge_files({}, request.file_datas)
+            files = scene_files.merge_files({}, request.file_datas)
             area = dataclasses.replace(chassis.map, name=request.map_name or name, version=1)
             scene = dataclasses.replace(
                 chassis.scene, name=name, maps=[area], start_map="", files=files
             )
     else:
         scene = named_scene(chassis, name)
-    wanted = request.map_name or uploads.first_map(scene, request.file_datas)
+    wanted = request.map_name or scene_files.first_map(scene, request.file_datas)
     chassis.enter(scene, named_map(scene, wanted))
     chassis.deployment.end_session()
     return None
@@ -53,9 +68,9 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
         _check_name("scene_name", name)
     if old is chassis.scene:
         _require_idle(chassis)
-    uploads.check_pictures(request.file_datas)
+    scene_files.check_pictures(request.file_datas)
     full = request.method == map_pack_pb2.Upload.kFull
-    scene = uploads.updated_scene(name, old, request.file_datas, replace=full)
+    scene = scene_files.updated_scene(name, old, request.file_datas, replace=full)
     if scene is None:
         raise RefusedError(refusals.NO_MAP_IN_UPLOAD, scene=name)
     if old is chassis.scene and scene.map(chassis.map.name) is None:
@@ -132,9 +147,139 @@ def _check_name(field: str, name: str) -> None:
         raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
 
 
-HANDLERS: Handlers = {
+MAP_COMMANDS: Handlers = {
     pack.SwitchMap: _switch_map,
     map_pack_pb2.Upload: _upload,
     map_pack_pb2.Rename: _rename,
     map_pack_pb2.Delete: _delete,
 }
+
+
+def _download(chassis: Chassis, request: map_pack_pb2.Download) -> Message:
+    files = files_of(named_scene(chassis, request.scene_name)).all
+    return map_pack_pb2.DownloadResponse(file_datas=_file_datas(files.items()))
+
+
+def _scene_md5(chassis: Chassis, request: map_pack_pb2.SceneMd5) -> Message:
+    name = request.scene_name
+    scenes = [named_scene(chassis, name)] if name else chassis.scenes.values()
+    return map_pack_pb2.SceneMd5Response(scenes=map(_sums, scenes))
+
+
+def _sums(scene: Scene) -> map_pack_pb2.SceneFileMD5:
+    files = files_of(scene)
+    return map_pack_pb2.SceneFileMD5(
+        scene_name=scene.name,
+        scenes_md5s=_file_sums(files.shared),
+        maps=[
+            map_pack_pb2.SceneFileMD5.MapFileInfo(
+                map_name=area.name,
+                version=area.version,
+                map_md5s=_file_sums(files.of_maps[area.name]),
+            )
+            for area in scene.maps
+        ],
+    )
+
+
+def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
+    found: dict[tuple[str, str], bytes] = {}
+    for wanted in request.scenes:
+        scene = named_scene(chassis, wanted.scene_name)
+        files = files_of(scene).all
+        sums = [*wanted.scenes_md5s, *(each for area in wanted.maps for each in area.map_md5s)]
+        for name in dict.fromkeys(each.name for each in sums):
+            if name not in files:
+                raise RefusedError(refusals.UNKNOWN_FILE, file=name, scene=scene.name)
+            found[scene.name, name] = files[name]
+    files_found = [(name, data) for (_, name), data in found.items()]
+    return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(files_found))
+
+
+def _find(chassis: Chassis, request: storage_edit_pb2.Find) -> Message:
+    return storage_of(named_mark(chassis, request.no))
+
+
+def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
+    return storages_of(chassis.map.marks.values())
+
+
+def _file_datas(files: Iterable[tuple[str, bytes]]) -> list[common_pb2.FileData]:
+    return [common_pb2.FileData(name=name, data=data) for name, data in files]
+
+
+def _file_sums(files: Mapping[str, bytes]) -> list[common_pb2.FileMD5]:
+    return [
+        common_pb2.FileMD5(name=name, md5=hashlib.md5(data, usedforsecurity=False).hexdigest())
+        for name, data in files.items()
+    ]
+
+
+MAP_QUERIES: Handlers = {
+    map_pack_pb2.Download: _download,
+    map_pack_pb2.SceneMd5: _scene_md5,
+    map_pack_pb2.SceneSync: _scene_sync,
+    storage_edit_pb2.Find: _find,
+    storage_edit_pb2.Storages: _storages,
+}
+
+
+_KINDS: dict[int, PointKind] = {
+    pack.kBeacons: PointKind.BEACON,
+    pack.kArTags: PointKind.CODE,
+    pack.kReflectors: PointKind.REFLECTOR,
+    pack.kMark: PointKind.MARK,
+}
+"""Kinds of points by `woosh.robot.DeploymentType`."""
+
+
+def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
+    mapping, kind = chassis.mapping, request.type
+    if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
+        require_map_change(chassis)
+        start = mapping.add if kind == pack.BuildMap.kAdd else mapping.update
+        duration = start(request.scene_name, request.map_name)
+        chassis.deployment.end_session()
+    elif kind == pack.BuildMap.kSave:
+        duration = mapping.save()
+    elif kind == pack.BuildMap.kCanel:
+        new = mapping.draft is not None
+        duration = mapping.cancel()
+        if new:
+            chassis.deployment.end_session()  # its points went with the map
+        else:
+            chassis.deployment.cancel_all()
+    else:
+        raise RefusedError(refusals.UNKNOWN_BUILD_TYPE, type=kind)
+    # The answer comes when it is done.
+    chassis.answer_delay = duration
+    return None
+
+
+def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
+    kind, mode = request.type, request.mode
+    if request.robot_id not in (0, chassis.robot_id):
+        raise RefusedError(refusals.OTHER_ROBOT, robot_id=request.robot_id, own_id=chassis.robot_id)
+    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
+        raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_TYPE, type=kind)
+    found: Sequence[CollectedPoint] = []
+    if mode == pack.kDepCollect:
+        where = pose(request.pose)
+        # Some clients send an empty pose if they mean that of the robot.
+        given = request.HasField("pose") and where != Pose()
+        found = [chassis.deployment.collect(_KINDS[kind], where if given else None)]
+    elif mode == pack.kDepCancel:
+        chassis.deployment.cancel([_KINDS[kind]] if kind else list(PointKind))
+    elif mode == pack.kDepReflector:
+        if kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
+            raise RefusedError(refusals.ONLY_REFLECTORS)
+        found = chassis.deployment.calibrate()
+    else:
+        raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_MODE, mode=mode)
+    markers = [pack.DeploymentResponse.Marker(id=each.id, pose=pose2d(each.pose)) for each in found]
+    return pack.DeploymentResponse(
+        type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
+    )
+
+
+MAPPING_COMMANDS: Handlers = {pack.BuildMap: _build_map, pack.Deployment: _deployment}

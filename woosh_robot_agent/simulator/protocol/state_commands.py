@@ -1,15 +1,106 @@
-"""Handlers of requests about localisation, modes, flags, speech, lights and Wi-Fi."""
+"""Handlers of queries, and of requests that change settings, modes or statistics."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.map import map_pack_pb2
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
+from woosh_robot_agent.pb.robot import robot_count_pb2 as count_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
+from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.body.statistics import Record
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
-from woosh_robot_agent.simulator.protocol.handlers import Handlers, Result, pose
+from woosh_robot_agent.simulator.protocol.handlers import (
+    Handler,
+    Handlers,
+    Result,
+    copy_of,
+    named_scene,
+    pose,
+)
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes.scene import Scene
+
+_MAX_NAME = 100
+"""Maximum length of the robot's name."""
+
+_MAX_HOST = 253
+"""Maximum length of a host name."""
+
+
+def _check_length(field: str, text: str, most: int) -> None:
+    if len(text) > most:
+        raise RefusedError(refusals.TEXT_TOO_LONG, field=field, limit=most)
+
+
+def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
+    _check_length("name", request.name, _MAX_NAME)
+    chassis.setting.identity.name = request.name
+    return copy_of(chassis.setting.identity)
+
+
+def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
+    if request.port > 65535:
+        raise RefusedError(refusals.PORT_OUT_OF_RANGE, port=request.port)
+    _check_length("ip", request.ip, _MAX_HOST)
+    chassis.setting.server.ip = request.ip
+    chassis.setting.server.port = request.port
+    return copy_of(chassis.setting.server)
+
+
+def _auto_charge(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
+    chassis.setting.allow.auto_charge = request.allow
+    return setting_pb2.AutoCharge(allow=request.allow)
+
+
+def _auto_park(chassis: Chassis, request: setting_pb2.AutoPark) -> Result:
+    chassis.setting.allow.auto_park = request.allow
+    return setting_pb2.AutoPark(allow=request.allow)
+
+
+def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
+    chassis.setting.allow.goods_check = request.allow
+    return setting_pb2.GoodsCheck(allow=request.allow)
+
+
+def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
+    levels = [request.alarm, request.low, request.idle, request.full]
+    if levels != sorted(levels) or request.full > 100:
+        raise RefusedError(refusals.POWER_LEVELS_INVALID, levels=levels)
+    power = chassis.setting.power
+    power.alarm, power.low, power.idle, power.full = levels
+    return copy_of(power)
+
+
+def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
+    if request.volume > 100:
+        raise RefusedError(refusals.VOLUME_OUT_OF_RANGE, volume=request.volume)
+    chassis.setting.sound.mute = request.mute
+    chassis.setting.sound.volume = request.volume
+    return copy_of(chassis.setting.sound)
+
+
+SETTINGS: Handlers = {
+    setting_pb2.Identity: _identity,
+    setting_pb2.Server: _server,
+    setting_pb2.AutoCharge: _auto_charge,
+    setting_pb2.AutoPark: _auto_park,
+    setting_pb2.GoodsCheck: _goods_check,
+    setting_pb2.Power: _power,
+    setting_pb2.Sound: _sound,
+}
+
 
 _MAX_SPEECH = 1000
 """Number of characters of a spoken text that are kept."""
@@ -130,7 +221,7 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
     return answer
 
 
-HANDLERS: Handlers = {
+STATE_COMMANDS: Handlers = {
     pack.InitRobot: _init_robot,
     pack.SetRobotPose: _set_robot_pose,
     pack.SetOccupancy: _set_occupancy,
@@ -142,4 +233,168 @@ HANDLERS: Handlers = {
     pack.Speak: _speak,
     pack.LED: _led,
     pack.RobotWiFi: _wifi,
+}
+
+
+def _answering(report: Callable[[Chassis], Message]) -> Handler:
+    def handle(chassis: Chassis, request: Any) -> Result:
+        return report(chassis)
+
+    return handle
+
+
+def _of_scene(report: Callable[[Scene], Message]) -> Handler:
+    """Return the handler of a request that names a scene; the current one if its name is empty."""
+
+    def handle(chassis: Chassis, request: Any) -> Result:
+        return report(named_scene(chassis, request.name))
+
+    return handle
+
+
+def _repeat_tasks(chassis: Chassis) -> Message:
+    return copy_of(chassis.scene.predefined)
+
+
+def _call_tasks(chassis: Chassis) -> Message:
+    return copy_of(chassis.scene.calls)
+
+
+def _feedbacks(chassis: Chassis) -> Message:
+    return ros_pack_pb2.Feedbacks(fbs=chassis.actions.last.values())
+
+
+def _status_code(chassis: Chassis) -> Message:
+    recent = chassis.codes.recent
+    return copy_of(recent[-1]) if recent else robot_count_pb2.StatusCode(robot_id=chassis.robot_id)
+
+
+QUERIES: Handlers = {
+    cls: _answering(report)
+    for cls, report in {
+        **reports.STATES,
+        **reports.PERIODIC,
+        robot_pb2.RobotInfo: reports.robot_info,
+        robot_pb2.General: reports.general,
+        robot_pb2.TaskProc: reports.task_proc,
+        robot_pb2.TaskHistory: reports.task_history,
+        robot_count_pb2.StatusCodes: reports.status_codes,
+        robot_count_pb2.StatusCode: _status_code,
+        map_pack_pb2.SceneList: reports.scene_list,
+        woosh_task_pb2.RepeatTasks: _repeat_tasks,
+        woosh_task_pb2.CallTasks: _call_tasks,
+        ros_pack_pb2.Feedbacks: _feedbacks,
+    }.items()
+} | {
+    map_pack_pb2.SceneDataEasy: _of_scene(reports.scene_data_easy),
+    map_pack_pb2.SceneData: _of_scene(reports.scene_data),
+}
+
+
+_PAGE = 100
+"""Number of records of a page."""
+
+_Count = pack.CountData
+
+
+def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
+    chassis.statistics.update()
+    if request.req_type == _Count.kGet:
+        return _page(chassis, request)
+    if request.req_type == _Count.kSync:
+        return _with_ids(chassis, request)
+    raise RefusedError(refusals.UNKNOWN_COUNT_REQUEST, type=request.req_type)
+
+
+def _page(chassis: Chassis, request: pack.CountData) -> pack.CountDataResponse:
+    """Return one page of the records of the wanted kinds, and the number of all of them."""
+    kinds = (_Count.kOperation, _Count.kTask, _Count.kStatus)
+    if request.count_type not in (_Count.kAll, *kinds):
+        raise RefusedError(refusals.UNKNOWN_COUNT_TYPE, type=request.count_type)
+    pages = (request.operation_page, request.task_page, request.status_page)
+    if min(pages) < 0:
+        raise RefusedError(refusals.NEGATIVE_PAGE, page=min(pages))
+    first, last = request.bucket.start, request.bucket.end or math.inf
+    if last < first:
+        raise RefusedError(refusals.TIME_SPAN_REVERSED, start=first, end=last)
+    statistics = chassis.statistics
+    wanted = [request.count_type in (_Count.kAll, kind) for kind in kinds]
+    days = _within(statistics.days, first, last) if wanted[0] else []
+    tasks = _within(statistics.tasks, first, last) if wanted[1] else []
+    statuses = _within(statistics.statuses, first, last) if wanted[2] else []
+    return pack.CountDataResponse(
+        operations=count_pb2.Operations(ops=_part(days, request.operation_page)),
+        tasks=count_pb2.Tasks(ts=_part(tasks, request.task_page)),
+        abnormals=count_pb2.Abnormals(ss=_part(statuses, request.status_page)),
+        operation_qty=len(days),
+        task_qty=len(tasks),
+        abnormal_qty=len(statuses),
+    )
+
+
+def _with_ids(chassis: Chassis, request: pack.CountData) -> pack.CountDataResponse:
+    """Return the records with the given ids. Ids without a record are left out."""
+    statistics = chassis.statistics
+    days = _chosen(statistics.days, request.operation_id)
+    tasks = _chosen(statistics.tasks, request.task_id)
+    statuses = _chosen(statistics.statuses, request.status_id)
+    return pack.CountDataResponse(
+        operations=count_pb2.Operations(ops=days),
+        tasks=count_pb2.Tasks(ts=tasks),
+        abnormals=count_pb2.Abnormals(ss=statuses),
+        operation_qty=len(days),
+        task_qty=len(tasks),
+        abnormal_qty=len(statuses),
+    )
+
+
+def _within(records: Iterable[Record], first: float, last: float) -> list[Record]:
+    """Return the records of a time span: those that began before its end and ended after its start.
+
+    Args:
+        records: The records.
+        first: Start of the time span as Unix time, in seconds.
+        last: End of the time span as Unix time, in seconds.
+    """
+    found = []
+    for record in records:
+        span = _span(record)
+        if span.start <= last and (span.end or math.inf) >= first:
+            found.append(record)
+    return found
+
+
+def _span(
+    record: count_pb2.Operation | count_pb2.Task | count_pb2.Status,
+) -> common_pb2.TimeBucket:
+    return record.buckets[0] if isinstance(record, count_pb2.Operation) else record.bucket
+
+
+def _part(records: list[Record], page: int) -> list[Record]:
+    return records[page * _PAGE : (page + 1) * _PAGE]
+
+
+def _chosen(records: Iterable[Record], ids: Iterable[int]) -> list[Record]:
+    wanted = set(ids)
+    return [record for record in records if record.id in wanted]
+
+
+def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
+    chassis.statistics.update()
+    return chassis.statistics.days.latest
+
+
+def _task(chassis: Chassis, request: count_pb2.Task) -> Result:
+    return chassis.statistics.tasks.latest or count_pb2.Task(robot_id=chassis.robot_id)
+
+
+def _status(chassis: Chassis, request: count_pb2.Status) -> Result:
+    return chassis.statistics.statuses.latest or count_pb2.Status(robot_id=chassis.robot_id)
+
+
+STATISTICS: Handlers = {
+    pack.CountData: _count_data,
+    count_pb2.Operation: _operation,
+    count_pb2.Task: _task,
+    count_pb2.Status: _status,
 }

@@ -1,15 +1,23 @@
-"""Handlers of requests about single tasks and their navigation."""
+"""Handlers of requests about tasks and task sets."""
 
 from __future__ import annotations
 
+import math
+from functools import partial
+from itertools import count
+
+from google.protobuf.message import Message
+
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.task import task_pb2
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask, RepeatTasks, WooshTaskSet
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.jobs import Job
-from woosh_robot_agent.simulator.behaviour.mark_jobs import jobs_at_mark, leave_dock, work_jobs
+from woosh_robot_agent.simulator.behaviour.auto_tasks import jobs_at_mark, leave_dock, work_jobs
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.robot import Job, Wait
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -18,11 +26,13 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     Result,
     pose,
     poses,
+    require_suitable,
     task_mark,
     usable_speed,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Mark
 
 _MIN_SPEED = 0.01
 """Minimum speed limit of a navigation, in m/s."""
@@ -110,9 +120,172 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
     return None
 
 
-HANDLERS: Handlers = {
+TASK_COMMANDS: Handlers = {
     pack.ExecTask: _exec_task,
     pack.ActionOrder: _action_order,
     pack.ChangeNavPath: _change_nav_path,
     pack.ChangeNavMode: _change_nav_mode,
+}
+
+
+_MAX_REPEATS = 100
+"""Number of repetitions of a task set."""
+
+_MAX_SETS = 200
+"""Number of predefined task sets of a scene."""
+
+_MAX_TASKS = 99
+"""Number of tasks of a set, whose ids have two digits in the ids of the robot's tasks."""
+
+_MAX_BYTES = 64 * 1024
+"""Maximum size of a predefined task set."""
+
+
+def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
+    chassis.readiness.require_ready()
+    repeat = _predefined(chassis, request.task_set_id)
+    _start(chassis, repeat.task_set, repeat.times)
+    return None
+
+
+def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
+    raise RefusedError(refusals.NO_TASK_SET)
+
+
+def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
+    if request.ByteSize() > _MAX_BYTES:
+        raise RefusedError(refusals.TASK_SET_TOO_LARGE, limit=_MAX_BYTES)
+    if request.order == RepeatTask.kPut:
+        return _put(chassis, request)
+    if request.order == RepeatTask.kDel:
+        return _delete(chassis, request)
+    # Older clients know no order: for them, the request runs a task set.
+    if request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
+        return _exec(chassis, request)
+    raise RefusedError(refusals.UNKNOWN_REPEAT_ORDER, order=request.order)
+
+
+def _put(chassis: Chassis, request: RepeatTask) -> Message:
+    """Add or replace a predefined task set, and return it as it is kept."""
+    sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
+    kept = RepeatTask()
+    kept.CopyFrom(request)
+    kept.ClearField("order")
+    base = kept.task_set.base
+    if not base.id:
+        base.id = next(each for each in count(int(chassis.time)) if each not in sets)
+    if base.id not in sets and len(sets) >= _MAX_SETS:
+        raise RefusedError(refusals.TOO_MANY_TASK_SETS, limit=_MAX_SETS)
+    _check_tasks(chassis, kept.task_set)
+    kept.times = _checked_times(kept.times)
+    base.no = base.no or str(base.id)
+    base.adapter = base.adapter or "woosh"
+    sets[base.id] = kept
+    chassis.scene.predefined = RepeatTasks(repeat_tasks=sets.values())
+    return kept
+
+
+def _delete(chassis: Chassis, request: RepeatTask) -> Result:
+    """Delete a predefined task set. If it is running, it goes on."""
+    gone = request.task_set.base.id
+    _predefined(chassis, gone)
+    sets = chassis.scene.predefined.repeat_tasks
+    kept = [each for each in sets if each.task_set.base.id != gone]
+    chassis.scene.predefined = RepeatTasks(repeat_tasks=kept)
+    return None
+
+
+def _exec(chassis: Chassis, request: RepeatTask) -> Result:
+    """Run the tasks in the request, or without any those of the predefined set with its id."""
+    chassis.readiness.require_ready()
+    times = _checked_times(request.times)
+    if request.task_set.tasks:
+        task_set = WooshTaskSet()
+        task_set.CopyFrom(request.task_set)
+        task_set.base.id = task_set.base.id or int(chassis.time)
+        _check_tasks(chassis, task_set)
+    else:
+        predefined = _predefined(chassis, request.task_set.base.id)
+        task_set = predefined.task_set
+        times = times if request.times else predefined.times
+    _start(chassis, task_set, times)
+    return None
+
+
+def _predefined(chassis: Chassis, number: int) -> RepeatTask:
+    """Return the predefined task set with an id.
+
+    Raises:
+        RefusedError: There is none.
+    """
+    for repeat in chassis.scene.predefined.repeat_tasks:
+        if repeat.task_set.base.id == number:
+            return repeat
+    known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
+    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=number, task_sets=known or "none")
+
+
+def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
+    """Check the tasks of a set, and number them if none of them has an id.
+
+    Raises:
+        RefusedError: There are none or too many, an id is invalid or used twice, or a mark is
+            unknown or does not suit the type of its task.
+    """
+    tasks = task_set.tasks
+    if task_set.base.id < 0:
+        raise RefusedError(refusals.TASK_SET_ID_INVALID, task_set=task_set.base.id)
+    if not 0 < len(tasks) <= _MAX_TASKS:
+        raise RefusedError(refusals.TASK_SET_SIZE, count=len(tasks), limit=_MAX_TASKS)
+    if not any(task.base.id for task in tasks):
+        for number, task in enumerate(tasks, start=1):
+            task.base.id = number
+    ids = [task.base.id for task in tasks]
+    if len(set(ids)) < len(ids) or not all(0 < each <= _MAX_TASKS for each in ids):
+        raise RefusedError(refusals.TASK_IDS_INVALID, ids=ids, limit=_MAX_TASKS)
+    marks = {number: mark for area in chassis.scene.maps for number, mark in area.marks.items()}
+    for task in tasks:
+        mark = marks.get(task.base.mark_no)
+        if mark is None:
+            raise RefusedError(
+                refusals.UNKNOWN_MARK_OF_SCENE, mark=task.base.mark_no, scene=chassis.scene.name
+            )
+        require_suitable(mark, task.base.type)
+
+
+def _checked_times(times: int) -> int:
+    """Return a number of repetitions, where 0 stands for one.
+
+    Raises:
+        RefusedError: It is negative or too large.
+    """
+    if not 0 <= times <= _MAX_REPEATS:
+        raise RefusedError(refusals.TIMES_OUT_OF_RANGE, times=times, limit=_MAX_REPEATS)
+    return times or 1
+
+
+def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
+    """Start a task set as many times as given, at most `_MAX_REPEATS`."""
+    number = task_set.base.id
+    bases = [task.base for _ in range(min(times, _MAX_REPEATS)) for task in task_set.tasks]
+    chassis.ownership.start_tasks([_task_order(chassis, number, base) for base in bases])
+
+
+def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
+    mark = task_mark(chassis, base.mark_no, base.type)
+    jobs = partial(_jobs, chassis, mark, base)
+    return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
+
+
+def _jobs(chassis: Chassis, mark: Mark, base: task_pb2.TaskBase) -> list[Job]:
+    jobs = jobs_at_mark(chassis, mark, base.type, base.direction)
+    if base.wait_time:
+        jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
+    return jobs
+
+
+TASK_SETS: Handlers = {
+    pack.ExecPreTask: _exec_pre_task,
+    pack.ExecTaskSet: _exec_task_set,
+    RepeatTask: _repeat_task,
 }

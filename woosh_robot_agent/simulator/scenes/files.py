@@ -33,33 +33,112 @@ seconds, or with -1 until a client tells it to continue.
 
 Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
 its YAML file. Its marks come from a file NAME.mark_info.data, if there is one.
+
+The shipped scenes are in the folder `data/`. `wooshmap` is a hall with two partitions, three
+pillars and a gate. `scenex` is the same hall furnished differently, with a second, empty floor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
+import dataclasses
+import math
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import count, pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import TYPE_CHECKING, TypeVar
+
+from google.protobuf.message import DecodeError, Message
 
 from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
-from woosh_robot_agent.simulator.scenes.data_files import (
-    MARK_INFO,
-    MAX_MARKS,
-    MAX_TASKS,
-    Read,
-    read_mark_info,
-    read_task_info,
-)
-from woosh_robot_agent.simulator.scenes.file_names import is_plain
-from woosh_robot_agent.simulator.scenes.marks import marks_of, other_marks
-from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.scenes.scene import Scene, has_pose, marks_of, other_marks
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
 from woosh_robot_agent.simulator.world.maps import ImageFiles, Map, Mark, MarkKind
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
+
+MAX_NAME = 255
+"""Maximum length of a name, in characters."""
+
+
+def is_plain(name: str) -> bool:
+    """Return True if a name is not empty and is a file name, not a path, on every system."""
+    plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
+    return plain and name not in ("", "..") and name.isprintable() and len(name) <= MAX_NAME
+
+
+Read = Callable[[str], bytes]
+"""Returns the content of the file with the given name, or raises `DataFileError`."""
+
+TASK_INFO = "task_info.data"
+"""Name of the file with the tasks of a scene, a `woosh.task.TaskInfo`."""
+
+MARK_INFO = ".mark_info.data"
+"""End of the name of a file with the marks of a map, a `woosh.map.mark.MarkInfo`."""
+
+MAX_MARKS = 5000
+"""Maximum number of marks of a map."""
+
+MAX_TASKS = 200
+"""Maximum number of task sets of one kind, and of tasks in a set."""
+
+_M = TypeVar("_M", bound=Message)
+"""Class of the message in a file."""
+
+
+def read_task_info(name: str, read: Read) -> woosh_task_pb2.TaskInfo:
+    """Read a file with the tasks of a scene.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    info = _message(name, read, woosh_task_pb2.TaskInfo)
+    counts = [len(info.repeat_tasks), len(info.call_tasks)]
+    counts += [len(each.task_set.tasks) for each in info.repeat_tasks]
+    counts += [len(each.task_set.tasks) for each in info.call_tasks]
+    if max(counts) > MAX_TASKS:
+        raise DataFileError(f"{name}: {max(counts)} tasks are more than {MAX_TASKS}")
+    return info
+
+
+def read_mark_info(name: str, read: Read) -> mark_pb2.MarkInfo:
+    """Read a file with the marks of a map.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    info = _message(name, read, mark_pb2.MarkInfo)
+    if len(info.storages) > MAX_MARKS:
+        raise DataFileError(f"{name}: {len(info.storages)} marks are more than {MAX_MARKS}")
+    numbers: set[str] = set()
+    ids: set[int] = set()
+    for index, storage in enumerate(info.storages):
+        where, identity = f"{name}: storages[{index}]", storage.identity
+        if not identity.no:
+            raise DataFileError(f"{where}: identity.no is missing")
+        if identity.no in numbers or identity.id in ids:
+            raise DataFileError(
+                f"{where}: its number {identity.no} or id {identity.id} is used twice"
+            )
+        if not has_pose(storage):
+            raise DataFileError(f"{where}: pose.dock is missing")
+        for pose in (storage.pose.dock, storage.pose.real):
+            if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
+                raise DataFileError(f"{where}: the pose is not finite")
+        numbers.add(identity.no)
+        ids.add(identity.id)
+    return info
+
+
+def _message(name: str, read: Read, cls: type[_M]) -> _M:
+    try:
+        return cls.FromString(read(name))
+    except DecodeError as error:
+        text = f"{name}: not a serialised {cls.DESCRIPTOR.full_name}: {error}"
+        raise DataFileError(text) from error
+
 
 if TYPE_CHECKING:
     from woosh_robot_agent.simulator.world.grid import Grid
@@ -390,3 +469,50 @@ def _all_different(nodes: Sequence[Node], key: str, values: Sequence[Hashable]) 
         if value in seen:
             raise node.error(f"{key} {value} is used twice")
         seen.add(value)
+
+
+MAX_SCENES = 20
+"""Number of known scenes from which on new ones are refused."""
+
+_SHIPPED = tuple(Path(__file__).parents[1] / "data" / name for name in ("wooshmap", "scenex"))
+_START_CLEARANCE = 0.6
+"""Minimum clearance of a start place that the scene does not define, in metres."""
+
+
+def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
+    """Return the scenes that a robot knows, by name, and the one in which it starts.
+
+    Args:
+        given: Folders or files of further scenes, as for `load_scene`. They replace shipped ones of
+            the same name. The robot starts in the first of them.
+
+    Raises:
+        DataFileError: A file cannot be used.
+    """
+    shipped, own = [_loaded(path) for path in _SHIPPED], [_loaded(path) for path in given]
+    return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]
+
+
+def start(scene: Scene) -> tuple[Map, Pose]:
+    """Return the map and the pose where a robot starts: any free place by default."""
+    area = scene.map(scene.start_map) or scene.maps[0]
+    return area, scene.start or Pose(*_free_place(area))
+
+
+def _free_place(area: Map) -> Point:
+    """Return the origin, a mark, or the place of a grid with the most room around it."""
+    for point in ((0.0, 0.0), *(mark.pose.point for mark in area.marks.values())):
+        if area.contains(*point) and area.clearance(*point) >= _START_CLEARANCE:
+            return point
+    return area.grid.roomiest() if area.grid else (0.0, 0.0)
+
+
+def _loaded(path: Path) -> Scene:
+    """Return a new scene. Its maps are shared, so that their planners are computed only once."""
+    scene = _read_once(path) if path in _SHIPPED else load_scene(path)
+    return dataclasses.replace(scene, maps=list(scene.maps), files={})
+
+
+@lru_cache
+def _read_once(path: Path) -> Scene:
+    return load_scene(path)

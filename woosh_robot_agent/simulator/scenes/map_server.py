@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
-from woosh_robot_agent.simulator.world.cells import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.grid import Grid
+from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node
 
 _MAX_PIXELS = 4096 * 4096

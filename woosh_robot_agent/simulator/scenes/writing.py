@@ -14,11 +14,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from woosh_robot_agent.pb.task import woosh_task_pb2
-from woosh_robot_agent.simulator.scenes.data_files import MARK_INFO, TASK_INFO
-from woosh_robot_agent.simulator.scenes.file_names import is_plain
-from woosh_robot_agent.simulator.scenes.files import SCENE_FILE
-from woosh_robot_agent.simulator.scenes.marks import mark_info_of
-from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.scenes.files import MARK_INFO, SCENE_FILE, TASK_INFO, is_plain
+from woosh_robot_agent.simulator.scenes.scene import Scene, mark_info_of
 from woosh_robot_agent.simulator.world.geometry import Wall
 from woosh_robot_agent.simulator.world.maps import ImageFiles, Map
 

@@ -6,11 +6,9 @@ import asyncio
 import logging
 
 from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.server.base import ServerTransport
-from woosh_robot_agent.link.server.websocket import WebSocketServerTransport
-from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.simulator.serving.client import Client
-from woosh_robot_agent.simulator.serving.exchange import Exchange
+from woosh_robot_agent.link.server import ServerTransport, WebSocketServerTransport
+from woosh_robot_agent.link.transport import TransportClosedError
+from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
 
 _LOG = logging.getLogger(__name__)
 

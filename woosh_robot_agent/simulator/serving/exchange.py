@@ -1,21 +1,22 @@
-"""The exchange of messages with all clients, without sockets and without a clock."""
+"""The exchange of frames with the clients, and the hooks by which faults intercept it."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.choice import server_codec
+from woosh_robot_agent.link.codecs import server_codec
 from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransport
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.protos import message_type
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -26,10 +27,190 @@ from woosh_robot_agent.simulator.protocol.dispatch import (
     is_query,
     refusal,
 )
-from woosh_robot_agent.simulator.protocol.pushes import TOPICS, StateWatch
+from woosh_robot_agent.simulator.protocol.reports import TOPICS, StateWatch
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.serving.client import Client
-from woosh_robot_agent.simulator.serving.hooks import Hooks, Outgoing
+
+Damage = Callable[[Codec, str | bytes], Encoded]
+"""Returns the damaged form of an encoded frame."""
+
+Release = Callable[[], None]
+"""Sends a frame that was held back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """A frame before it is encoded.
+
+    Attributes:
+        type: Type of the body in the frame's envelope.
+        body: Body, None for an empty one.
+        sn: Serial number of the request that it answers; 0 for a push.
+        ok: True if the request was executed, False if it was refused; None for a push.
+        msg: Text of an answer.
+        request: Type of the request that it answers; empty for a push.
+        delay: Real time to delay the frame, in seconds.
+        hold: Called with the client and a send function instead of sending the frame. The delay
+            starts when the send function is called.
+        damage: Applied to the encoded frame.
+    """
+
+    type: str
+    body: Message | None
+    sn: int = 0
+    ok: bool | None = None
+    msg: str = ""
+    request: str = ""
+    delay: float = 0.0
+    hold: Callable[[object, Release], None] | None = None
+    damage: Damage | None = None
+
+    @property
+    def is_answer(self) -> bool:
+        """True for an answer, False for a push."""
+        return self.ok is not None
+
+
+Interceptor = Callable[[Outgoing], Iterable[Outgoing]]
+"""Returns the frames to send instead of a frame: the same one, others, or none."""
+
+Refuse = Callable[[str], "str | None"]
+"""Returns the reason to refuse a request of the given type, or None."""
+
+Admit = Callable[[], bool]
+"""Returns False to drop a new connection."""
+
+Remove = Callable[[], None]
+"""Removes a hook."""
+
+_T = TypeVar("_T")
+
+
+class Hooks:
+    """The registered hooks. Each method that adds one returns a function that removes it."""
+
+    def __init__(self) -> None:
+        self._admissions: list[Admit] = []
+        self._refusals: list[Refuse] = []
+        self._faults: list[Interceptor] = []
+        self._interceptors: list[Interceptor] = []
+
+    def add_admission(self, admit: Admit) -> Remove:
+        """Call `admit` for each new connection."""
+        return _add(self._admissions, admit)
+
+    def add_refusal(self, refuse: Refuse) -> Remove:
+        """Call `refuse` for each request before it is executed."""
+        return _add(self._refusals, refuse)
+
+    def add_fault(self, interceptor: Interceptor) -> Remove:
+        """Pass all outgoing frames through `interceptor`, before those of `intercept`."""
+        return _add(self._faults, interceptor)
+
+    def intercept(self, interceptor: Interceptor) -> Remove:
+        """Pass all outgoing frames through `interceptor`."""
+        return _add(self._interceptors, interceptor)
+
+    def admits(self) -> bool:
+        """Return False if a new connection must be dropped."""
+        return all(admit() for admit in list(self._admissions))
+
+    def refusal(self, type_name: str) -> str | None:
+        """Return the reason to refuse a request of a type, or None. The latest hook wins."""
+        reasons = (refuse(type_name) for refuse in reversed(list(self._refusals)))
+        return next((reason for reason in reasons if reason is not None), None)
+
+    def outgoing(self, frame: Outgoing) -> list[Outgoing]:
+        """Return the frames to send in place of `frame`."""
+        frames = [frame]
+        for interceptor in [*self._faults, *self._interceptors]:
+            frames = [out for each in frames for out in interceptor(each)]
+        return frames
+
+
+def _add(hooks: list[_T], hook: _T) -> Remove:
+    hooks.append(hook)
+
+    def remove() -> None:
+        for place, each in enumerate(hooks):
+            if each is hook:
+                del hooks[place]
+                return
+
+    return remove
+
+
+class _Delayed(NamedTuple):
+    """A frame whose delay has not passed, with its encoded form."""
+
+    timer: asyncio.TimerHandle
+    frame: Outgoing
+    data: Encoded
+
+
+class Client(ConnectedClient):
+    """The simulator's end of one connection.
+
+    Args:
+        transport: The open connection.
+        max_outbox: Maximum number of frames that wait. A client that exceeds it is dropped.
+
+    Attributes:
+        has_sent: The client has sent at least one frame.
+        waiting: Number of requests that wait to be executed or whose answers are held back.
+    """
+
+    def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
+        super().__init__(transport, max_outbox)
+        self.has_sent = False
+        self.waiting = 0
+        self._delayed: dict[object, _Delayed] = {}
+        """Delayed frames, by a unique key each."""
+        self._held = 0
+        """Number of frames that are held back."""
+
+    def send_as(self, frame: Outgoing, data: Encoded) -> None:
+        """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
+        if not frame.hold:
+            self._send_after(frame, data)
+        elif self._has_room():
+            self._held += 1
+            self.waiting += frame.is_answer
+            frame.hold(self, partial(self._release, frame, data))
+
+    def release(self) -> None:
+        """Queue all delayed frames at once, in the order of their times."""
+        for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
+            self._delayed[key].timer.cancel()
+            self._queue_delayed(key)
+
+    def forget(self) -> None:
+        super().forget()
+        for delayed in self._delayed.values():
+            delayed.timer.cancel()
+        self._delayed.clear()
+
+    def _waiting_frames(self) -> int:
+        return super()._waiting_frames() + self._held + len(self._delayed)
+
+    def _release(self, frame: Outgoing, data: Encoded) -> None:
+        self._held -= 1
+        self.waiting -= frame.is_answer
+        self._send_after(frame, data)
+
+    def _send_after(self, frame: Outgoing, data: Encoded) -> None:
+        if not frame.delay:
+            self.send(data)
+        elif self._has_room():
+            self.waiting += frame.is_answer
+            key = object()
+            timer = asyncio.get_running_loop().call_later(frame.delay, self._queue_delayed, key)
+            self._delayed[key] = _Delayed(timer, frame, data)
+
+    def _queue_delayed(self, key: object) -> None:
+        delayed = self._delayed.pop(key)
+        self.waiting -= delayed.frame.is_answer
+        self.send(delayed.data)
+
 
 _LOG = logging.getLogger(__name__)
 

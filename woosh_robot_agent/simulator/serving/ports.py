@@ -8,10 +8,7 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable
 
-from woosh_robot_agent.link.server.base import Handler
-from woosh_robot_agent.link.server.listener import Listener
-from woosh_robot_agent.link.server.tcp import serve_tcp
-from woosh_robot_agent.link.server.websocket import serve_websocket
+from woosh_robot_agent.link.server import Handler, Listener, serve_tcp, serve_websocket
 from woosh_robot_agent.simulator.config import SimulatorConfig
 
 _LOG = logging.getLogger(__name__)

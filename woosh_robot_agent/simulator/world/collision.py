@@ -1,14 +1,98 @@
-"""Collision detection for a moving base."""
+"""What the base can touch: the walls of the map, and round obstacles that are not in it."""
 
 from __future__ import annotations
 
 import math
 
-from woosh_robot_agent.simulator.world.footprints import Outline
-from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
-from woosh_robot_agent.simulator.world.hull import hull
+from woosh_robot_agent.simulator.world.geometry import Outline, Point, Pose, Wall, hull
 from woosh_robot_agent.simulator.world.maps import Map
-from woosh_robot_agent.simulator.world.obstacles import Obstacles
+
+_CORNERS = 12
+"""Number of corners of the polygon that stands for a round obstacle."""
+
+
+class Obstacles:
+    """Obstacles that are not in the map. The laser sees them and the base cannot pass them.
+
+    Each is a regular polygon with its corners on a circle. Positions are in the map's frame and
+    do not change when the robot switches to another map.
+    """
+
+    def __init__(self) -> None:
+        self._circles: dict[str, tuple[float, float, float]] = {}
+        self._walls: dict[str, tuple[Wall, ...]] = {}
+        self._all: tuple[Wall, ...] = ()
+
+    def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
+        """Add an obstacle, or move and resize the one of the same name.
+
+        Args:
+            name: Name by which it can be moved and removed.
+            x: Position of its centre, in metres.
+            y: Position of its centre, in metres.
+            radius: Radius, in metres.
+
+        Raises:
+            ValueError: A number is not finite, or the radius is not positive.
+        """
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError(f"obstacle {name}: position ({x}, {y}) is not finite")
+        if not 0.0 < radius < math.inf:
+            raise ValueError(f"obstacle {name}: radius {radius} m is not a positive number")
+        self._circles[name] = x, y, radius
+        self._walls[name] = _polygon(x, y, radius)
+        self._all = self._joined()
+
+    def remove(self, name: str) -> None:
+        """Remove an obstacle.
+
+        Raises:
+            KeyError: There is no obstacle of this name.
+        """
+        del self._circles[name], self._walls[name]
+        self._all = self._joined()
+
+    def clear(self) -> None:
+        """Remove all obstacles."""
+        self._circles.clear()
+        self._walls.clear()
+        self._all = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all obstacles, in the order in which they were added."""
+        return tuple(self._circles)
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """Sides of all obstacles; the same object as long as no obstacle changes."""
+        return self._all
+
+    def clearance(self, x: float, y: float) -> float:
+        """Return the distance from (x, y) to the nearest obstacle, in metres.
+
+        It is 0 inside an obstacle and infinite if there is none.
+        """
+        nearest = math.inf
+        for name, (centre_x, centre_y, radius) in self._circles.items():
+            distance = math.hypot(x - centre_x, y - centre_y)
+            if distance <= radius * math.cos(math.pi / _CORNERS):
+                return 0.0
+            if distance - radius < nearest:
+                nearest = min(nearest, *(wall.distance(x, y) for wall in self._walls[name]))
+        return nearest
+
+    def _joined(self) -> tuple[Wall, ...]:
+        return tuple(wall for walls in self._walls.values() for wall in walls)
+
+
+def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
+    angles = [math.tau * corner / _CORNERS for corner in range(_CORNERS)]
+    corners = [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
+    return tuple(
+        Wall(*corner, *following)
+        for corner, following in zip(corners, corners[1:] + corners[:1], strict=True)
+    )
 
 
 class CollisionDetector:

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from woosh_robot_agent.simulator.world.cells import OCCUPIED, UNKNOWN
-from woosh_robot_agent.simulator.world.geometry import Point, Pose
-from woosh_robot_agent.simulator.world.hull import Hull
+from woosh_robot_agent.simulator.world.geometry import Hull, Point, Pose
+from woosh_robot_agent.simulator.world.raster import OCCUPIED, UNKNOWN
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 

@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from woosh_robot_agent.simulator.world.cells import FREE, OCCUPIED, UNKNOWN
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
-from woosh_robot_agent.simulator.world.raster import Cells, Raster
+from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN, Cells, Raster
 
 RESOLUTION = 0.05
 """Side of a cell of a new map, in metres."""

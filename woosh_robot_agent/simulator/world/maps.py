@@ -8,8 +8,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.map import mark_pb2
-from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall
-from woosh_robot_agent.simulator.world.hull import Hull
+from woosh_robot_agent.simulator.world.geometry import Hull, Point, Pose, Wall
 
 if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
     from woosh_robot_agent.simulator.world.grid import Grid

@@ -1,4 +1,4 @@
-"""Rasters: the cells of a map without anything that is computed from them."""
+"""The raster of a map's cells, and their values."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from woosh_robot_agent.simulator.world.geometry import Point
+
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+"""Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
+
 
 Cells: TypeAlias = npt.NDArray[np.int8]
 

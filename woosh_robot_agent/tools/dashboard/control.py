@@ -12,12 +12,12 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate, VelocityDriver, VelocityLimits
+from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
-from woosh_robot_agent.readiness import is_running
-from woosh_robot_agent.recent_dict import RecentDict
-from woosh_robot_agent.refusals import RefusalExplainer, type_of
+from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import (
     INTERRUPTING,

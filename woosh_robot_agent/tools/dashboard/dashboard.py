@@ -17,15 +17,16 @@ from typing import Any, Protocol
 from websockets.exceptions import ConnectionClosed
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access
-from woosh_robot_agent.tools.dashboard.commands import CommandError
-from woosh_robot_agent.tools.dashboard.control import STOP, Control
-from woosh_robot_agent.tools.dashboard.http import (
+from woosh_robot_agent.tools.dashboard.access import (
     POLICY_VIOLATION,
+    SECURITY_HEADERS,
+    Access,
     Request,
     Response,
     serve_http,
 )
+from woosh_robot_agent.tools.dashboard.commands import CommandError
+from woosh_robot_agent.tools.dashboard.control import STOP, Control
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 

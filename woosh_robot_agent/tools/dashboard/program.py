@@ -11,12 +11,11 @@ import sys
 from collections.abc import Sequence
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.log_once import log_to_stderr
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
+from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.dashboard.access import is_local
 from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
-from woosh_robot_agent.tools.options import add_link_options, link_config
-from woosh_robot_agent.tools.stop_event import stop_event
+from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event
 
 _EPILOG = """\
 Without --control, nothing is sent that changes or moves something: the page only

@@ -1,30 +1,64 @@
-"""One robot of the dashboard: its link, and its state as messages for the viewers."""
+"""One robot of the page: its link, its state for all viewers, and its scans as binary messages."""
 
 from __future__ import annotations
 
+import array
 import asyncio
 import contextlib
 import json
 import math
+import struct
+import sys
 from collections.abc import Callable, Set
 from dataclasses import replace
 from typing import Any
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import TOPICS, minimum_timeouts
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, ScannerData
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.protos import message_type
-from woosh_robot_agent.reads import only_reads
-from woosh_robot_agent.requests import RequestMaker
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.map_picture import MapSource
-from woosh_robot_agent.tools.dashboard.scan_frame import scan_frame
-from woosh_robot_agent.tools.link_report import link_report
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.dashboard.part_data import MapSource
+from woosh_robot_agent.tools.robot_view import RobotView, link_report
+
+_HEADER = struct.Struct("<4x7f")
+"""Pose x, y, theta of the robot; offset x, y of the laser; first angle, angle between two rays.
+
+The first four bytes are zero, and the ranges follow: whole millimetres, as 16-bit integers. The
+range 0 stands for no reflection. All is little-endian, in metres and radians.
+"""
+_MAX_RAYS = 10_000
+"""Maximum number of rays that are sent."""
+_MAX_RANGE = 65.535
+"""Greatest range that can be expressed, in metres."""
+
+
+def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | None:
+    """Return the message for a scan; None if the scan has no valid angles or pose.
+
+    Args:
+        scan: the scan.
+        pose: pose of the robot, used if the scan has none.
+    """
+    if scan.HasField("pose"):
+        pose = scan.pose.x, scan.pose.y, scan.pose.theta
+    values = (*pose, scan.offset.x, scan.offset.y, scan.angle_min, scan.angle_increment)
+    if not all(map(math.isfinite, values)):
+        return None
+    low, high = max(0.0, scan.range_min), min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
+    # a comparison with NaN is False
+    measured = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
+    ranges = array.array("H", measured)
+    if sys.byteorder == "big":
+        ranges.byteswap()
+    return _HEADER.pack(*values) + ranges.tobytes()
+
 
 _MAX_BACKOFF = 3.0
 """Longest pause between attempts to connect, in seconds; short, because somebody is watching."""

@@ -1,19 +1,98 @@
-"""Command line and output of `doctor`."""
+"""The program `doctor`: all checks, in order. It never commands the robot."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
 import json
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import replace
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.log_once import printable
-from woosh_robot_agent.robot_clock import TOLERANCE
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
-from woosh_robot_agent.tools.doctor.examination import CHECKS, NOT_REACHED, examine
-from woosh_robot_agent.tools.doctor.result import Result, Status
+from woosh_robot_agent.link.reports import printable
+from woosh_robot_agent.program import exit_on_stdout_error
+from woosh_robot_agent.robot.clock import TOLERANCE
+from woosh_robot_agent.tools.doctor.checks import (
+    CheckFailedError,
+    Result,
+    Status,
+    check_clock,
+    check_codes,
+    check_emergency_stop,
+    check_identity,
+    check_initialisation,
+    check_localisation,
+    check_mode,
+    check_taskable,
+    find_reachable,
+    open_link,
+    own_address,
+    request_robot_info,
+    resolve,
+)
 from woosh_robot_agent.tools.options import add_link_options, link_config
+
+CHECKS = (
+    "network",
+    "port",
+    "handshake",
+    "RobotInfo",
+    "mode",
+    "initialisation",
+    "localisation",
+    "emergency stop",
+    "taskable",
+    "status codes",
+    "clock",
+)
+"""Names of the checks, in order."""
+NOT_REACHED = "not checked, because an earlier check failed"
+"""Text of the checks that were not reached."""
+
+
+async def examine(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
+    """Check one robot; yield the result of each of `CHECKS` as soon as it is known.
+
+    Args:
+        config: Address and timeouts of the robot.
+        max_skew: Maximum difference of the clocks, in seconds.
+    """
+    names = iter(CHECKS)
+    try:
+        async for result in _run_checks(config, max_skew):
+            yield replace(result, check=next(names))
+    except CheckFailedError as error:
+        yield replace(error.result, check=next(names))
+    for name in names:
+        yield Result(Status.SKIPPED, NOT_REACHED, check=name)
+
+
+async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
+    address, closed = await find_reachable(config, await resolve(config))
+    yield Result(Status.OK, f"{address.ip} is reachable from {own_address(address)}")
+    if closed is not None:
+        raise CheckFailedError(
+            f"port {config.effective_port} is closed: {closed}",
+            "check --port and --transport; if they are right, the robot's program is not running: "
+            "wait until it has started, or switch the robot off and on",
+        )
+    yield Result(Status.OK, f"{config.effective_port} is open")
+    transport = await open_link(config)
+    try:
+        is_tcp = config.transport == "tcp"
+        yield Result(Status.OK, "not needed over tcp" if is_tcp else "the WebSocket is open")
+        answer = await request_robot_info(transport, config)
+    finally:
+        await transport.close(config.close_timeout)
+    yield check_identity(answer)
+    yield check_mode(answer.info)
+    yield check_initialisation(answer.info)
+    yield check_localisation(answer.info)
+    yield check_emergency_stop(answer.info)
+    yield check_taskable(answer.info)
+    yield check_codes(answer.info)
+    yield check_clock(answer, max_skew)
+
 
 _NAME_WIDTH = max(map(len, CHECKS))
 _EPILOG = """\

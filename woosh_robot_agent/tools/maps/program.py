@@ -13,11 +13,11 @@ from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.log_once import printable
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
+from woosh_robot_agent.link.reports import printable
+from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.maps import commands
-from woosh_robot_agent.tools.maps.errors import MapsError
 from woosh_robot_agent.tools.maps.robot import SLOW_ANSWERS, Robot
+from woosh_robot_agent.tools.maps.scene_folder import MapsError
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
 from woosh_robot_agent.tools.start import INTERRUPTED
 

@@ -7,12 +7,12 @@ from typing import TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import ChassisClient, LinkError
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map import map_pack_pb2 as pack
 from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.pb.util.common_pb2 import FileData
-from woosh_robot_agent.protos import full_name
-from woosh_robot_agent.tools.maps.errors import MapsError
+from woosh_robot_agent.tools.maps.scene_folder import MapsError
 
 SLOW_ANSWERS = {
     "woosh.map.Download": 300.0,

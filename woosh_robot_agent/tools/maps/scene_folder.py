@@ -4,6 +4,9 @@
 - `maps/NAME.yaml` and `maps/NAME.png` are the map NAME for nav2's map_server.
 - `marks/NAME.yaml` has the marks of the map, for people to edit.
 - `files/` has the scene's own files, as the robot sent them.
+
+The names come from a robot, which may call a file `../../.bashrc`. Characters that could make a
+name a path, or that some file systems do not have, are written as in URLs.
 """
 
 from __future__ import annotations
@@ -11,25 +14,216 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
+from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 from google.protobuf.message import DecodeError
 
-from woosh_robot_agent.map_image import MapError
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
+from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
+from woosh_robot_agent.robot.maps import MapError
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
-from woosh_robot_agent.tools.maps.errors import MapsError
-from woosh_robot_agent.tools.maps.file_names import to_file_name
-from woosh_robot_agent.tools.maps.marks_file import read_marks, write_marks
 from woosh_robot_agent.tools.nav2_map import map_files
+
+
+class MapsError(Exception):
+    """The program cannot do what it was told. The text says why, and what to do."""
+
+
+_UNSAFE = frozenset('/\\:*?"<>|%')
+"""Characters that a file name does not have. `%` is one, so that names stay different."""
+_MAX_NAME = 200
+"""Maximum length of a file name, in bytes. Most file systems have a limit of 255."""
+
+
+def to_file_name(name: str, suffix: str = "") -> str:
+    """Return a file name for any name. Different names have different file names.
+
+    Args:
+        name: The name.
+        suffix: End of the file name, which is added unchanged.
+
+    Raises:
+        MapsError: The name is empty or too long.
+    """
+    quoted = "".join(map(_quoted, name))
+    if quoted.startswith("."):  # hidden, or this folder or the one above
+        quoted = f"%2E{quoted[1:]}"
+    if not name or len((quoted + suffix).encode()) > _MAX_NAME:
+        raise MapsError(
+            f"the name {name[:50]!r} cannot be a file name: it is empty or too long; rename it on "
+            "the robot"
+        )
+    return quoted + suffix
+
+
+def _quoted(character: str) -> str:
+    if character.isprintable() and character not in _UNSAFE:
+        return character
+    return "".join(f"%{byte:02X}" for byte in character.encode())
+
+
+_TYPES = tuple(field.name for field in Storage.DESCRIPTOR.oneofs_by_name["category"].fields)
+"""Types of marks: the categories of `woosh.map.mark.Storage`."""
+_BASE = "base"
+"""Type of a mark without a category."""
+_MARKS, _OTHERS = "marks", "others"
+"""Keys of the file: the storage places, and all other marks."""
+_MAX_MARKS_FILE = 8 * 1024 * 1024
+"""Maximum size of a file, in bytes."""
+_MAX_MARKS = 100_000
+"""Maximum number of marks in a file."""
+_UINT32 = 2**32 - 1
+"""Greatest possible id of a mark."""
+_HEADING = """\
+# Marks of map {map}. Edit this file, then upload the folder: maps --ip ... upload --force FOLDER
+#
+# pose is where a robot stands at the mark: [x, y, theta], in m and rad. real is the pose of the
+# place itself, if it differs. A mark without an id gets a free one.
+# Types: {types}.
+"""
+
+
+def write_marks(info: MarkInfo, map_name: str) -> bytes:
+    """Return the marks of a map as YAML."""
+    heading = _HEADING.format(map=repr(map_name), types=", ".join((_BASE, *_TYPES)))
+    content = {_MARKS: [_entry(storage) for storage in info.storages], _OTHERS: _others(info)}
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return (heading + text).encode()
+
+
+def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
+    """Return the marks that a file describes; `old` itself if the file describes the same ones.
+
+    Args:
+        name: Name of the file, for errors.
+        data: Content of the file.
+        old: The marks at the time when the file was written. Data that this program does not know
+            are taken from them.
+
+    Raises:
+        MapsError: The file cannot be used.
+    """
+    try:
+        root = parse(name, data, _MAX_MARKS_FILE).check_keys((_MARKS, _OTHERS))
+        nodes = list(root.required(_MARKS).items(_MAX_MARKS))
+        storages = _storages(nodes, old.storages)
+        others = root.get(_OTHERS)
+        same_others = (others.value if others else {}) == _others(old)
+        if same_others and storages == list(old.storages):
+            return old
+        new = MarkInfo()
+        new.CopyFrom(old)
+        if others and not same_others:
+            new = _parsed(others, MarkInfo(version=old.version))
+        del new.storages[:]
+        new.storages.extend(storages)
+    except DataFileError as error:
+        raise MapsError(str(error)) from None
+    return new
+
+
+def _storages(nodes: list[Node], old: Iterable[Storage]) -> list[Storage]:
+    """Return the marks of a file. An unchanged one is the one of `old`."""
+    unchanged = {storage.identity.no: storage for storage in old}
+    storages: list[Storage] = []
+    changed: list[Storage] = []
+    numbers: set[str] = set()
+    ids: set[int] = set()
+    for node in nodes:
+        number = node.required("number").text()
+        before = unchanged.get(number)
+        if before and _entry(before) == node.value:
+            storage = before
+        else:
+            storage = _storage(node)
+            changed.append(storage)
+        id_ = storage.identity.id
+        if number in numbers or (id_ and id_ in ids):
+            raise node.error(f"number {number} or id {id_} is used twice")
+        numbers.add(number)
+        ids.add(id_)
+        storages.append(storage)
+    for storage in changed:
+        if not storage.identity.id:
+            storage.identity.id = max(ids) + 1
+            ids.add(storage.identity.id)
+    return storages
+
+
+def _entry(storage: Storage) -> dict[str, Any]:
+    """Return a mark as in the file."""
+    fields = MessageToDict(storage, preserving_proto_field_name=True)
+    identity, poses = fields.pop("identity", {}), fields.pop("pose", {})
+    category = storage.WhichOneof("category")
+    entry: dict[str, Any] = {"number": identity.get("no", ""), "id": identity.get("id", 0)}
+    entry["type"] = category or _BASE
+    dock, real = (_numbers(poses.pop(key, None)) for key in ("dock", "real"))
+    if dock:
+        entry["pose"] = dock
+    if real and real != dock:
+        entry["real"] = real
+    if identity.get("desc"):
+        entry["description"] = identity["desc"]
+    if category and not fields[category]:
+        del fields[category]
+    if poses:
+        fields["pose"] = poses
+    if fields:
+        entry["details"] = fields
+    return entry
+
+
+def _storage(node: Node) -> Storage:
+    """Return the mark that an entry of the file describes."""
+    node.check_keys(("number", "id", "type", "pose", "real", "description", "details"))
+    details = node.get("details")
+    storage = _parsed(details, Storage()) if details else Storage()
+    id_, description, kind = node.get("id"), node.get("description"), node.get("type")
+    storage.identity.no = node.required("number").text()
+    storage.identity.id = id_.integer(0, _UINT32) if id_ else 0
+    storage.identity.desc = description.text() if description else ""
+    category = kind.choice((_BASE, *_TYPES)) if kind else _BASE
+    given = storage.WhichOneof("category")
+    if given and given != category:
+        raise node.error(f"details are those of a {given}, but type is {category}")
+    if category != _BASE:
+        getattr(storage, category).SetInParent()
+    pose, real = node.get("pose"), node.get("real")
+    if not pose and not real:
+        raise node.error("pose is missing")
+    for target, source in ((storage.pose.dock, pose), (storage.pose.real, real or pose)):
+        if source:
+            target.x, target.y, target.theta = source.numbers("x, y, theta")
+            target.SetInParent()
+    return storage
+
+
+def _others(info: MarkInfo) -> dict[str, Any]:
+    """Return everything but the storage places, as in the file."""
+    fields = MessageToDict(info, preserving_proto_field_name=True)
+    return {key: value for key, value in fields.items() if key not in ("storages", "version")}
+
+
+def _parsed(node: Node, message: Any) -> Any:
+    """Add the fields in a part of the file to a message, and return it."""
+    try:
+        return ParseDict(node.value, message)
+    except (ParseError, TypeError, ValueError, AttributeError) as error:
+        raise node.error(f"does not fit {message.DESCRIPTOR.full_name}: {error}") from None
+
+
+def _numbers(pose: dict[str, float] | None) -> list[float] | None:
+    return None if pose is None else [float(pose.get(key, 0.0)) for key in ("x", "y", "theta")]
+
 
 _INDEX = "scene.yaml"
 """File that lists what is in the folder."""
-_MAPS, _MARKS, _FILES = "maps", "marks", "files"
+_MAPS, _MARKS_NAME, _FILES = "maps", "marks", "files"
 """Folders inside the folder."""
 _FORMAT = 1
 """Version of the format of the folder."""
@@ -109,7 +303,7 @@ def write_scene(
                 contents[f"{_MAPS}/{name}"] = content
         except MapError as error:  # the scene's own files may be worth saving all the same
             unusable.append(f"map {area.name} is not saved for map_server: {error}")
-        contents[f"{_MARKS}/{stem}.yaml"] = write_marks(area.mark_info, area.name)
+        contents[f"{_MARKS_NAME}/{stem}.yaml"] = write_marks(area.mark_info, area.name)
         maps.append({"name": area.name, "mark_file": _mark_file(area, files)})
     for name, content in files.items():
         contents[f"{_FILES}/{to_file_name(name)}"] = content
@@ -146,7 +340,7 @@ def read_scene(folder: Path) -> SavedScene:
         for node in root.required("maps").items(_MAX_ITEMS):
             name = node.check_keys(("name", "mark_file")).required("name").text()
             maps.append(name)
-            path = folder / _MARKS / f"{to_file_name(name)}.yaml"
+            path = folder / _MARKS_NAME / f"{to_file_name(name)}.yaml"
             mark_file = node.get("mark_file")
             if mark_file:
                 _update_marks(files, mark_file, path)

@@ -1,4 +1,4 @@
-"""Command line and main loop of `monitor`."""
+"""The program `monitor`, with data from an agent or directly from a chassis."""
 
 from __future__ import annotations
 
@@ -7,20 +7,86 @@ import asyncio
 import logging
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
 
 from rich.console import Console
 from rich.live import Live
 
-from woosh_robot_agent.endpoints import NAMESPACE
-from woosh_robot_agent.library_versions import import_problem
-from woosh_robot_agent.link.timeouts import run_with_timeout
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
-from woosh_robot_agent.tools.monitor.keyboard import key_presses
-from woosh_robot_agent.tools.monitor.link_source import LinkSource
-from woosh_robot_agent.tools.monitor.screen import draw
-from woosh_robot_agent.tools.monitor.source import Source
-from woosh_robot_agent.tools.options import add_link_options, link_config
-from woosh_robot_agent.tools.stop_event import stop_event
+from woosh_robot_agent.endpoints import NAMESPACE, TOPICS
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.program import exit_on_stdout_error, import_problem
+from woosh_robot_agent.tools.monitor.screen import draw, key_presses
+from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, link_report
+
+
+class Source(Protocol):
+    """Source of a view of one robot. Used in one asyncio event loop.
+
+    Attributes:
+        name: Name of the source, shown as title.
+        view: State of the robot as received so far.
+    """
+
+    name: str
+    view: RobotView
+
+    def link(self) -> LinkReport:
+        """Return the current state of the link."""
+
+    def is_complete(self) -> bool:
+        """Return True once all first values have arrived, or the wait for them has timed out."""
+
+    async def start(self) -> None:
+        """Start receiving."""
+
+    async def close(self) -> None:
+        """Stop receiving."""
+
+
+_MAX_BACKOFF = 3.0
+"""Longest pause between attempts to connect, in seconds; short, because a user is watching."""
+
+
+class LinkSource:
+    """Receives from one chassis; implements `Source`.
+
+    It requests RobotInfo with each connection and never commands the robot.
+
+    Args:
+        config: Address and timeouts of the chassis.
+
+    Attributes:
+        name: Address of the chassis.
+        view: State of the robot as received so far.
+    """
+
+    def __init__(self, config: LinkConfig) -> None:
+        self.name = config.address
+        self.view = RobotView()
+        self._chassis = ChassisClient(config=replace(config, backoff_max=_MAX_BACKOFF))
+        self._chassis.on_snapshot(self.view.update)
+        for topic in TOPICS:
+            if not topic.on_demand:
+                self._chassis.subscribe(message_type(topic.push), self.view.update)
+        self._chassis.subscribe(Feedbacks, self.view.update)
+
+    async def start(self) -> None:
+        self._chassis.start()
+
+    async def close(self) -> None:
+        await self._chassis.close()
+
+    def is_complete(self) -> bool:
+        return self.view.has_robot_info
+
+    def link(self) -> LinkReport:
+        return link_report(self._chassis)
+
 
 _REDRAW_PERIOD = 0.2
 """Time between two updates of a terminal, in seconds."""

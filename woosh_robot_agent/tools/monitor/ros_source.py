@@ -18,18 +18,17 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
 from woosh_robot_agent.convert import BadFieldError, Converter, converter
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
-from woosh_robot_agent.last_known import parts_of
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.logs import with_possible_log_files
-from woosh_robot_agent.participants import UNKNOWN_NODE
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.protos import full_name, message_type
-from woosh_robot_agent.qos import latched
-from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.tools.link_report import LinkReport
+from woosh_robot_agent.robot.last_known import parts_of
+from woosh_robot_agent.ros.logs import with_possible_log_files
+from woosh_robot_agent.ros.qos import latched
+from woosh_robot_agent.ros.second_agent import UNKNOWN_NODE
 from woosh_robot_agent.tools.options import link_arguments
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 from woosh_robot_agent.tools.spinning import spin_until
 
 _DISCOVERY_PERIOD = 0.5

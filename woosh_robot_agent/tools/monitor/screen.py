@@ -1,27 +1,65 @@
-"""Display of a robot's state, drawn with rich."""
+"""The monitor's screen and its keys."""
 
 from __future__ import annotations
 
+import asyncio
 import math
+import os
+import sys
+import termios
 import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from woosh_robot_agent.link.log_once import printable
+from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.readiness import accepts_task, pose_doubt, rejections
-from woosh_robot_agent.status_codes import explained
-from woosh_robot_agent.tools.enum_names import enum_name
-from woosh_robot_agent.tools.link_report import LinkReport
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.robot.readiness import accepts_task, pose_doubt, rejections
+from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
+
+_END_OF_INPUT = "\x04"
+
+
+@contextmanager
+def key_presses(on_key: Callable[[str], None]) -> Iterator[bool]:
+    """Call `on_key` with each key pressed; yield False if stdin is not a terminal.
+
+    The terminal's settings are restored at the end. If the terminal goes away, that counts as the
+    key Ctrl-D.
+    """
+    if not sys.stdin.isatty():
+        yield False
+        return
+    loop = asyncio.get_running_loop()
+    stdin = sys.stdin.fileno()
+    settings = termios.tcgetattr(stdin)
+
+    def read() -> None:
+        data = os.read(stdin, 100)
+        if not data:  # the terminal is gone
+            loop.remove_reader(stdin)
+        for key in data.decode(errors="replace") or _END_OF_INPUT:
+            on_key(key)
+
+    try:
+        tty.setcbreak(stdin)
+        loop.add_reader(stdin, read)
+        yield True
+    finally:
+        loop.remove_reader(stdin)
+        termios.tcsetattr(stdin, termios.TCSADRAIN, settings)
+
 
 _GOOD, _BAD, _WARNING, _FAINT = "green", "bold red", "yellow", "dim"
 _MAX_CODES = 8

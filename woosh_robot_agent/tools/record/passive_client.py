@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.protos import full_name, message_type
-from woosh_robot_agent.requests import RequestMaker
 
 _LOG = logging.getLogger(__name__)
 

@@ -15,21 +15,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from woosh_robot_agent.endpoints import NAMESPACE
-from woosh_robot_agent.library_versions import import_problem
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.log_once import log_to_stderr, printable
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
+from woosh_robot_agent.link.reports import log_to_stderr, printable
+from woosh_robot_agent.program import exit_on_stdout_error, import_problem
 from woosh_robot_agent.tools.options import (
     add_link_options,
     host_and_port,
     link_arguments,
     link_config,
+    stop_event,
     warn_if_not_local,
 )
-from woosh_robot_agent.tools.recording.errors import RecordingError
-from woosh_robot_agent.tools.recording.libraries import require_libraries
-from woosh_robot_agent.tools.stop_event import stop_event
+from woosh_robot_agent.tools.recording.records import RecordingError, require_libraries
 
 if TYPE_CHECKING:  # needs the libraries, unlike --help
     from woosh_robot_agent.tools.record.ros_recorder import RosRecorder

@@ -1,4 +1,4 @@
-"""Proxy between clients and a chassis that forwards every byte and records the frames."""
+"""A proxy that records the frames between clients and a chassis."""
 
 from __future__ import annotations
 
@@ -9,19 +9,59 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.link.server.listener import Listener
-from woosh_robot_agent.link.timeouts import cancel_and_wait, run_with_timeout
-from woosh_robot_agent.tools.link_report import system_text
-from woosh_robot_agent.tools.record.frame_parsers import (
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.server import Listener
+from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
+from woosh_robot_agent.tools.record.frame_recorder import (
     DelimitedParser,
+    Direction,
     FrameParser,
+    FrameRecorder,
     WebSocketParser,
 )
-from woosh_robot_agent.tools.record.frame_recorder import Direction, FrameRecorder
-from woosh_robot_agent.tools.record.read_pace import ReadPace
 from woosh_robot_agent.tools.recording.records import Side
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
+from woosh_robot_agent.tools.robot_view import system_text
+
+_BURST = 20
+"""Number of reads that may follow each other at once."""
+_LARGE = 16 * 1024
+"""Size of a read from which the next one follows at once, in bytes."""
+
+
+class ReadPace:
+    """Delays reads of a stream so that frames that arrive at high rates are read together.
+
+    To wake up for a frame costs several times what reading one more frame does.
+
+    Args:
+        transport: Transport that the stream is read from.
+        period: Time between two reads at high rates, in seconds.
+    """
+
+    def __init__(self, transport: asyncio.BaseTransport, period: float) -> None:
+        assert isinstance(transport, asyncio.ReadTransport)
+        self._transport = transport
+        self._period = period
+        self._now = asyncio.get_running_loop().time
+        self._due = 0.0
+        """Loop time at which the next read would follow at an even rate."""
+
+    async def wait(self, size: int) -> None:
+        """Wait until the next read may follow.
+
+        Args:
+            size: Size of the previous read, in bytes.
+        """
+        if size >= _LARGE:
+            return
+        now = self._now()
+        self._due = max(self._due, now - _BURST * self._period) + self._period
+        if self._due > now:
+            self._transport.pause_reading()
+            await asyncio.sleep(self._due - now)
+            self._transport.resume_reading()
+
 
 _LOG = logging.getLogger(__name__)
 _CHUNK_SIZE = 256 * 1024

@@ -1,9 +1,10 @@
-"""Recording of what the agent publishes, as rosbag2 does it. Needs ROS."""
+"""Recording of ROS topics, with the definitions of their types as rosbag2 stores them."""
 
 from __future__ import annotations
 
 import logging
 import os
+import re
 import threading
 import time
 from collections import Counter
@@ -16,15 +17,62 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.logs import with_possible_log_files
-from woosh_robot_agent.ros_release import SubscriptionEventCallbacks, WithMessageInfo, type_hash
-from woosh_robot_agent.ros_types import class_of
-from woosh_robot_agent.tools.record.ros_definitions import DefinitionError, definition
-from woosh_robot_agent.tools.recording.channel import Channel
+from woosh_robot_agent.ros.logs import with_possible_log_files
+from woosh_robot_agent.ros.releases import SubscriptionEventCallbacks, WithMessageInfo, type_hash
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
-from woosh_robot_agent.tools.recording.layout import ROS_PROFILE
+from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel
 from woosh_robot_agent.tools.spinning import spin_until
+
+_TYPE = re.compile(r"(\w+)/(\w+)")
+"""Package and name of a message type within the type of a field."""
+_SEPARATOR = "=" * 80
+
+
+class DefinitionError(Exception):
+    """The definition of a type is not installed."""
+
+
+def definition(name: str) -> str:
+    """Return the definition of a message type, followed by those of all types that it uses.
+
+    Args:
+        name: Package and name of the type, e.g. `nav_msgs/Odometry`.
+
+    Raises:
+        DefinitionError: The package of one of the types is not installed.
+    """
+    from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
+    parts: list[str] = []
+    for each in _with_used(name):
+        package, short = each.split("/")
+        try:
+            path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
+            text = path.read_text("utf-8")
+        except (PackageNotFoundError, OSError) as error:
+            raise DefinitionError(f"the definition of {each} cannot be read: {error}") from None
+        parts.append(f"{_SEPARATOR}\nMSG: {each}\n{text}" if parts else text)
+    return "\n".join(parts)
+
+
+def _with_used(name: str) -> list[str]:
+    """Return a type and all types that it uses, each once."""
+    from woosh_robot_agent.convert.mapping import class_of
+
+    found = [name]
+    for each in found:  # which grows
+        try:
+            cls: Any = class_of(each)
+        except (ImportError, AttributeError) as error:
+            raise DefinitionError(f"the type {each} is not installed: {error}") from None
+        for field in cls.get_fields_and_field_types().values():
+            used = _TYPE.search(field)
+            if used and used[0] not in found:
+                found.append(used[0])
+    return found
+
 
 _LOG = logging.getLogger(__name__)
 _DISCOVERY_PERIOD = 0.5

@@ -1,7 +1,8 @@
-"""Layout of a recording: the names in the file, and the channels that `replay` reads."""
+"""The channels of a recording."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 from google.protobuf import message_factory
@@ -11,8 +12,36 @@ from google.protobuf.descriptor_pb2 import (
     FileDescriptorProto,
 )
 from google.protobuf.descriptor_pool import DescriptorPool
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap_protobuf.schema import build_file_descriptor_set
 
-from woosh_robot_agent.tools.recording.channel import protobuf_channel
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A channel, which is registered in a file with its first message there.
+
+    Attributes:
+        topic: Name of the channel.
+        schema_name: Name of the messages' type.
+        schema: Definition of the type and of all types that it uses.
+        schema_encoding: Language of the definition.
+        message_encoding: Encoding of the messages.
+        metadata: Further properties.
+    """
+
+    topic: str
+    schema_name: str
+    schema: bytes
+    schema_encoding: str = SchemaEncoding.Protobuf
+    message_encoding: str = MessageEncoding.Protobuf
+    metadata: dict[str, str] = field(default_factory=dict)
+
+
+def protobuf_channel(topic: str, cls: Any) -> Channel:
+    """Return a channel for messages of a protobuf class."""
+    schema = build_file_descriptor_set(cls).SerializeToString()
+    return Channel(topic, cls.DESCRIPTOR.full_name, schema)
+
 
 METADATA = "woosh_robot_agent"
 """Name of the metadata with the version of the layout, the robot's address and the start."""
@@ -65,8 +94,8 @@ def _compile() -> dict[str, Any]:
 
 
 def _add_fields(message: DescriptorProto, fields: str) -> None:
-    for number, field in enumerate(fields.split(", "), start=1):
-        type_name, name = field.split()
+    for number, each in enumerate(fields.split(", "), start=1):
+        type_name, name = each.split()
         message.field.add(
             name=name,
             json_name=name,

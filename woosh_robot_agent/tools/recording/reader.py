@@ -13,7 +13,6 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Header, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
 
-from woosh_robot_agent.tools.recording.errors import RecordingError
 from woosh_robot_agent.tools.recording.layout import (
     EVENTS,
     FRAMES,
@@ -32,6 +31,7 @@ from woosh_robot_agent.tools.recording.records import (
     Frame,
     Record,
     Recording,
+    RecordingError,
     Side,
 )
 

@@ -1,16 +1,20 @@
-"""What the robot reports, in the Foxglove schemas, which viewers show without configuration."""
+"""What viewers show of a recording: decoded messages, standard messages and maps."""
 
 from __future__ import annotations
 
+import logging
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Grid_pb2 import Grid
 from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -19,11 +23,18 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
+from foxglove_schemas_protobuf.Vector2_pb2 import Vector2
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from woosh_robot_agent.endpoints import COMMANDS
+from woosh_robot_agent.link.codecs import server_codec
+from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.protos import full_name, message_types
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     Model,
@@ -31,9 +42,87 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     PoseSpeed,
     RobotInfo,
     ScannerData,
+    Scene,
 )
-from woosh_robot_agent.status_codes import explained
-from woosh_robot_agent.tools.recording.channel import Channel, protobuf_channel
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.robot.maps import MapError, grey_image
+from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.tools.nav2_map import map_files
+from woosh_robot_agent.tools.recording.layout import Channel, protobuf_channel
+from woosh_robot_agent.tools.recording.records import Side
+
+_ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
+"""Types of the answers whose frame may name the type of the request."""
+_MAX_TIMESTAMP = 2**63 // 1_000_000
+"""First timestamp that is no valid time, in ms."""
+
+
+class DecodedFrame(NamedTuple):
+    """The message in a frame.
+
+    Attributes:
+        channel: Channel of the message's type and direction.
+        message: The message.
+        sent: Time of sending by the sender's clock, in ns; None if the frame does not give it.
+    """
+
+    channel: Channel
+    message: Message
+    sent: int | None
+
+
+class MessageDecoder:
+    """Decodes frames."""
+
+    def __init__(self) -> None:
+        self._channels: dict[tuple[Side, str], tuple[Any, Channel] | None] = {}
+        """Class and channel by sender and type; None for a type that the schema does not have."""
+
+    def decode(self, sender: Side, frame: str | bytes) -> DecodedFrame | None:
+        """Return the message in a frame.
+
+        Args:
+            sender: Side that sent the frame.
+            frame: The frame.
+
+        Returns:
+            None if the frame has none: it is invalid, of an unknown type, or refuses a request.
+        """
+        codec = server_codec(frame)
+        try:
+            envelope = codec.decode(frame)
+            if envelope.ok is False:
+                return None
+            found = self._find(sender, envelope)
+            if found is None:
+                return None
+            cls, channel = found
+            return DecodedFrame(channel, codec.body(envelope, cls), _sent(envelope))
+        except FrameError:
+            return None
+
+    def _find(self, sender: Side, envelope: Envelope) -> tuple[Any, Channel] | None:
+        name = envelope.type
+        if name == SUBSCRIPTION_TYPE:
+            name = full_name(Subscription)
+        elif sender == "chassis" and envelope.ok is not None:
+            name = _ANSWERS.get(name, name)
+        key = sender, name
+        if key not in self._channels:
+            cls = message_types().get(name)
+            if cls is None:  # not remembered, because a hostile robot could send any number of them
+                return None
+            topic = f"/{sender}/{name.removeprefix('woosh.').replace('.', '/')}"
+            self._channels[key] = cls, protobuf_channel(topic, cls)
+        return self._channels[key]
+
+
+def _sent(envelope: Envelope) -> int | None:
+    timestamp = envelope.timestamp
+    if timestamp is None or not 0 < timestamp < _MAX_TIMESTAMP:
+        return None
+    return timestamp * 1_000_000
+
 
 MAP_FRAME = "map"
 """Frame of poses, paths and maps."""
@@ -199,3 +288,135 @@ _VIEWS: dict[type[Message], Callable[[Any, Timestamp], Iterator[View]]] = {
     ScannerData: _scan,
     StatusCode: _status_code,
 }
+
+
+_LOG = logging.getLogger(__name__)
+_GRID = protobuf_channel("/view/map", Grid)
+_COLOURS = ("red", "green", "blue", "alpha")
+"""Fields of a cell: with these names, viewers show the colours without configuration."""
+_MAX_CELLS = 9_000_000
+"""Size of a map above which it has no view, in cells; it is attached all the same.
+
+Compressing it would block the proxy for too long.
+"""
+
+
+class Picture(NamedTuple):
+    """The image of a map, and where it belongs.
+
+    Attributes:
+        name: Name of the map.
+        image: Image file.
+        resolution: Size of a pixel, in metres.
+        origin: Pose of the bottom left corner: x and y in metres, angle in radians.
+        area: The map as the chassis sent it; None for one that the robot is making.
+        is_current: True for the map that the robot uses, or is making.
+    """
+
+    name: str
+    image: bytes
+    resolution: float
+    origin: tuple[float, float, float]
+    area: SceneData.Map | None
+    is_current: bool
+
+
+class PreparedMap(NamedTuple):
+    """A map in the form in which it is written.
+
+    Attributes:
+        name: Name of the map.
+        files: Contents of the files for map_server, by name.
+        view: View of the map; None if it is not the current one, or too large.
+    """
+
+    name: str
+    files: dict[str, bytes]
+    view: View | None
+
+    def attachments(self) -> Iterator[tuple[str, str, bytes]]:
+        """Yield name, media type and content of the attachments."""
+        for name, content in self.files.items():
+            yield name, "image/png" if name.endswith(".png") else "application/yaml", content
+
+
+class MapFinder:
+    """Finds maps in the messages of the chassis."""
+
+    def __init__(self) -> None:
+        self._current = ("", 0)
+        """Name and id of the current map."""
+
+    def pictures_of(self, message: Message) -> Iterator[Picture]:
+        """Yield the maps in a message."""
+        if isinstance(message, RobotInfo) and message.HasField("scene"):
+            message = message.scene
+        if isinstance(message, Scene):
+            self._current = message.map_name, message.map_id
+        elif isinstance(message, BuildMapData):
+            origin = (message.origin_x, message.origin_y, 0.0)
+            name = "in the making"
+            yield Picture(name, message.map_data, message.resolution, origin, None, True)
+        elif isinstance(message, SceneData):
+            for area in message.maps:
+                if area.map_png:
+                    at = area.origin
+                    yield Picture(
+                        area.name,
+                        area.map_png,
+                        area.resolution,
+                        (at.x, at.y, at.theta),
+                        area,
+                        (area.name, area.id) == self._current or len(message.maps) == 1,
+                    )
+
+
+def prepare_map(picture: Picture, time: int) -> PreparedMap | None:
+    """Return a map in the form in which it is written; None if it is not usable, which is logged.
+
+    Decoding a large image takes long: call it in a thread of its own.
+
+    Args:
+        picture: The map.
+        time: Time of recording, in ns.
+    """
+    try:
+        numbers = (picture.resolution, *picture.origin)
+        if not all(map(math.isfinite, numbers)) or picture.resolution <= 0:
+            raise MapError(f"its resolution or origin is invalid: {numbers}")
+        files = {}
+        if picture.area is not None:
+            files = map_files(picture.area, re.sub(r"[^\w.-]", "_", picture.name))
+        return PreparedMap(
+            picture.name, files, _view(picture, time) if picture.is_current else None
+        )
+    except MapError as error:
+        _LOG.warning("map %s is left out: %s", picture.name, error)
+        return None
+
+
+def _view(picture: Picture, time: int) -> View | None:
+    from PIL import ImageOps
+
+    grey = grey_image(picture.image)
+    if grey.width * grey.height > _MAX_CELLS:
+        _LOG.warning("map %s is too large for a view; it is attached only", picture.name)
+        return None
+    colours = ImageOps.flip(grey).convert("RGBA").tobytes()
+    fields = [
+        PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
+        for offset, name in enumerate(_COLOURS)
+    ]
+    x, y, theta = picture.origin
+    grid = Grid(
+        timestamp=timestamp(time),
+        frame_id=MAP_FRAME,
+        pose=pose(x, y, theta),
+        column_count=grey.width,
+        cell_size=Vector2(x=picture.resolution, y=picture.resolution),
+        row_stride=len(_COLOURS) * grey.width,
+        cell_stride=len(_COLOURS),
+        fields=fields,
+        data=colours,
+    )
+    return View(_GRID, grid)

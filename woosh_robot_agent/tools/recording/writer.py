@@ -12,10 +12,9 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.log_once import LogOnce
+from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.pb.robot.robot_pb2 import General, PoseSpeed, RobotInfo, ScannerData
-from woosh_robot_agent.recent_dict import RecentDict
-from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+from woosh_robot_agent.tools.recording.files import Limits, McapFile, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import (
     EVENTS,
     FRAMES,
@@ -25,11 +24,15 @@ from woosh_robot_agent.tools.recording.layout import (
     EventMessage,
     FrameMessage,
 )
-from woosh_robot_agent.tools.recording.maps import MapFinder, PreparedMap, prepare_map
-from woosh_robot_agent.tools.recording.mcap_file import McapFile
-from woosh_robot_agent.tools.recording.messages import MessageDecoder
 from woosh_robot_agent.tools.recording.records import EventKind, Side
-from woosh_robot_agent.tools.recording.views import View, views_of
+from woosh_robot_agent.tools.recording.views import (
+    MapFinder,
+    MessageDecoder,
+    PreparedMap,
+    View,
+    prepare_map,
+    views_of,
+)
 
 _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)

@@ -1,25 +1,73 @@
-"""A chassis that replays a recording."""
+"""The chassis of `replay`, which speaks the encoding of each client."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 from collections import Counter
 from functools import partial
 
-from woosh_robot_agent.link.codecs.choice import JSON, server_codec
+from woosh_robot_agent.link.codecs import JSON, server_codec
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.server.base import ServerTransport
-from woosh_robot_agent.link.server.listener import Listener
-from woosh_robot_agent.link.server.outbox import ConnectedClient
-from woosh_robot_agent.link.server.tcp import serve_tcp
-from woosh_robot_agent.link.server.websocket import serve_websocket
-from woosh_robot_agent.link.transport.base import TransportClosedError
-from woosh_robot_agent.tools.replay.playback import Playback
-from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_subscription
-from woosh_robot_agent.tools.replay.timeline import Step, StepKind
-from woosh_robot_agent.tools.replay.transcode import transcode
+from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.server import (
+    ConnectedClient,
+    Listener,
+    ServerTransport,
+    serve_tcp,
+    serve_websocket,
+)
+from woosh_robot_agent.link.transport import TransportClosedError
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
+from woosh_robot_agent.tools.replay.timeline import (
+    Playback,
+    Step,
+    StepKind,
+    apply_subscription,
+    is_subscription,
+)
+
+
+def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | bytes:
+    """Return a recorded frame in another encoding, and with another serial number.
+
+    A frame that needs no change, or cannot be read, is returned as it is.
+
+    Args:
+        frame: The recorded frame.
+        codec: Encoding of the receiver.
+        sn: Serial number of the receiver's request; None for a push.
+    """
+    recorded = server_codec(frame)
+    if recorded is not codec:
+        return _reencode(frame, recorded, codec, sn)
+    if sn is None:
+        return frame
+    if isinstance(frame, str):
+        return json.dumps({**json.loads(frame), "sn": sn}, ensure_ascii=False)
+    pack = MessagePackJson.FromString(frame)
+    pack.sn = sn
+    return pack.SerializeToString()
+
+
+def _reencode(frame: str | bytes, recorded: Codec, codec: Codec, sn: int | None) -> str | bytes:
+    try:
+        envelope = recorded.decode(frame)
+        cls = message_types().get(envelope.type)
+        body = None if cls is None else recorded.body(envelope, cls)
+    except FrameError:
+        return frame
+    return codec.encode(
+        envelope.type,
+        body,
+        sn=sn or 0,
+        ok=envelope.ok,
+        msg=envelope.msg,
+        timestamp=envelope.timestamp,
+    )
+
 
 _LOG = logging.getLogger(__name__)
 _MAX_FRAME_SIZE = 64 * MIB

@@ -10,15 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from woosh_robot_agent.link.config import DEFAULT_PORTS
-from woosh_robot_agent.link.log_once import log_to_stderr, printable
-from woosh_robot_agent.stdout_errors import exit_on_stdout_error
-from woosh_robot_agent.tools.options import warn_if_not_local
-from woosh_robot_agent.tools.recording.errors import RecordingError
-from woosh_robot_agent.tools.recording.libraries import require_libraries
-from woosh_robot_agent.tools.recording.records import Recording
+from woosh_robot_agent.link.reports import log_to_stderr, printable
+from woosh_robot_agent.program import exit_on_stdout_error
+from woosh_robot_agent.tools.options import stop_event, warn_if_not_local
+from woosh_robot_agent.tools.recording.records import Recording, RecordingError, require_libraries
 from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
-from woosh_robot_agent.tools.replay.playback import Playback, prepare
-from woosh_robot_agent.tools.stop_event import stop_event
+from woosh_robot_agent.tools.replay.timeline import Playback, prepare
 
 _EPILOG = """\
 The playback starts when a client has subscribed. Requests get the recorded

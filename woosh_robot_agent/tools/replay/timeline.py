@@ -1,20 +1,69 @@
-"""Timeline of a replayed chassis: pushes, losses of the connection, and where to pause."""
+"""The timeline of a recording: which pushes and answers a client gets, and when.
+
+A recording can hold several clients at a time, which all received the same pushes. The timeline is
+that of the connection with the most frames; overlapping connections add only their answers.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError
+from woosh_robot_agent.link.codecs import server_codec
+from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.protos import full_name
-from woosh_robot_agent.tools.recording.records import Event, Frame, Record
-from woosh_robot_agent.tools.replay.decoded_record import DecodedRecord
-from woosh_robot_agent.tools.replay.subscriptions import apply_subscription, is_subscription
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.tools.recording.records import Event, Frame, Record, Recording
+
+
+class DecodedRecord(NamedTuple):
+    """A record, and the envelope of its frame; None for an event or an invalid frame."""
+
+    record: Record
+    envelope: Envelope | None
+
+
+def decode_records(records: Iterable[Record]) -> list[DecodedRecord]:
+    """Decode the envelopes of all frames."""
+    return [DecodedRecord(record, _decode(record)) for record in records]
+
+
+def _decode(record: Record) -> Envelope | None:
+    if isinstance(record, Event) or record.invalid:
+        return None
+    try:
+        return server_codec(record.data).decode(record.data)
+    except FrameError:
+        return None
+
+
+_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
+
+
+def is_subscription(envelope: Envelope) -> bool:
+    """Return True if a client's frame changes its subscriptions."""
+    return envelope.type in _TYPES
+
+
+def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes) -> None:
+    """Change a client's set of subscribed types as its frame requests.
+
+    Raises:
+        FrameError: The frame cannot be read.
+    """
+    subscription = server_codec(frame).body(envelope, Subscription)
+    if subscription.sub:
+        topics.update(subscription.topics)
+    else:
+        topics.difference_update(subscription.topics)
+
 
 COMMAND_TYPES = frozenset(
     {command.request for command in COMMANDS if not command.reads} | {full_name(CallAction)}
@@ -120,3 +169,118 @@ def main_connections(records: Iterable[Record]) -> set[int]:
         if all(end[number] <= begin[other] or end[other] <= begin[number] for other in chosen):
             chosen.add(number)
     return chosen
+
+
+_Key = tuple[str, bytes | None]
+"""Type and body of a request; None instead of the body for a request with any body."""
+
+
+@dataclass(slots=True)
+class Exchange:
+    """A recorded request and its answer.
+
+    Attributes:
+        t: Time of the request in the recording, in seconds.
+        answer: Frame of the answer; None if there was none.
+        delay: Time from the request to the answer, in seconds.
+    """
+
+    t: float
+    answer: Frame | None = None
+    delay: float = 0.0
+
+
+class RecordedAnswers:
+    """The recorded answers, given in the order in which they were recorded.
+
+    A request gets the answer of one with the same type and body. If there is none, the type alone
+    has to match. When all answers for a request have been given, the last one is repeated.
+
+    Args:
+        decoded: The records.
+
+    Attributes:
+        unmatched: Number of answers without a request, which are left out.
+    """
+
+    def __init__(self, decoded: Iterable[DecodedRecord]) -> None:
+        self.unmatched = 0
+        self._recorded: dict[_Key, list[Exchange]] = {}
+        self._given: dict[_Key, int] = {}
+        """Number of answers given, by request."""
+        pending: dict[tuple[int, int], Exchange] = {}
+        for record, envelope in decoded:
+            if envelope is None or not envelope.sn or not isinstance(record, Frame):
+                continue
+            request = (record.connection, envelope.sn)
+            if record.sender == "client":
+                pending[request] = exchange = Exchange(record.t)
+                for key in _keys(envelope, record.data):
+                    self._recorded.setdefault(key, []).append(exchange)
+            elif (answered := pending.pop(request, None)) is not None:
+                answered.answer, answered.delay = record, record.t - answered.t
+            else:
+                self.unmatched += 1
+
+    @property
+    def types(self) -> list[str]:
+        """Types of all recorded requests."""
+        return sorted({name for name, body in self._recorded if body is None})
+
+    def find(self, envelope: Envelope, frame: str | bytes) -> Exchange | None:
+        """Return the next exchange for a request; None if none of its type was recorded."""
+        for key in _keys(envelope, frame):
+            if recorded := self._recorded.get(key):
+                index = self._given.get(key, 0)
+                self._given[key] = index + 1
+                return recorded[min(index, len(recorded) - 1)]
+        return None
+
+    def rewind(self) -> None:
+        """Start again with the first answers."""
+        self._given.clear()
+
+
+def _keys(envelope: Envelope, frame: str | bytes) -> tuple[_Key, ...]:
+    """Return the keys by which a request is found, the best match first."""
+    return (envelope.type, _canonical_body(envelope, frame)), (envelope.type, None)
+
+
+def _canonical_body(envelope: Envelope, frame: str | bytes) -> bytes:
+    """Return the same bytes for equal bodies, whatever their encoding."""
+    cls = message_types().get(envelope.type)
+    if cls is not None:
+        try:
+            return server_codec(frame).body(envelope, cls).SerializeToString(deterministic=True)
+        except FrameError:
+            pass  # compare the body as it is
+    if isinstance(envelope.body, bytes):
+        return envelope.body
+    return json.dumps(envelope.body, sort_keys=True).encode()
+
+
+@dataclass(frozen=True)
+class Playback:
+    """A recording, prepared to be replayed.
+
+    Attributes:
+        steps: The timeline.
+        answers: The answers to requests.
+        duration: Time from the first to the last record, in seconds.
+    """
+
+    steps: list[Step]
+    answers: RecordedAnswers
+    duration: float
+
+
+def prepare(recording: Recording) -> Playback:
+    """Decode a recording into a timeline and answers."""
+    records = recording.records
+    decoded = decode_records(records)
+    answers = RecordedAnswers(decoded)
+    steps = list(make_timeline(decoded, main_connections(records)))
+    if not records:
+        return Playback(steps, answers, 0.0)
+    steps.append(Step(records[-1].t, StepKind.END))
+    return Playback(steps, answers, records[-1].t - records[0].t)

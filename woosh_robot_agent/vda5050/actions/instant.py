@@ -6,16 +6,21 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from woosh_robot_agent.recent_dict import RecentDict
-from woosh_robot_agent.vda5050.actions.errors import Objection
-from woosh_robot_agent.vda5050.actions.pausing import StartPause
+from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
+from woosh_robot_agent.vda5050.actions.robot_calls import Objection
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
-from woosh_robot_agent.vda5050.model.errors import ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.model.factsheet import ActionType, Scope
-from woosh_robot_agent.vda5050.model.order import Action, BlockingType
-from woosh_robot_agent.vda5050.model.state import ActionState, ActionStatus
+from woosh_robot_agent.vda5050.actions.standard import StartPause
+from woosh_robot_agent.vda5050.messages.factsheet import ActionType, Scope
+from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
+from woosh_robot_agent.vda5050.messages.state import (
+    ActionState,
+    ActionStatus,
+    ErrorType,
+    VehicleError,
+    warning,
+)
 
 _MAX_STATES = 200
 """Maximum number of instant actions in the state. If there are more, the oldest ended ones are

@@ -1,28 +1,171 @@
-"""Actions that bring maps to the robot, enable and delete them."""
+"""Actions that download, enable and delete maps."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import hashlib
+import http.client
+import io
+import threading
+import time
+import urllib.error
+import urllib.request
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import PurePosixPath
+from typing import TypeVar
+from urllib.parse import urlsplit
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.common_pb2 import FileData
-from woosh_robot_agent.vda5050.actions.errors import ActionFailedError, Objection
-from woosh_robot_agent.vda5050.actions.map_files import (
-    HASHES,
-    MapFileError,
-    fetch,
-    is_link,
-    unpack,
-)
-from woosh_robot_agent.vda5050.actions.own_thread import in_thread
 from woosh_robot_agent.vda5050.actions.performer import Context, PlainPerformer, Report
-from woosh_robot_agent.vda5050.model.errors import ErrorType
-from woosh_robot_agent.vda5050.model.factsheet import STANDSTILL, ActionType, ParameterType, Scope
-from woosh_robot_agent.vda5050.model.order import Action
-from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.vda5050.actions.robot_calls import ActionFailedError, Objection
+from woosh_robot_agent.vda5050.messages.factsheet import (
+    STANDSTILL,
+    ActionType,
+    ParameterType,
+    Scope,
+)
+from woosh_robot_agent.vda5050.messages.order import Action
+from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.robot.maps import StoredMap
+
+T = TypeVar("T")
+
+
+async def in_thread(work: Callable[[], T]) -> T:
+    """Run a function in a thread of its own, and return its result.
+
+    Unlike in the executor of the event loop, it keeps no other work waiting, and the program can
+    end before it returns.
+    """
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[T] = loop.create_future()
+
+    def finish(result: T | None, error: Exception | None) -> None:
+        if done.cancelled():
+            return
+        if error is not None:
+            done.set_exception(error)
+        else:
+            done.set_result(result)  # type: ignore[arg-type]
+
+    def run() -> None:
+        result, error = None, None
+        try:
+            result = work()
+        except Exception as raised:
+            error = raised
+        with contextlib.suppress(RuntimeError):  # the event loop is closed
+            loop.call_soon_threadsafe(finish, result, error)
+
+    threading.Thread(target=run, name="vda5050 work", daemon=True).start()
+    return await done
+
+
+HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
+"""Supported hashes, and their lengths in hexadecimal digits."""
+_ZIP_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    NotImplementedError,
+    OSError,
+    RuntimeError,
+    ValueError,
+)
+"""Errors of a ZIP file that is damaged, encrypted or compressed in an unknown way."""
+_DOWNLOAD_TIMEOUT = 30.0
+"""Maximum time without any data, in seconds."""
+_MAX_DURATION = 600.0
+"""Maximum duration of a download, in seconds."""
+_CHUNK = 64 * 1024
+"""Maximum number of bytes that are read at a time."""
+_MAX_BYTES = 64 * 1024 * 1024
+"""Maximum size of the ZIP file, and of all files in it together, in bytes."""
+_MAX_FILES = 200
+"""Maximum number of files in the ZIP file."""
+
+
+class MapFileError(Exception):
+    """The file of a map cannot be used. The text is the reason."""
+
+
+def is_link(link: str) -> bool:
+    """Return True if a text is a URL from which a file can be fetched."""
+    try:
+        parts = urlsplit(link)
+    except ValueError:
+        return False
+    return parts.scheme in ("http", "https") and bool(parts.hostname)
+
+
+def fetch(link: str, expected: str = "") -> bytes:
+    """Fetch a file; this blocks.
+
+    Args:
+        link: http or https URL.
+        expected: hash of the file in hexadecimal; empty for no check.
+
+    Raises:
+        MapFileError: it cannot be fetched, is too large or too slow, or has another hash.
+    """
+    opener = urllib.request.OpenerDirector()  # without the handlers for local files and FTP
+    for handler in (
+        urllib.request.ProxyHandler,
+        urllib.request.HTTPHandler,
+        urllib.request.HTTPSHandler,
+        urllib.request.HTTPRedirectHandler,
+        urllib.request.HTTPErrorProcessor,
+        urllib.request.HTTPDefaultErrorHandler,
+    ):
+        opener.add_handler(handler())
+    data = bytearray()
+    deadline = time.monotonic() + _MAX_DURATION
+    try:
+        with opener.open(link, timeout=_DOWNLOAD_TIMEOUT) as response:
+            while len(data) <= _MAX_BYTES and (chunk := response.read1(_CHUNK)):
+                data += chunk
+                if time.monotonic() > deadline:
+                    raise MapFileError(f"the download of {link} takes too long")
+    except (OSError, ValueError, http.client.HTTPException) as error:
+        if isinstance(error, urllib.error.HTTPError):
+            error.close()  # it holds the connection
+        raise MapFileError(f"{link} cannot be fetched: {error}") from None
+    if len(data) > _MAX_BYTES:
+        raise MapFileError(f"{link} has more than {_MAX_BYTES} bytes")
+    if expected:
+        algorithm = next(name for name, size in HASHES.items() if size == len(expected))
+        found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
+        if found != expected.lower():
+            raise MapFileError(f"{link} has the {algorithm} hash {found}, not {expected}")
+    return bytes(data)
+
+
+def unpack(data: bytes) -> dict[str, bytes]:
+    """Return the files in a ZIP file by their names, without folders.
+
+    Raises:
+        MapFileError: it is no usable ZIP file.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = [each for each in archive.infolist() if not each.is_dir()]
+            if not entries or len(entries) > _MAX_FILES:
+                raise MapFileError(f"the ZIP file has {len(entries)} files, not 1 to {_MAX_FILES}")
+            if sum(each.file_size for each in entries) > _MAX_BYTES:
+                raise MapFileError(f"the files in the ZIP file have more than {_MAX_BYTES} bytes")
+            files = {PurePosixPath(each.filename).name: archive.read(each) for each in entries}
+    except _ZIP_ERRORS as error:
+        raise MapFileError(f"the downloaded file is no usable ZIP file: {error}") from None
+    if len(files) < len(entries):
+        raise MapFileError("two files in different folders of the ZIP file have the same name")
+    return files
+
 
 _TIMEOUT = 10.0
 """Maximum time until the robot reports its new map after it has accepted it, in seconds."""

@@ -4,23 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from woosh_robot_agent.vda5050.actions.charging import StartCharging, StopCharging
-from woosh_robot_agent.vda5050.actions.custom import LiftTo, Rotate, Speak, Step, SwitchFootprint
-from woosh_robot_agent.vda5050.actions.errors import Objection
-from woosh_robot_agent.vda5050.actions.loads import Drop, Pick
+from woosh_robot_agent.vda5050.actions.custom import (
+    LiftTo,
+    Rotate,
+    Speak,
+    Step,
+    SwitchFootprint,
+    parameter_objection,
+)
 from woosh_robot_agent.vda5050.actions.map_actions import DeleteMap, DownloadMap, EnableMap
-from woosh_robot_agent.vda5050.actions.parameters import parameter_objection
-from woosh_robot_agent.vda5050.actions.pausing import StartPause, StopPause
 from woosh_robot_agent.vda5050.actions.performer import Context, Performer
-from woosh_robot_agent.vda5050.actions.positioning import InitializePosition, InitPosition
-from woosh_robot_agent.vda5050.actions.requests import (
+from woosh_robot_agent.vda5050.actions.robot_calls import Objection
+from woosh_robot_agent.vda5050.actions.standard import (
     CancelOrder,
     ClearInstantActions,
+    Drop,
     FactsheetRequest,
+    InitializePosition,
+    InitPosition,
+    Pick,
+    StartCharging,
+    StartPause,
     StateRequest,
+    StopCharging,
+    StopPause,
 )
-from woosh_robot_agent.vda5050.model.factsheet import ActionType, Scope
-from woosh_robot_agent.vda5050.model.order import Action
+from woosh_robot_agent.vda5050.messages.factsheet import ActionType, Scope
+from woosh_robot_agent.vda5050.messages.order import Action
 
 _PERFORMERS: tuple[Callable[[Context], Performer], ...] = (
     StartPause,

@@ -1,4 +1,4 @@
-"""Execution of the robot's own actions, such as steps and movements of the lift."""
+"""Calls to the robot on behalf of actions: pause, cancellation, conditions and errors."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.link import (
     Answer,
     ChassisClient,
@@ -19,21 +21,108 @@ from woosh_robot_agent.link import (
     NotConnectedError,
     RequestTimeoutError,
 )
-from woosh_robot_agent.link.log_once import LogOnce
-from woosh_robot_agent.link.timeouts import run_with_timeout
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
-from woosh_robot_agent.protos import full_name
-from woosh_robot_agent.requests import RequestMaker
-from woosh_robot_agent.vda5050.actions.conditions import Conditions
-from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
-from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.background import BackgroundTasks
-from woosh_robot_agent.vda5050.model.errors import ErrorType
-from woosh_robot_agent.vda5050.model.state import ActionStatus
+from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
+
+
+@dataclass(frozen=True)
+class Objection:
+    """A reason why the vehicle cannot perform an action.
+
+    Attributes:
+        reason: the reason.
+        parameter: key of the wrong or missing parameter; empty if it is not about a parameter.
+    """
+
+    reason: str
+    parameter: str = ""
+
+    @property
+    def references(self) -> dict[str, str]:
+        """References for the error that reports it."""
+        return {"actionParameter": self.parameter} if self.parameter else {}
+
+
+class ActionFailedError(Exception):
+    """An action failed. The text is the reason.
+
+    Args:
+        reason: the reason.
+        kind: type of the error that reports it.
+    """
+
+    def __init__(self, reason: str, kind: ErrorType = ErrorType.ACTION) -> None:
+        super().__init__(reason)
+        self.kind = kind
+
+
+class Conditions:
+    """Conditions that actions wait for. Call `check` after each event. Used in one event loop."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[asyncio.Future[None], Callable[[], bool]] = {}
+
+    async def wait(self, condition: Callable[[], bool], timeout: float | None = None) -> bool:
+        """Wait until a condition holds; return False if it does not within `timeout` seconds."""
+        if condition():
+            return True
+        holds = asyncio.get_running_loop().create_future()
+        self._waiting[holds] = condition
+        try:
+            await (holds if timeout is None else run_with_timeout(timeout, holds))
+        except TimeoutError:
+            return False
+        finally:
+            del self._waiting[holds]
+        return True
+
+    def check(self) -> None:
+        """Wake the waiting callers whose condition holds now."""
+        for holds, condition in self._waiting.items():
+            if not holds.done() and condition():
+                holds.set_result(None)
+
+
+class Pause:
+    """The pause of a vehicle.
+
+    Attributes:
+        wanted: True if the vehicle is, or must be, paused.
+    """
+
+    def __init__(self) -> None:
+        self.wanted = False
+        self._participants: list[tuple[Callable[[bool], None], Callable[[], bool]]] = []
+
+    def join(self, apply: Callable[[bool], None], is_paused: Callable[[], bool]) -> None:
+        """Add something that moves the robot.
+
+        Args:
+            apply: called with True to pause it, with False to resume it.
+            is_paused: returns True if it does not move, or cannot be paused.
+        """
+        self._participants.append((apply, is_paused))
+
+    def set(self, wanted: bool) -> None:
+        """Pause or resume everything; idempotent."""
+        if wanted != self.wanted:
+            self.wanted = wanted
+            for apply, _ in self._participants:
+                apply(wanted)
+
+    @property
+    def in_effect(self) -> bool:
+        """True once everything is paused."""
+        return self.wanted and all(is_paused() for _, is_paused in self._participants)
+
 
 _LOG = logging.getLogger(__name__)
 _REPEAT_AFTER = 3.0

@@ -9,13 +9,11 @@ from itertools import takewhile
 from typing import Protocol
 
 from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.vda5050.actions.errors import ActionFailedError
-from woosh_robot_agent.vda5050.actions.pause import Pause
 from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.model.errors import ErrorType
-from woosh_robot_agent.vda5050.model.order import Action
-from woosh_robot_agent.vda5050.model.state import ActionStatus
-from woosh_robot_agent.vda5050.orders.blocking import startable
+from woosh_robot_agent.vda5050.actions.robot_calls import ActionFailedError, Pause
+from woosh_robot_agent.vda5050.messages.order import Action
+from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
+from woosh_robot_agent.vda5050.orders.actions import startable
 
 _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"

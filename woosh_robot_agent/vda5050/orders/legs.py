@@ -1,14 +1,108 @@
-"""Legs: the parts of an order that the robot drives without a stop."""
+"""The legs of an order, which the robot drives one by one, with curves and commands."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
-from woosh_robot_agent.vda5050.model.order import Action, Edge, Node
-from woosh_robot_agent.vda5050.orders.curve import curve_points
+from woosh_robot_agent.vda5050.messages.order import (
+    MAX_CONTROL_POINTS,
+    MAX_DEGREE,
+    Action,
+    Edge,
+    Node,
+    Trajectory,
+)
+
+_SPACING = 0.25
+"""Usual distance between two points along a curve, in metres."""
+_MAX_POINTS = 100
+"""Approximate maximum number of points along a curve; on a longer one they are farther apart."""
+_SAMPLES = 8
+"""Number of points in each span of the knots by which the length of the curve is estimated."""
+
+Point = tuple[float, float]
+"""Position in the map frame, in metres."""
+
+
+def curve_defect(trajectory: Trajectory) -> str:
+    """Return the defect of a trajectory; empty if it has none."""
+    degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
+    numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
+    if not all(map(math.isfinite, (degree, *numbers))):
+        return "a number is not finite"
+    if degree != int(degree) or degree < 1:
+        return f"its degree is not a positive integer: {degree}"
+    if degree > MAX_DEGREE:
+        return f"its degree is above {MAX_DEGREE}: {degree:g}"
+    if len(points) > MAX_CONTROL_POINTS:
+        return f"it has more than {MAX_CONTROL_POINTS} control points: {len(points)}"
+    if len(points) <= degree:
+        return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
+    if len(knots) != len(points) + degree + 1:
+        return (
+            f"{len(points)} control points of degree {int(degree)} need "
+            f"{len(points) + int(degree) + 1} knots: {len(knots)}"
+        )
+    if any(after < before for before, after in pairwise(knots)):
+        return "its knots decrease"
+    if knots[int(degree)] == knots[len(points)]:
+        return "its knots are all equal"
+    if any(point.weight <= 0 for point in points):
+        return "a weight is not positive"
+    return ""
+
+
+@functools.lru_cache(maxsize=256)
+def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
+    """Return points along a trajectory without a defect, its start and end included."""
+    degree, knots = int(trajectory.degree), trajectory.knots
+    spans = [
+        span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
+    ]
+    lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
+    spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
+    points = [_point(trajectory, spans[0], knots[spans[0]])]
+    for span, length in zip(spans, lengths, strict=True):
+        # a straight line needs only its end
+        count = 1 if degree == 1 else max(degree, math.ceil(length / spacing))
+        points += _points_of_span(trajectory, span, count)[1:]
+    return tuple(points)
+
+
+def _length(points: list[Point]) -> float:
+    return sum(math.dist(before, after) for before, after in pairwise(points))
+
+
+def _points_of_span(trajectory: Trajectory, span: int, count: int) -> list[Point]:
+    """Return the start of a span of the knots and `count` points after it."""
+    start, end = trajectory.knots[span : span + 2]
+    steps = [start + (end - start) * step / count for step in range(count)]
+    return [_point(trajectory, span, at) for at in (*steps, end)]
+
+
+def _point(trajectory: Trajectory, span: int, at: float) -> Point:
+    """Return the point of a curve at a parameter in a span of its knots, by de Boor's algorithm."""
+    degree, knots = int(trajectory.degree), trajectory.knots
+    control = trajectory.points[span - degree : span + 1]
+    # in homogeneous coordinates a rational curve is an ordinary one
+    values = [(each.x * each.weight, each.y * each.weight, each.weight) for each in control]
+    for level in range(1, degree + 1):
+        for index in range(degree, level - 1, -1):
+            low = knots[span - degree + index]
+            width = knots[index + 1 + span - level] - low
+            part = (at - low) / width if width else 0.0
+            values[index] = tuple(  # type: ignore[assignment]
+                (1 - part) * before + part * after
+                for before, after in zip(values[index - 1], values[index], strict=True)
+            )
+    x, y, weight = values[degree]
+    return x / weight, y / weight
+
 
 _MAX_POSES = 150
 """Maximum number of poses in a task of the robot; a chassis may refuse longer paths."""
@@ -85,3 +179,43 @@ def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
         return True
     here, there = node.position, following.position
     return here is None or there is None or here.map_id != there.map_id
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Drive a leg, and report its end with `OrderMachine.drive_ended`."""
+
+    leg: Leg
+
+
+@dataclass(frozen=True)
+class CancelDrive:
+    """Cancel the drive, and report its end with `OrderMachine.drive_ended`."""
+
+
+@dataclass(frozen=True)
+class PauseDrive:
+    """Pause the drive."""
+
+
+@dataclass(frozen=True)
+class ResumeDrive:
+    """Resume the paused drive."""
+
+
+@dataclass(frozen=True)
+class Perform:
+    """Perform an action, and report its progress with `OrderMachine.action_changed`."""
+
+    action: Action
+
+
+@dataclass(frozen=True)
+class EndAction:
+    """End an action that runs: the vehicle has left its edge, or the order was cancelled."""
+
+    action: Action
+
+
+Command: TypeAlias = Drive | CancelDrive | PauseDrive | ResumeDrive | Perform | EndAction
+"""Any command of the state machine."""

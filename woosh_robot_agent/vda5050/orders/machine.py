@@ -6,33 +6,31 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from itertools import takewhile
 
-from woosh_robot_agent.vda5050.model.errors import (
+from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
+from woosh_robot_agent.vda5050.messages.state import (
+    ActionStatus,
     ErrorLevel,
     ErrorType,
+    OrderStatus,
+    Position,
     Reference,
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.model.order import Edge, Node, Order
-from woosh_robot_agent.vda5050.model.state import (
-    ActionStatus,
-    OrderStatus,
-    Position,
-)
-from woosh_robot_agent.vda5050.orders.acceptance import Verdict, check_start, judge
-from woosh_robot_agent.vda5050.orders.actions import OrderActions
-from woosh_robot_agent.vda5050.orders.commands import (
+from woosh_robot_agent.vda5050.orders.actions import Memory, OrderActions
+from woosh_robot_agent.vda5050.orders.legs import (
     CancelDrive,
     Command,
     Drive,
+    Leg,
     PauseDrive,
     ResumeDrive,
+    next_leg,
+    stops,
 )
-from woosh_robot_agent.vda5050.orders.legs import Leg, next_leg, stops
-from woosh_robot_agent.vda5050.orders.memory import Memory
 from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, Whereabouts
-from woosh_robot_agent.vda5050.orders.structure import check_action_ids
+from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids, check_start, judge
 
 _RESTARTED = "the connector was restarted while the action ran"
 _MAX_APPROACH = 0.5

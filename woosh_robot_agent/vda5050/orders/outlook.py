@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from woosh_robot_agent.vda5050.model.order import Edge, Node
-from woosh_robot_agent.vda5050.model.state import Position
+from woosh_robot_agent.vda5050.messages.order import Edge, Node
+from woosh_robot_agent.vda5050.messages.state import Position
 
 _BASE_IS_SHORT = 3.0
 """Length of the rest of the base below which the vehicle asks for more, in metres."""

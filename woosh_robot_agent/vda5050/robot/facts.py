@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.last_known import LastKnown
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -26,11 +26,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Setting,
     TaskProc,
 )
-from woosh_robot_agent.requests import RequestMaker
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.who_drives import REPORT_GAP
 from woosh_robot_agent.vda5050.background import BackgroundTasks
-from woosh_robot_agent.vda5050.model.state import RobotStatus
+from woosh_robot_agent.vda5050.messages.state import RobotStatus
 from woosh_robot_agent.vda5050.robot import status
-from woosh_robot_agent.watch.who_drives import REPORT_GAP
 
 _LOG = logging.getLogger(__name__)
 _PARTS: tuple[type[Message], ...] = (

@@ -1,27 +1,77 @@
-"""The state of the robot from its reports."""
+"""The state of the robot as VDA 5050 reports it: status, errors of its codes, and factsheet."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
-from woosh_robot_agent import readiness
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
-from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, NavPath, OperationState, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    DeviceState,
+    General,
+    NavPath,
+    OperationState,
+    RobotInfo,
+)
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.vda5050.model.state import (
+from woosh_robot_agent.robot import readiness
+from woosh_robot_agent.robot.standstill import MIN_SPEED
+from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.vda5050.messages.factsheet import (
+    ActionType,
+    Factsheet,
+    Kinematics,
+    OptionalParameter,
+    VehicleClass,
+)
+from woosh_robot_agent.vda5050.messages.state import (
     Battery,
     EmergencyStop,
+    ErrorLevel,
     OperatingMode,
     Position,
+    Reference,
     RobotStatus,
+    VehicleError,
     Velocity,
 )
-from woosh_robot_agent.vda5050.robot.code_errors import code_errors, field_violated
-from woosh_robot_agent.watch.standstill import MIN_SPEED
+
+_TYPE = "robotStatusCode"
+"""Type of the errors."""
+_LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.FATAL}
+_HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
+_SAFETY_SCANNERS = 110203
+"""First digits of the status codes of safety scanners."""
+_FUNCTION = 10**6
+"""Divisor that leaves the first digits of a status code."""
+
+
+def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
+    """Return the errors for the status codes that are not resolved; each code counts once."""
+    latest = {code.code: code for code in codes.scs if code.level in _LEVELS}
+    return tuple(
+        VehicleError(
+            type=_TYPE,
+            level=_LEVELS[code.level],
+            description=explained(code.code, code.msg),
+            hint=_HINT,
+            references=(Reference("statusCode", str(code.code)),),
+        )
+        for code in latest.values()
+    )
+
+
+def field_violated(codes: AbnormalCodes) -> bool:
+    """Return True if a safety scanner has tripped."""
+    return any(
+        code.code // _FUNCTION == _SAFETY_SCANNERS and code.level in _LEVELS for code in codes.scs
+    )
+
 
 _MODES = {
     robot.kDeployMode: OperatingMode.TEACH_IN,
@@ -136,3 +186,78 @@ def _blocked(info: RobotInfo) -> bool:
 def _rounded(value: float) -> float:
     """Round a 32-bit float to the decimals that it really has."""
     return round(value, 6)
+
+
+_MM = 0.001
+"""Metres in a millimetre."""
+_CLASSES = {
+    robot.kTractorRobot_500: VehicleClass.TUGGER,
+    robot.kRollerRobot_500: VehicleClass.CONVEYOR,
+}
+"""Classes of robots, by type; all others are carriers."""
+_DIFFERENTIAL = 0
+"""Value of `General.driver_method` for a differential drive."""
+OPTIONAL_PARAMETERS = (
+    OptionalParameter("order.nodes.nodePosition", description="or nodeId is the number of a mark"),
+    OptionalParameter("order.nodes.nodePosition.theta"),
+    OptionalParameter("order.nodes.nodePosition.allowedDeviationXY"),
+    OptionalParameter("order.nodes.nodePosition.allowedDeviationTheta"),
+    OptionalParameter("order.edges.maxSpeed"),
+    OptionalParameter("order.edges.orientation", description="only TANGENTIAL 0: forwards"),
+    OptionalParameter("order.edges.rotationAllowed", description="only true"),
+    OptionalParameter("order.edges.trajectory", description="also several edges without a stop"),
+)
+"""Optional fields of the standard that the connector obeys."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the robot that it does not report, and options of the state.
+
+    Attributes:
+        max_speed: maximum speed, in m/s.
+        max_acceleration: maximum acceleration, in m/s².
+        min_state_interval: minimum time between two states, in seconds.
+        state_interval: maximum time between two states, in seconds.
+        visualization_interval: time between two visualizations while it moves, in seconds.
+        driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
+            `state_interval`.
+        maps_in_state: True if the state lists the maps on the robot.
+    """
+
+    max_speed: float = 1.0
+    max_acceleration: float = 0.5
+    min_state_interval: float = 0.1
+    state_interval: float = 30.0
+    visualization_interval: float = 1.0
+    driving_state_interval: float = 0.0
+    maps_in_state: bool = True
+
+
+def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
+    """Return the factsheet of a robot."""
+    general: General = info.genral
+    size = general.model_data
+    version = general.version
+    versions = (("robot system", version.system), ("robot application", version.rc))
+    return Factsheet(
+        series=general.display_model or general.urdf_name,
+        description=general.urdf_name,
+        kinematics=Kinematics.DIFFERENTIAL
+        if general.driver_method == _DIFFERENTIAL
+        else Kinematics.OMNIDIRECTIONAL,
+        vehicle_class=_CLASSES.get(general.type, VehicleClass.CARRIER),
+        max_load=float(size.load),
+        length=size.length * _MM,
+        width=size.width * _MM,
+        height=size.height * _MM,
+        max_speed=limits.max_speed,
+        max_acceleration=limits.max_acceleration,
+        outline=points(info.model.model),
+        actions=actions,
+        optional_parameters=OPTIONAL_PARAMETERS,
+        min_state_interval=limits.min_state_interval,
+        state_interval=limits.state_interval,
+        visualization_interval=limits.visualization_interval,
+        versions=tuple((key, value) for key, value in versions if value),
+    )

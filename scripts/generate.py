@@ -1,0 +1,150 @@
+"""Regeneration of derived files and tables: `python3 -m scripts.generate`.
+
+Files are replaced as a whole. Interface files (.msg, .srv, .action) that nothing defines any more
+are removed. Tables in README.md and docs/ stand between the lines
+
+    <!-- generated: NAME -->
+    <!-- end -->
+
+where NAME is one of `TABLES`. With `--check` nothing is written: the out-of-date files are listed,
+and the exit status is 1 if there are any. It works in a source checkout only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import yaml
+
+from scripts import sros2_policies
+from scripts.interface_files import InterfaceError, interface_files, superfluous_files
+from woosh_robot_agent import endpoints, parameters
+from woosh_robot_agent.program import exit_on_stdout_error
+from woosh_robot_agent.robot import status_codes
+from woosh_robot_agent.ros.standard import endpoints as standard_endpoints
+from woosh_robot_agent.simulator import faults, refusals
+from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
+
+ROOT = Path(__file__).resolve().parents[1]
+"""Root of the source checkout."""
+COMMAND = "python3 -m scripts.generate"
+"""The command that regenerates everything."""
+
+
+def options_table(parser: argparse.ArgumentParser) -> str:
+    """Return the options of a program as a Markdown table."""
+    rows = ["| Option | Default | Meaning |", "| --- | --- | --- |"]
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        names = ", ".join(f"`{name}`" for name in action.option_strings)
+        default = "" if action.default in (None, [], False, 0) else f"`{action.default}`"
+        choices = f" ({', '.join(action.choices)})" if action.choices else ""
+        rows.append(f"| {names} | {default} | {action.help}{choices} |")
+    return "\n".join(rows)
+
+
+def status_codes_json() -> str:
+    """Return the table of status codes as JSON, which is read much faster than YAML."""
+    table = yaml.safe_load((ROOT / "tests/facts/status_codes.yaml").read_text("utf-8"))
+    return json.dumps({str(code): text for code, text in table.items()}, indent=0) + "\n"
+
+
+FILES: dict[str, Callable[[], str]] = {
+    "config/agent.yaml": parameters.yaml,
+    "config/agent.policy.xml": sros2_policies.agent_policy,
+    "config/client.policy.xml": sros2_policies.client_policy,
+    str(status_codes.TABLE.relative_to(ROOT)): status_codes_json,
+}
+"""Generated files: path, and the function that returns the content. Interface files come on top."""
+
+TABLES: dict[str, Callable[[], str]] = {
+    "endpoints": endpoints.markdown,
+    "standard-topics": standard_endpoints.markdown,
+    "parameters": parameters.markdown,
+    "simulator-options": lambda: options_table(simulator_parser()),
+    "simulator-faults": faults.markdown,
+    "simulator-refusals": refusals.markdown,
+}
+"""Generated tables: name in the marker, and the function that returns the Markdown."""
+
+_BLOCK = re.compile(
+    r"(?P<begin>^<!-- generated: (?P<name>\S+) -->\n).*?(?P<end>^<!-- end -->$)", re.M | re.S
+)
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """Return the pages that may hold generated tables."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def with_tables(text: str) -> str:
+    """Return the text of a page with its generated tables up to date.
+
+    Raises:
+        ValueError: the page has a table of an unknown name.
+    """
+
+    def replace(block: re.Match[str]) -> str:
+        if block["name"] not in TABLES:
+            raise ValueError(f"unknown table {block['name']!r}; the names are {', '.join(TABLES)}")
+        return f"{block['begin']}{TABLES[block['name']]()}\n{block['end']}"
+
+    return _BLOCK.sub(replace, text)
+
+
+def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str | None]]:
+    """Yield each file that is out of date, with its content; None if it should not exist.
+
+    Raises:
+        InterfaceError: the interface files cannot be generated.
+    """
+    interfaces = interface_files(root / "proto")
+    files = interfaces | {name: content() for name, content in FILES.items()}
+    for name, wanted in files.items():
+        path = root / name
+        if not path.exists() or path.read_text() != wanted:
+            yield path, wanted
+    for path in superfluous_files(root, interfaces):
+        yield path, None
+    for path in pages(root):
+        text = path.read_text()
+        wanted = with_tables(text)
+        if text != wanted:
+            yield path, wanted
+
+
+@exit_on_stdout_error
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Regenerate or check all files; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog=COMMAND, description="Regenerate the files and tables that derive from the code."
+    )
+    parser.add_argument("--check", action="store_true", help="only list files that are out of date")
+    options = parser.parse_args(arguments)
+    if not (ROOT / "setup.py").exists():
+        parser.error(f"this is not a source checkout: {ROOT}")
+    try:
+        found = list(outdated(ROOT))
+    except InterfaceError as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+    for path, wanted in found:
+        if options.check:
+            print(f"{path.relative_to(ROOT)} is out of date; run {COMMAND}")
+        elif wanted is None:
+            path.unlink()
+            print(f"removed {path.relative_to(ROOT)}")
+        else:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(wanted)
+            print(f"wrote {path.relative_to(ROOT)}")
+    return 1 if options.check and found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Lookup of the chassis's protobuf messages by full name.
+
+The build of the package compiles `proto/` into the modules of `woosh_robot_agent.pb`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any, NoReturn
+
+from google.protobuf.message import Message
+
+try:
+    from woosh_robot_agent import pb
+except ImportError as error:  # a checkout that has not been built
+    raise ImportError(
+        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto",
+        name="woosh_robot_agent.pb",
+    ) from error
+
+
+@cache
+def message_types() -> dict[str, type[Message]]:
+    """Return all message classes, nested ones included, by protobuf full name.
+
+    Raises:
+        OSError: a folder of the modules cannot be read, e.g. for lack of file descriptors.
+    """
+    found: dict[str, type[Message]] = {}
+    root = Path(pb.__path__[0])
+    # pkgutil.walk_packages would silently omit a folder that cannot be read
+    for folder, _, files in os.walk(root, onerror=_raise):
+        for file in files:
+            if file.endswith("_pb2.py"):
+                parts = Path(folder, file).relative_to(root).with_suffix("").parts
+                module = importlib.import_module(".".join((pb.__name__, *parts)))
+                for name in module.DESCRIPTOR.message_types_by_name:
+                    _collect(getattr(module, name), found)
+    return found
+
+
+def message_type(full_name: str) -> type[Message]:
+    """Return the message class with a protobuf full name, e.g. `woosh.robot.PoseSpeed`.
+
+    Raises:
+        KeyError: there is no such message.
+    """
+    return message_types()[full_name]
+
+
+def full_name(message: Message | type[Message]) -> str:
+    """Return the protobuf full name of a message or its class, as used in a frame's `type`."""
+    return str(message.DESCRIPTOR.full_name)
+
+
+def _raise(error: OSError) -> NoReturn:
+    raise error
+
+
+def _collect(cls: Any, found: dict[str, type[Message]]) -> None:
+    found[cls.DESCRIPTOR.full_name] = cls
+    for nested in cls.DESCRIPTOR.nested_types:
+        _collect(getattr(cls, nested.name), found)

@@ -1,0 +1,228 @@
+"""What the link tells of its work: counters, and logs that say a thing once."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter, OrderedDict
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import TypeVar
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class RecentDict(OrderedDict[K, V]):
+    """A dictionary that holds only the entries that were set last, the oldest first.
+
+    Args:
+        limit: maximum number of entries.
+    """
+
+    def __init__(self, limit: int) -> None:
+        super().__init__()
+        self._limit = limit
+
+    def __setitem__(self, key: K, value: V) -> None:
+        """Set an entry, and remove the oldest one if there are too many."""
+        super().__setitem__(key, value)
+        self.move_to_end(key)
+        if len(self) > self._limit:
+            self.popitem(last=False)
+
+
+@dataclass(slots=True)
+class LinkStats:
+    """Totals since the client was created.
+
+    Attributes:
+        connects: number of times that the link became ready.
+        rx: valid frames received.
+        tx: frames sent.
+        bad_frames: frames that could not be read or used, by kind of defect.
+        dropped_pushes: pushes that were dropped because newer ones came, by message type.
+        refused_requests: requests that were not sent because too many were in flight, by message
+            type.
+        timeouts: requests that were not answered in time, by message type.
+        late_answers: answers to requests that were no longer pending.
+        round_trip: round-trip time of the last answered request or ping, in seconds; None before
+            the first.
+        clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds; too
+            small by the transit time of the last frame. None if the chassis sends no times.
+    """
+
+    connects: int = 0
+    rx: int = 0
+    tx: int = 0
+    bad_frames: Counter[str] = field(default_factory=Counter)
+    dropped_pushes: Counter[str] = field(default_factory=Counter)
+    refused_requests: Counter[str] = field(default_factory=Counter)
+    timeouts: Counter[str] = field(default_factory=Counter)
+    late_answers: int = 0
+    round_trip: float | None = None
+    clock_offset: float | None = None
+
+
+_ExceptionInfo = (
+    tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
+)
+_MAX_KINDS = 200
+"""Maximum number of kinds that are remembered, since the texts of errors can vary without end."""
+_LONGEST_KIND = 200
+"""Maximum length of the name of a kind, in characters; the rest is cut off."""
+_LONGEST_LINE = 1000
+"""Maximum length of a logged line, in characters; the rest is cut off."""
+
+
+def printable(text: str) -> str:
+    """Return a text with each character escaped that could control a terminal or mislead a reader.
+
+    These are line breaks and other control characters, those that change the direction of writing,
+    and invisible ones.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def one_line(text: str, limit: int = 500) -> str:
+    """Return a text as one line for a log, with control characters escaped.
+
+    Args:
+        text: any text, possibly from the chassis.
+        limit: maximum length in characters; the rest is cut off.
+    """
+    cut = printable(text[:limit])
+    return cut if len(text) <= limit else f"{cut}... ({len(text)} characters)"
+
+
+class PrintableFormatter(logging.Formatter):
+    """Formats each record as one line without control characters; a traceback keeps its lines."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        record.exc_text = None  # another formatter may have cached it as it is
+        return super().format(record)
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        return printable(super().formatMessage(record))
+
+    def formatException(self, ei: _ExceptionInfo) -> str:
+        return "\n".join(map(printable, super().formatException(ei).split("\n")))
+
+
+def log_to_stderr(level: int, form: str, *filters: logging.Filter) -> None:
+    """Make a program log to stderr.
+
+    Args:
+        level: lowest level that is logged.
+        form: format of a record.
+        filters: filters that each record passes.
+    """
+    handler = logging.StreamHandler()
+    handler.setFormatter(PrintableFormatter(form))
+    for each in filters:
+        handler.addFilter(each)
+    logging.basicConfig(level=level, handlers=[handler])
+
+
+class LogOnce:
+    """Logs each kind of problem once, until it is cleared.
+
+    Args:
+        logger: the logger to use.
+    """
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self._logger = logger
+        self._logged: RecentDict[str, None] = RecentDict(_MAX_KINDS)
+        """The kinds of problems that were logged."""
+
+    def warn(self, kind: str, text: str) -> None:
+        """Log `text`, at WARNING if this kind was not logged since it was last cleared."""
+        kind = kind[:_LONGEST_KIND]
+        repeated = kind in self._logged
+        if not repeated:
+            self._logged[kind] = None
+        self._logger.log(
+            logging.DEBUG if repeated else logging.WARNING, "%s", one_line(text, _LONGEST_LINE)
+        )
+
+    def clear(self, kind: str | None = None) -> None:
+        """Forget one kind of problem, or all of them, so that it is logged again."""
+        if kind is None:
+            self._logged.clear()
+        else:
+            self._logged.pop(kind[:_LONGEST_KIND], None)
+
+
+QUIET = 3.0
+"""Time without a drop of the same kind after which a series has ended, in seconds."""
+
+
+@dataclass(slots=True)
+class _Series:
+    """Drops of one kind that follow each other closely.
+
+    Attributes:
+        first: loop time of the first drop.
+        last: loop time of the latest drop.
+        count: number of drops.
+        timer: checks whether the series has ended.
+    """
+
+    first: float
+    last: float
+    count: int
+    timer: asyncio.TimerHandle
+
+
+class DropLog:
+    """Logs series of drops. Use it in the event loop.
+
+    Args:
+        logger: gets the first drop of a series at WARNING, and their number at INFO.
+    """
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self._logger = logger
+        self._series: dict[str, _Series] = {}
+        """Series that have not ended, by kind."""
+
+    def count(self, kind: str, text: str) -> None:
+        """Count one drop.
+
+        Args:
+            kind: what was dropped, as words that can follow a number: "requests were refused".
+            text: why it was dropped and what to do; logged for the first drop of a series.
+        """
+        loop = asyncio.get_running_loop()
+        now = loop.time()
+        series = self._series.get(kind)
+        if series is None:
+            self._logger.warning("%s", text)
+            timer = loop.call_at(now + QUIET, self._check, kind)
+            self._series[kind] = _Series(now, now, 1, timer)
+        else:
+            series.last = now
+            series.count += 1
+
+    def finish(self) -> None:
+        """End all series now and log their numbers."""
+        for kind in tuple(self._series):
+            self._end(kind)
+
+    def _check(self, kind: str) -> None:
+        series = self._series[kind]
+        loop = asyncio.get_running_loop()
+        if loop.time() < series.last + QUIET:
+            series.timer = loop.call_at(series.last + QUIET, self._check, kind)
+        else:
+            self._end(kind)
+
+    def _end(self, kind: str) -> None:
+        series = self._series.pop(kind)
+        series.timer.cancel()
+        self._logger.info(
+            "%d %s within %.1f s; none since then", series.count, kind, series.last - series.first
+        )

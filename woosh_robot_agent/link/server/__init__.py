@@ -1,1 +1,0 @@
-"""The other end of the link, for programs that stand in for a chassis."""

@@ -1,0 +1,400 @@
+"""Transports: connections that carry whole frames, over WebSocket or TCP, as a client sees them."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from typing import Any, Protocol
+
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
+
+from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.config import LinkConfig
+from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout, wait_then_cancel
+
+CHUNK = 256 * 1024
+"""Size of the pieces in which large frames are read and written, in bytes."""
+
+
+class TransportClosedError(Exception):
+    """The connection ended; the text says how."""
+
+
+class Transport(Protocol):
+    """One open connection that carries whole frames."""
+
+    peer: str
+    """Address of the other end, for logs."""
+
+    @property
+    def progress_at(self) -> float:
+        """Loop time at which a part of an unfinished frame last arrived; 0 before the first."""
+
+    @property
+    def received(self) -> int:
+        """Number of bytes received so far, those of an unfinished frame included."""
+
+    @property
+    def waited(self) -> bool:
+        """True if the last frame arrived after `recv` was called; False if that is not known."""
+
+    def backlog(self) -> int:
+        """Return the number of accepted bytes that still wait in the write buffer."""
+
+    async def send(self, data: str | bytes) -> None:
+        """Hand one frame to the connection; waits while its buffer is full.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    async def recv(self) -> str | bytes:
+        """Wait for the next frame and return it.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+            FrameError: a frame was skipped; the connection goes on.
+        """
+
+    async def ping(self) -> bool:
+        """Ping the other end and wait for its pong; False if the transport has no ping.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    async def close(self, timeout: float = 1.0) -> None:
+        """Close in an orderly way within `timeout` seconds, otherwise abort."""
+
+    def abort(self) -> None:
+        """Drop the connection at once."""
+
+
+def peer_address(transport: Any) -> str:
+    """Return the address of an asyncio transport's other end."""
+    name = transport.get_extra_info("peername")
+    return f"{name[0]}:{name[1]}" if isinstance(name, tuple) else "unknown"
+
+
+__all__ = ["RAW_TEXT", "ClientSocket", "Connect", "serve"]
+
+ClientSocket: Any
+_connect: Any
+serve: Any
+try:  # websockets 13 and later
+    from websockets.asyncio.client import ClientConnection as ClientSocket
+    from websockets.asyncio.client import connect as _connect
+    from websockets.asyncio.server import serve
+
+    _FACTORY_OPTION = "create_connection"
+except ImportError:
+    from websockets.legacy.client import WebSocketClientProtocol as ClientSocket
+    from websockets.legacy.client import connect as _connect
+    from websockets.legacy.server import serve
+
+    _FACTORY_OPTION = "create_protocol"
+
+RAW_TEXT: dict[str, Any] = (
+    {"decode": False} if "decode" in inspect.signature(ClientSocket.recv).parameters else {}
+)
+"""Options of `recv` with which text frames come as bytes. Otherwise a text frame that is not UTF-8
+ends the connection."""
+_NO_PROXY: dict[str, Any] = (
+    {"proxy": None} if "proxy" in inspect.signature(_connect).parameters else {}
+)
+
+
+class Connect(_connect):
+    """`websockets.connect` that follows no redirects and uses no proxy.
+
+    Args:
+        factory: makes the client's socket object.
+    """
+
+    def __init__(self, uri: str, *, factory: Any, **options: Any) -> None:
+        super().__init__(uri, **{_FACTORY_OPTION: factory}, **_NO_PROXY, **options)
+
+    def process_redirect(self, exc: Exception) -> Exception:
+        """Refuse a redirect; called by websockets 14 and later."""
+        return exc
+
+    def handle_redirect(self, uri: str) -> None:
+        """Refuse a redirect; called by websockets before 14."""
+        raise InvalidHandshake(f"it redirects to {uri}")
+
+
+_LARGEST_MESSAGE = 2**31 - 1
+"""Size of the largest possible protobuf message, in bytes."""
+
+
+class TcpTransport:
+    """A TCP connection that carries delimited frames.
+
+    Args:
+        reader: the connection's stream reader.
+        writer: the connection's stream writer.
+        max_size: largest frame that is read, in bytes; larger ones are skipped.
+    """
+
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, max_size: int
+    ) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._max_size = max_size
+        self._now = asyncio.get_running_loop().time
+        self.peer = peer_address(writer.transport)
+        self.progress_at = 0.0
+        self.received = 0
+        self.waited = False
+
+    def backlog(self) -> int:
+        return self._writer.transport.get_write_buffer_size()
+
+    async def send(self, data: str | bytes) -> None:
+        frame = data.encode() if isinstance(data, str) else data
+        await self._write(varint(len(frame)) + frame)
+
+    async def recv(self) -> str | bytes:
+        try:
+            size = await self._read_varint()
+            if size > _LARGEST_MESSAGE:  # skipping it would take forever
+                raise TransportClosedError(f"not delimited protobuf: frame of {size} bytes")
+            if size > self._max_size:
+                await self._skip(size)
+                raise FrameError(
+                    "oversize", f"{size} bytes are more than max_frame_size, {self._max_size}"
+                )
+            if size <= CHUNK:
+                self.received += size
+                return await self._reader.readexactly(size)
+            return await self._read_large(size)
+        except asyncio.IncompleteReadError as error:
+            where = "in the middle of a frame" if error.partial else "by the other end"
+            raise TransportClosedError(f"closed {where}") from None
+        except OSError as error:
+            raise TransportClosedError(str(error) or type(error).__name__) from None
+
+    async def ping(self) -> bool:
+        return False
+
+    async def close(self, timeout: float = 1.0) -> None:
+        self._writer.close()
+        try:
+            await run_with_timeout(timeout, self._writer.wait_closed())
+        except OSError:  # includes TimeoutError
+            pass
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        self._writer.transport.abort()
+
+    async def _write(self, data: bytes) -> None:
+        try:
+            self._writer.write(data)
+            await self._writer.drain()
+        except (OSError, RuntimeError) as error:
+            raise TransportClosedError(str(error) or type(error).__name__) from None
+
+    async def _read_varint(self) -> int:
+        size = 0
+        for shift in range(0, 64, 7):
+            byte = (await self._reader.readexactly(1))[0]
+            size |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return size
+        raise TransportClosedError("not delimited protobuf: the frame length is not a varint")
+
+    async def _read_large(self, size: int) -> bytes:
+        data = bytearray()
+        while len(data) < size:
+            chunk = await self._reader.readexactly(min(size - len(data), CHUNK))
+            data += chunk
+            self.received += len(chunk)
+            self.progress_at = self._now()
+        return bytes(data)
+
+    async def _skip(self, size: int) -> None:
+        while size:
+            size -= len(await self._reader.readexactly(min(size, CHUNK)))
+            self.progress_at = self._now()
+
+
+async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
+    """Connect to a chassis by TCP.
+
+    Args:
+        config: address and limits.
+        made: list to which the stream writer is added as soon as it exists, so that the caller can
+            abort it.
+
+    Raises:
+        OSError: nothing answers at the address.
+    """
+    reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
+    made.append(writer)
+    return TcpTransport(reader, writer, config.max_frame_size)
+
+
+def varint(value: int) -> bytes:
+    """Return a number as a protobuf varint: seven bits per byte, the least significant first."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+_PROGRESS = 1024
+"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not: a frame that
+trickles in must not keep the link alive forever."""
+_MESSAGE_TOO_BIG = 1009
+"""Close code for a frame that is larger than the receiver accepts."""
+
+
+class WebSocketTransport:
+    """A WebSocket that carries text and binary frames.
+
+    Args:
+        socket: an open connection of the `websockets` library.
+        raw_text: return text frames as bytes, without a UTF-8 check, if the library can.
+    """
+
+    def __init__(self, socket: Any, *, raw_text: bool) -> None:
+        self._socket = socket
+        self._recv_options = RAW_TEXT if raw_text else {}
+        self.peer = peer_address(socket.transport)
+        self.waited = False
+
+    @property
+    def progress_at(self) -> float:
+        return getattr(self._socket, "progress_at", 0.0)
+
+    @property
+    def received(self) -> int:
+        return getattr(self._socket, "received", 0)
+
+    def backlog(self) -> int:
+        return int(self._socket.transport.get_write_buffer_size())
+
+    async def send(self, data: str | bytes) -> None:
+        try:
+            await self._socket.send(data)
+        except ConnectionClosed as error:
+            raise TransportClosedError(_reason(error)) from None
+
+    async def recv(self) -> str | bytes:
+        before = self.received
+        try:
+            data: str | bytes = await self._socket.recv(**self._recv_options)
+        except ConnectionClosed as error:
+            raise TransportClosedError(_reason(error)) from None
+        self.waited = self.received != before
+        return data
+
+    async def ping(self) -> bool:
+        try:
+            await (await self._socket.ping())
+        except ConnectionClosed as error:
+            raise TransportClosedError(_reason(error)) from None
+        return True
+
+    async def close(self, timeout: float = 1.0) -> None:
+        closing = asyncio.ensure_future(self._socket.close())
+        try:
+            await asyncio.wait({closing}, timeout=timeout)
+        finally:
+            self.abort()
+            await wait_then_cancel(closing)
+
+    def abort(self) -> None:
+        self._socket.transport.abort()
+
+
+async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransport:
+    """Connect to a chassis by WebSocket.
+
+    Args:
+        config: address and limits.
+        made: list to which the socket is added as soon as it exists, so that the caller can abort
+            it.
+
+    Raises:
+        OSError: nothing answers at the address.
+        TransportClosedError: the other end does not speak WebSocket.
+    """
+
+    def make(*args: Any, **options: Any) -> _ClientSocket:
+        socket = _ClientSocket(*args, **options)
+        made.append(socket)
+        return socket
+
+    try:
+        socket = await Connect(
+            config.address,
+            factory=make,
+            max_size=config.max_frame_size,
+            compression=None,
+            ping_interval=None,  # `Liveness` pings, and only when idle
+            open_timeout=None,
+            close_timeout=config.close_timeout,
+        )
+    except (InvalidHandshake, InvalidURI) as error:
+        raise TransportClosedError(f"not a WebSocket server: {error}") from None
+    except (WebSocketException, EOFError) as error:
+        raise TransportClosedError(f"the WebSocket did not open: {error}") from None
+    return WebSocketTransport(socket, raw_text=True)
+
+
+class _ClientSocket(ClientSocket):
+    """The library's client connection; it also notes how much arrives, and when."""
+
+    progress_at = 0.0
+    received = 0
+    _bytes_since_progress = 0
+
+    def data_received(self, data: bytes) -> None:
+        self.received += len(data)
+        self._bytes_since_progress += len(data)
+        if self._bytes_since_progress >= _PROGRESS:
+            self.progress_at, self._bytes_since_progress = self.loop.time(), 0
+        super().data_received(data)
+
+
+def _reason(error: ConnectionClosed) -> str:
+    close = error.rcvd or error.sent
+    if close is None:
+        return "the connection ended without a close frame"
+    text = f"closed with code {close.code} {close.reason}".rstrip()
+    if close.code == _MESSAGE_TOO_BIG:
+        text += (
+            " (a frame from this side is too large for the other end)"
+            if error.rcvd is not None and error.rcvd_then_sent is not False
+            else " (a frame is over the limit; raise max_frame_size)"
+        )
+    return text
+
+
+async def open_transport(config: LinkConfig) -> Transport:
+    """Connect to a chassis.
+
+    Raises:
+        OSError: nothing answers at the address, or not in time.
+        TransportClosedError: the other end does not speak this transport.
+    """
+    made: list[Any] = []
+    opener = open_websocket if config.transport == "websocket" else open_tcp
+    opening: asyncio.Future[Transport] = asyncio.ensure_future(opener(config, made))
+    try:
+        await asyncio.wait({opening}, timeout=config.connect_timeout)
+        if not opening.done():
+            raise TimeoutError(f"no connection within {config.connect_timeout:g} s")
+        return opening.result()
+    except BaseException:
+        for socket in made:  # first: otherwise websockets may wait for an orderly close
+            if transport := getattr(socket, "transport", None):
+                transport.abort()
+        await cancel_and_wait(opening)
+        raise

@@ -1,1 +1,0 @@
-"""Transports: connections that carry whole frames, as a client sees them."""

@@ -1,0 +1,154 @@
+"""Log of the status codes that the chassis sends, and of the commands that it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Container, Coroutine
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.link.reports import LogOnce, RecentDict
+from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.robot.readiness import Objection
+from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
+from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.robot.who_drives import command_name
+
+_LOG = logging.getLogger(__name__)
+
+QUIET = 60.0
+"""Time after which a code is logged again if it has not been sent meanwhile, in seconds."""
+_MAX_CODES = 500
+"""Maximum number of codes that are remembered."""
+_LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
+"""Logging levels, by level of the status code. Other codes are logged at DEBUG at most."""
+
+
+class CodeLog:
+    """Logs warnings and faults of the chassis, each once while it lasts.
+
+    A code lasts while AbnormalCodes contains it. Any other code lasts until it has not been sent
+    for `QUIET` seconds.
+
+    Args:
+        chassis: the link; used in its event loop only.
+    """
+
+    def __init__(self, chassis: ChassisClient) -> None:
+        self._logged: RecentDict[int, float] = RecentDict(_MAX_CODES)
+        """Monotonic times at which the logged codes were last sent."""
+        self._abnormal: frozenset[int] = frozenset()
+        """The codes in the last AbnormalCodes."""
+        chassis.on_robot_changed(self._forget)
+        chassis.on_snapshot(self._snapshot)
+        chassis.subscribe_raw(StatusCode, self._pushed)
+        chassis.subscribe(AbnormalCodes, self._abnormal_changed)
+
+    def _forget(self) -> None:
+        self._logged.clear()
+        self._abnormal = frozenset()
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._abnormal_changed(info.abnormal_codes)
+
+    def _abnormal_changed(self, codes: AbnormalCodes) -> None:
+        before, self._abnormal = self._abnormal, frozenset(code.code for code in codes.scs)
+        for number in before - self._abnormal:
+            self._logged.pop(number, None)
+        for code in codes.scs:
+            self._log(code)
+
+    def _pushed(self, body: Body) -> None:
+        if body.read(_is_logged_json, _is_logged):
+            self._log(body.message())
+
+    def _log(self, code: StatusCode) -> None:
+        level = _LEVELS.get(code.level, logging.DEBUG)
+        now = time.monotonic()
+        last = self._logged.get(code.code)
+        self._logged[code.code] = now
+        if last is None or (now - last > QUIET and code.code not in self._abnormal):
+            _LOG.log(level, "the robot reports %s", explained(code.code, code.msg))
+
+
+def _is_logged_json(value: Any) -> bool:
+    """Return True if a status code in JSON has a level that is logged."""
+    return isinstance(value, dict) and value.get("level") not in _UNLOGGED_JSON
+
+
+def _is_logged(code: Message) -> bool:
+    return isinstance(code, StatusCode) and code.level in _LEVELS
+
+
+_UNLOGGED_JSON = (None, StatusCode.kNormal, StatusCode.kTips, "kNormal", "kTips")
+"""Levels that are not logged, as written in JSON."""
+
+
+GOAL_CANCEL = "the cancel of a goal"
+"""Source of the cancels of goals, which log their refusals themselves."""
+
+
+class RefusalLog:
+    """Logs each refusal once, until a command of the same kind succeeds.
+
+    Args:
+        chassis: the link.
+        gate: sender of the commands.
+        explainer: finds the reasons.
+        silent: sources that log their refusals themselves.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        explainer: RefusalExplainer,
+        silent: Container[str] = (),
+    ) -> None:
+        self._explainer = explainer
+        self._silent = silent
+        self._logs: dict[str, LogOnce] = {}
+        """Logs of the commands whose last answer was a refusal, by name."""
+        self._pending: dict[tuple[str, str], asyncio.Task[None]] = {}
+        """Tasks that wait for a reason, by name of the command and the chassis's words."""
+        chassis.on_robot_changed(self._logs.clear)
+        gate.on_answered(self._answered)
+
+    @property
+    def pending(self) -> int:
+        """Number of refusals whose reason is not known yet."""
+        return len(self._pending)
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        if command.answer.ok and not self._logs:
+            return
+        name, msg = command_name(command), command.answer.msg
+        if command.answer.ok:
+            self._logs.pop(name, None)
+            return
+        if name not in self._silent and (name, msg) not in self._pending:
+            # made now, because the link may turn to another robot before the task runs
+            log = self._logs.setdefault(name, LogOnce(_LOG))
+            reasons = self._explainer.reasons(type_of(command.message))
+            work = self._explain(name, msg, reasons, log)
+            task = asyncio.get_running_loop().create_task(work, name="reason of a refusal")
+            self._pending[name, msg] = task
+            task.add_done_callback(lambda _: self._pending.pop((name, msg)))
+
+    @staticmethod
+    async def _explain(
+        name: str, msg: str, reasons: Coroutine[Any, Any, list[Objection]], log: LogOnce
+    ) -> None:
+        why = "; ".join(
+            f"{each.reason}: {each.remedy}" if each.remedy else each.reason
+            for each in await reasons
+        )
+        log.warn(
+            f"{msg}: {why}", f"the chassis refused {name}: {msg}" + (f" ({why})" if why else "")
+        )

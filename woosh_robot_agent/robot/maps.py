@@ -1,0 +1,132 @@
+"""The map that a robot uses, and its image as an occupancy grid.
+
+A pixel is occupied, free or unknown by its shade of grey, with the thresholds of nav2's map_server.
+"""
+
+from __future__ import annotations
+
+import array
+import io
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+
+if TYPE_CHECKING:  # loads slowly, and is needed only for maps
+    from PIL import Image
+
+_FORMATS = ("PNG", "PPM", "BMP", "JPEG")
+"""Formats of images that are read: that of the robots, and those of map_server.
+
+Pillow starts other programs for some of its other formats.
+"""
+OCCUPIED_THRESHOLD = 0.65
+"""Darkness above which a cell is occupied, as in map_server."""
+FREE_THRESHOLD = 0.196
+"""Darkness below which a cell is free, as in map_server."""
+_MAX_CELLS = 100_000_000
+"""Maximum size of a map, in cells."""
+_CELLS = bytes(
+    100
+    if (255 - grey) / 255 > OCCUPIED_THRESHOLD
+    else 0
+    if (255 - grey) / 255 < FREE_THRESHOLD
+    else 255
+    for grey in range(256)
+)
+"""Value of a cell by its shade of grey; 255 stands for -1, unknown."""
+
+
+class MapError(ValueError):
+    """The chassis sent no usable map; the text says why."""
+
+
+def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
+    """Return width, height and cells of a map's image, as in nav_msgs/OccupancyGrid.
+
+    Raises:
+        MapError: the image cannot be decoded, or is too large.
+    """
+    from PIL import ImageOps
+
+    grey = ImageOps.flip(grey_image(image_file))
+    return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
+
+
+def grey_png(image_file: bytes) -> bytes:
+    """Return a map's image as a PNG with 256 shades of grey; unchanged if it is one.
+
+    Raises:
+        MapError: the image cannot be decoded, or is too large.
+    """
+    from PIL import Image
+
+    grey = grey_image(image_file)
+    with Image.open(io.BytesIO(image_file)) as image:
+        if image.format == "PNG" and image.mode == "L" and "transparency" not in image.info:
+            return image_file
+    buffer = io.BytesIO()
+    grey.save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def grey_image(image_file: bytes) -> Image.Image:
+    """Return a map's image in 256 shades of grey.
+
+    Raises:
+        MapError: the image cannot be decoded, or is too large.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(io.BytesIO(image_file), formats=_FORMATS) as image:
+            if image.width * image.height > _MAX_CELLS:
+                raise MapError(f"its image is too large: {image.width} x {image.height} pixels")
+            grey: Image.Image = image.convert("L")
+            return grey
+    except MapError:
+        raise
+    except UnidentifiedImageError:  # its text names the buffer
+        formats = ", ".join(_FORMATS)
+        raise MapError(f"its image cannot be decoded: it is none of {formats}") from None
+    except Exception as error:  # Pillow raises errors of many types for damaged files
+        raise MapError(f"its image cannot be decoded: {error}") from None
+
+
+async def scene_map(
+    chassis: ChassisClient, scene_name: str, map_id: int, map_name: str
+) -> SceneData.Map:
+    """Request a scene, and return one of its maps; it can have many MiB.
+
+    Args:
+        chassis: the link.
+        scene_name: name of the scene.
+        map_id: id of the map, used if no map has the name.
+        map_name: name of the map.
+
+    Raises:
+        LinkError: as in `ChassisClient.request`.
+        MapError: the chassis refuses, or the map is missing, or it has no image.
+    """
+    answer = await chassis.request(SceneData(name=scene_name))
+    if not answer.ok:
+        raise MapError(f"the chassis refused SceneData of {scene_name}: {answer.msg}")
+    if not isinstance(answer.body, SceneData):
+        raise MapError(f"the chassis sent no SceneData: {answer.defect or answer.type}")
+    return _find(answer.body, map_id, map_name)
+
+
+def _find(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
+    """Return a map of a scene.
+
+    Raises:
+        MapError: it is missing, or has no image.
+    """
+    found = [each for each in data.maps if each.name == map_name] or [
+        each for each in data.maps if each.id == map_id
+    ]
+    if not found:
+        raise MapError(f"SceneData of {data.name} has no map {map_name} ({map_id})")
+    if not found[0].map_png:
+        raise MapError(f"map {found[0].name} has no image")
+    return found[0]

@@ -1,0 +1,276 @@
+"""Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS.
+
+`rejections` is the judgement whether a new task would be accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    DeviceState,
+    HardwareState,
+    OperationState,
+    RobotInfo,
+)
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot.status_codes import explained
+
+
+class Objection(NamedTuple):
+    """One reason for which the robot rejects tasks.
+
+    Attributes:
+        name: Identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
+        reason: What is wrong.
+        remedy: What to do about it.
+    """
+
+    name: str
+    reason: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.reason}: {self.remedy}"
+
+
+EMERGENCY_STOP = Objection(
+    "emergency_stop",
+    "the emergency stop is pressed",
+    "make sure that nobody is in danger, then release the button",
+)
+MANUAL = Objection(
+    "manual",
+    "the robot is in manual mode",
+    "turn the key switch to automatic; if it is there already, call robot/SwitchControlMode with "
+    "mode 1 (the key switch overrides the mode set by software)",
+)
+MAINTENANCE = Objection(
+    "maintenance",
+    "the robot is in maintenance mode",
+    "finish the maintenance, then call robot/SwitchControlMode with mode 1",
+)
+NO_CONTROL_MODE = Objection(
+    "no_control_mode",
+    "the robot has no control mode",
+    "turn the key switch to automatic, or call robot/SwitchControlMode with mode 1",
+)
+DEPLOYMENT = Objection(
+    "deployment",
+    "the robot is in deployment mode, not in task mode",
+    "save maps and marks, then call robot/SwitchWorkMode with mode 2",
+)
+NOT_DEPLOYMENT = Objection(
+    "not_deployment",
+    "the robot is not in deployment mode",
+    "call robot/SwitchWorkMode with mode 1",
+)
+SCHEDULE = Objection(
+    "schedule",
+    "the robot is in schedule mode, not in task mode: a dispatch system controls it",
+    "send the task to the dispatch system, or call robot/SwitchWorkMode with mode 2",
+)
+NO_WORK_MODE = Objection(
+    "no_work_mode",
+    "the robot has no work mode, so it is not in task mode",
+    "call robot/SwitchWorkMode with mode 2",
+)
+NOT_INITIALISED = Objection(
+    "not_initialised",
+    "the robot is not initialised",
+    "call robot/InitRobot with its pose, or with is_record true if it has not been moved since it "
+    "was switched off",
+)
+LOST = Objection(
+    "lost",
+    "the robot has lost its localisation",
+    "call robot/SetRobotPose or robot/InitRobot with its actual pose",
+)
+BATTERY_EMPTY = Objection("battery_empty", "the battery is empty", "charge it")
+NOT_TASKABLE = Objection(
+    "not_taskable",
+    "the robot reports that it rejects tasks, but not why",
+    "wait until it has finished what it is doing, or check its status codes and its screen",
+)
+MAPPING = Objection(
+    "mapping",
+    "the robot is building a map",
+    "save the map or cancel it, with type 4 or 3 of robot/BuildMap",
+)
+NO_TASK = Objection("no_task", "the robot is not executing a task", "start one first")
+
+CONTROL_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE)
+"""Objections to the control mode."""
+_CONTROL_MODES = {
+    robot.kControlModeUndefined: NO_CONTROL_MODE,
+    robot.kManual: MANUAL,
+    robot.kMaintain: MAINTENANCE,
+}
+_WORK_MODES = {
+    robot.kWorkModeUndefined: NO_WORK_MODE,
+    robot.kDeployMode: DEPLOYMENT,
+    robot.kScheduleMode: SCHEDULE,
+}
+_STATES = {
+    robot.kMapping: MAPPING,
+    robot.kFollowing: Objection(
+        "following", "the robot is following a person", "stop it with robot/Follow"
+    ),
+    robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
+}
+_EXECUTING = "the robot is executing a task"
+_BUSY_STATES = {
+    robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
+    robot.kParking: Objection(  # also the state of a charging task
+        "busy",
+        "the robot is executing a charging or parking task",
+        "wait for its end, or cancel it",
+    ),
+    robot.kMapping: MAPPING,
+    robot.kFollowing: _STATES[robot.kFollowing],
+}
+_NO_MAP = Objection(
+    "no_map",
+    "the pose may mean nothing, because it belongs to no map (map_id 0)",
+    "load a map with robot/SwitchMap, then call robot/InitRobot",
+)
+
+
+def rejections(info: RobotInfo) -> list[Objection]:
+    """Return every reason for which the robot rejects a new task now, its present task included.
+
+    Args:
+        info: State of the robot.
+    """
+    doing = busy(info)
+    found = [each for each in objections(info) if not (doing and each == NOT_TASKABLE)]
+    return list(dict.fromkeys([*found, *doing]))
+
+
+def accepts_task(info: RobotInfo) -> bool | None:
+    """Return True if the robot would accept a new task; None if it does not report enough."""
+    return False if rejections(info) else is_taskable(info)
+
+
+def objections(info: RobotInfo) -> list[Objection]:
+    """Return every reason for which the robot rejects tasks, whatever it is doing now.
+
+    A part that is absent from `info` gives no reason. If the robot reports that it is not taskable
+    and no part tells why, the only reason is `not_taskable`.
+
+    Args:
+        info: State of the robot.
+    """
+    found = list(_certain(info))
+    if is_taskable(info) is False:
+        # Some robots still accept tasks at 0 percent, so this is no reason by itself.
+        if info.battery.charge_state == Battery.kNot and info.battery.power == 0:
+            found.append(BATTERY_EMPTY)
+        found += _failed_parts(info.hardware_state)
+        found += [] if found else _likely(info)
+    return found
+
+
+def busy(info: RobotInfo) -> list[Objection]:
+    """Return what the robot is doing, as the reason for which it rejects something else."""
+    proc = info.task_proc
+    if is_running(proc):
+        number = proc.robot_task_id
+        reason = f"the robot is executing task {number}" if number else _EXECUTING
+        return [Objection("busy", reason, "wait for its end, or cancel it")]
+    return [_BUSY_STATES[info.state]] if info.state in _BUSY_STATES else []
+
+
+def is_taskable(info: RobotInfo) -> bool | None:
+    """Return True if the robot reports that it accepts tasks; None if it does not report it."""
+    if not info.HasField("operation_state"):
+        return None
+    return bool(info.operation_state.robot & OperationState.kTaskable)
+
+
+def is_located(info: RobotInfo) -> bool | None:
+    """Return True if the robot knows its position; None if it does not report it.
+
+    A robot that builds a map may report that it does not. Then this is None, too, because there is
+    no map yet in which it could be lost.
+    """
+    if not info.HasField("device_state"):
+        return None
+    located = bool(info.device_state.software & DeviceState.kLocation)
+    return None if not located and info.state == robot.kMapping else located
+
+
+def pose_doubt(info: RobotInfo) -> Objection | None:
+    """Return why the reported pose may mean nothing; None if there is no reason, or no pose.
+
+    While the robot builds a map, its pose belongs to that map, which may have no id yet.
+    """
+    pose = info.pose_speed
+    if not info.HasField("pose_speed") or pose.map_id or info.state == robot.kMapping:
+        return None
+    if not info.scene.map_name or info.scene.map_id:
+        return _NO_MAP
+    return Objection(
+        "map_id_0",
+        f"the pose may mean nothing, because map {info.scene.map_name} has the id 0, as if there "
+        "were no map",
+        "compare the pose with where the robot is; if they differ, load the map again with "
+        "robot/SwitchMap, then call robot/InitRobot",
+    )
+
+
+def _certain(info: RobotInfo) -> Iterator[Objection]:
+    """Yield the reasons each of which is sufficient by itself."""
+    if info.device_state.hardware & DeviceState.kEmgBtn:
+        yield EMERGENCY_STOP
+    if info.HasField("mode"):
+        if info.mode.ctrl in _CONTROL_MODES:
+            yield _CONTROL_MODES[info.mode.ctrl]
+        # Without automatic control, an undefined work mode has no meaning.
+        automatic = info.mode.ctrl == robot.kAuto
+        if info.mode.work in _WORK_MODES and (automatic or info.mode.work):
+            yield _WORK_MODES[info.mode.work]
+    if info.state == robot.kUninit:
+        yield NOT_INITIALISED
+    elif is_located(info) is False:  # it never is before the initialisation
+        yield LOST
+
+
+def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
+    for field, value in hardware.ListFields():
+        if field.enum_type is None:
+            continue
+        states = [value] if isinstance(value, int) else list(value)
+        for number, state in enumerate(states, start=1):
+            if state == HardwareState.kFatal:
+                part = field.name if len(states) == 1 else f"{field.name} {number}"
+                yield Objection(
+                    "hardware",
+                    f"a part of the robot has failed ({part})",
+                    "switch the robot off and on; if the failure remains, have it repaired",
+                )
+
+
+def _likely(info: RobotInfo) -> list[Objection]:
+    """Return probable reasons for a robot that is not taskable; used if there is no certain one."""
+    remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"
+    found = [
+        Objection("fault", f"the robot reports a fault ({explained(code.code, code.msg)})", remedy)
+        for code in info.abnormal_codes.scs
+        if code.level == StatusCode.kFault
+    ]
+    if info.state in _STATES:
+        found.append(_STATES[info.state])
+    if info.device_state.software & DeviceState.kOccupancy:
+        found.append(
+            Objection(
+                "occupied",
+                "the robot is marked as occupied",
+                "call robot/SetOccupancy with occupy false",
+            )
+        )
+    return found or [NOT_TASKABLE]

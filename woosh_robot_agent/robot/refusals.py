@@ -1,0 +1,286 @@
+"""Reasons why the chassis refused a request, from what it reports.
+
+The answer to a refused request often says no more than "Request failed". The reason is in the state
+of the robot, or in a status code that the chassis sends just after the answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.motion.requests import TASK_REQUESTS, may_move
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
+from woosh_robot_agent.pb.util.robot_pb2 import kDeployMode
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.readiness import (
+    CONTROL_MODES,
+    EMERGENCY_STOP,
+    MAINTENANCE,
+    MANUAL,
+    MAPPING,
+    NO_TASK,
+    NOT_DEPLOYMENT,
+    NOT_TASKABLE,
+    Objection,
+    busy,
+    objections,
+)
+from woosh_robot_agent.robot.status_codes import explained
+
+CODE_DELAY = 0.1
+"""Maximum time from a refusal to the status code that gives its reason, in seconds.
+
+Real robots send the code within 50 ms.
+"""
+
+
+_MANUAL = MANUAL._replace(
+    reason="the robot is in manual mode, set by its key switch or by software"
+)
+_MAX_REFUSALS = 50
+"""Maximum number of refusals that wait for a status code."""
+
+
+class RefusalExplainer:
+    """Finds the reason of a refusal. Used in the event loop of the link.
+
+    Args:
+        chassis: the link.
+        last_known: last values that the chassis reported.
+    """
+
+    def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
+        self._last_known = last_known
+        self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
+        """The refusals of the last `CODE_DELAY` seconds, oldest first."""
+        self._noted = asyncio.Event()
+        """Set when a refusal is noted, and when the robot changes; replaced then."""
+        chassis.on_robot_changed(self._forget)
+        chassis.on_refused(self._refused)
+        chassis.subscribe_raw(StatusCode, self._pushed)
+
+    async def reason(self, request_type: str) -> str:
+        """Return why the chassis has just refused a request; empty if that is not known.
+
+        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
+        soon as the status code has come.
+
+        Args:
+            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
+                action that of its command, e.g. `woosh.ros.action.StepControl`.
+        """
+        return "; ".join(each.reason for each in await self.reasons(request_type))
+
+    def reasons(self, request_type: str) -> Coroutine[Any, Any, list[Objection]]:
+        """Return the reasons as in `reason`, with the known remedies."""
+        return self._reasons(request_type, self._noted)  # of the robot at the time of the call
+
+    async def _reasons(self, request_type: str, noted: asyncio.Event) -> list[Objection]:
+        try:
+            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type, noted))
+        except TimeoutError:
+            return []
+        if refusal is None:
+            return []
+        code = await asyncio.shield(refusal.code)  # others may wait for it too
+        return [*refusal.state, code] if code else list(refusal.state)
+
+    async def _latest(self, request_type: str, noted: asyncio.Event) -> _Refusal | None:
+        """Return the latest refusal of a type; wait if it is still in the queue of pushes.
+
+        Returns:
+            None if the link turns to another robot, which replaces `noted`.
+        """
+        while self._noted is noted:
+            for refusal in reversed(self._refusals):
+                if refusal.type == request_type:
+                    return refusal
+            noted.clear()
+            await noted.wait()
+        return None
+
+    def _refused(self, request: Message) -> None:
+        """Note the state of the robot at a refusal, and expect a status code."""
+        name = type_of(request)
+        edits = isinstance(request, RepeatTask) and not may_move(request)
+        find = None if edits else _STATE_RULES.get(name)
+        if len(self._refusals) == self._refusals.maxlen:
+            self._refusals[0].end()
+        info = self._last_known.value(RobotInfo) if find is not None else None
+        state = find(info) if find is not None and info is not None else []
+        loop = asyncio.get_running_loop()
+        state = [_MANUAL if each == MANUAL else each for each in state]
+        refusal = _Refusal(name, state, loop.create_future())
+        self._refusals.append(refusal)
+        self._noted.set()
+        loop.call_later(CODE_DELAY, self._end, refusal)
+
+    def _forget(self) -> None:
+        for refusal in self._refusals:
+            refusal.end()
+        self._refusals.clear()
+        self._noted.set()  # nothing more comes from the former robot
+        self._noted = asyncio.Event()
+
+    def _end(self, refusal: _Refusal) -> None:
+        """Stop waiting for the status code of a refusal."""
+        refusal.end()
+        if refusal in self._refusals:
+            self._refusals.remove(refusal)
+
+    def _pushed(self, body: Body) -> None:
+        if not self._refusals:  # nearly always; then the body need not be decoded
+            return
+        code: StatusCode = body.message()
+        for refusal in self._refusals:
+            if str(code.code).startswith((_WRONG_VERSION, *_CODES.get(refusal.type, ()))):
+                text = f"status code {explained(code.code, code.msg)}"
+                refusal.end(Objection("status_code", text, ""))
+
+
+@dataclass(frozen=True, eq=False)
+class _Refusal:
+    """A refusal whose status code may still come.
+
+    Attributes:
+        type: type of the request.
+        state: the reasons in the state of the robot.
+        code: future that gets the status code, or None if none came in time.
+    """
+
+    type: str
+    state: list[Objection]
+    code: asyncio.Future[Objection | None]
+
+    def end(self, code: Objection | None = None) -> None:
+        """Set the status code, unless it is already set."""
+        if not self.code.done():
+            self.code.set_result(code)
+
+
+def type_of(request: Message) -> str:
+    """Return the protobuf full name of a request; of a CallAction, that of its command."""
+    if isinstance(request, CallAction) and (member := request.WhichOneof("action")):
+        return full_name(getattr(request, member))
+    return full_name(request)
+
+
+def _for_task(info: RobotInfo) -> list[Objection]:
+    return [*busy(info), *(each for each in objections(info) if each != NOT_TASKABLE)]
+
+
+def _for_velocity(info: RobotInfo) -> list[Objection]:
+    return [*busy(info), *_among(info, EMERGENCY_STOP, MAINTENANCE)]
+
+
+def _for_change(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a request that changes the mode, the map or the pose."""
+    return [*busy(info), *_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
+
+
+def _for_mapping(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a request that makes a map."""
+    return [*_for_deployment(info), *_among(info, *CONTROL_MODES)]
+
+
+def _for_deployment(info: RobotInfo) -> list[Objection]:
+    found = [each for each in busy(info) if each != MAPPING]
+    # A robot without a work mode is not in deployment mode either.
+    if info.HasField("mode") and info.mode.work != kDeployMode:
+        found.append(NOT_DEPLOYMENT)
+    return found
+
+
+def _for_order(info: RobotInfo) -> list[Objection]:
+    found = _among(info, EMERGENCY_STOP, *CONTROL_MODES)
+    return found if busy(info) else [*found, NO_TASK]
+
+
+def _for_navigation(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a request that changes the navigation of the running task."""
+    return [] if busy(info) else [NO_TASK]
+
+
+def _among(info: RobotInfo, *possible: Objection) -> list[Objection]:
+    return [each for each in objections(info) if each in possible]
+
+
+_TASKS = tuple(map(full_name, TASK_REQUESTS))
+_LIFTS = tuple(
+    f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
+)
+_STEP, _CHARGE, _MOVE = (
+    "woosh.ros.action.StepControl",
+    "woosh.ros.action.ChargeControl",
+    "woosh.ros.action.MoveBase",
+)
+
+_STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
+    {
+        **dict.fromkeys((*_TASKS, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
+        "woosh.robot.Follow": _for_task,
+        "woosh.robot.Twist": _for_velocity,
+        "woosh.robot.ActionOrder": _for_order,
+        "woosh.robot.ChangeNavPath": _for_navigation,
+        "woosh.robot.ChangeNavMode": _for_navigation,
+        "woosh.ros.action.NavigationMode": _for_navigation,
+        "woosh.robot.InitRobot": _for_change,
+        "woosh.robot.SwitchMap": _for_change,
+        "woosh.robot.SwitchWorkMode": _for_change,
+        "woosh.robot.BuildMap": _for_mapping,
+        "woosh.robot.Deployment": _for_deployment,
+    }
+)
+"""Functions that return the reasons in the robot's state, by type of the request."""
+
+_WRONG_VERSION = "14080100001"
+_NOT_AUTOMATIC = "14080100008"
+_STEP_CODES = ("12030100002", "140506")
+_LIFT_CODES = ("12400100002", "140502")
+_CHARGE_CODES = ("12060100002", "140501")
+_MOVE_CODES = ("140304",)
+_CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        **dict.fromkeys(
+            _TASKS,
+            (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
+        ),
+        **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, *_LIFT_CODES)),
+        _STEP: (_NOT_AUTOMATIC, *_STEP_CODES),
+        _CHARGE: (_NOT_AUTOMATIC, *_CHARGE_CODES),
+        _MOVE: (_NOT_AUTOMATIC, *_MOVE_CODES),
+        "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
+        "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
+        "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
+        "woosh.robot.ChangeNavPath": ("14080100006", "14080100025"),
+        **dict.fromkeys(
+            ("woosh.robot.ChangeNavMode", "woosh.ros.action.NavigationMode"),
+            ("14080100007", "14030100001"),
+        ),
+        "woosh.robot.SwitchWorkMode": ("14080100002", "14080100003"),
+        "woosh.robot.BuildMap": ("14080100004", "14080100005", "140701", "140702", "140703"),
+        "woosh.robot.Deployment": ("14080100010",),
+        "woosh.robot.SwitchMap": ("14080100022", "14070600001", "14070600002", "14070600003"),
+        "woosh.robot.InitRobot": (
+            *("14080100023", "14080100024", "14020100001"),
+            *("14020100002", "14020100003", "14020100004"),
+        ),
+    }
+)
+"""First digits of the status codes that give the reason of a refusal, by type of the request.
+
+The last digits are left out, because robots report some codes with another level than the table.
+"""

@@ -1,0 +1,341 @@
+"""Why a robot does not move although it has accepted a command."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from woosh_robot_agent.link import Body, ChassisClient, LinkState
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
+from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    DeviceState,
+    PoseSpeed,
+    RobotInfo,
+    TaskProc,
+)
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    CallAction,
+    Feedbacks,
+    kRosCancel,
+    kRosExecuteFailed,
+    kRosExecuting,
+    kRosFailure,
+    kRosPause,
+    kRosSuccess,
+)
+from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.readiness import is_located
+from woosh_robot_agent.robot.refusals import type_of
+from woosh_robot_agent.robot.who_drives import command_name
+
+_KEY = "the key switch is at manual"
+_STOP = "the emergency stop is pressed"
+_BRAKE = "the brake or the servo drives are released"
+_OBSTACLE = "an obstacle is in the way"
+_CHARGER = "the charging cable is connected"
+_LOST = "the robot does not know its position"
+
+
+def likely_causes(info: RobotInfo) -> str:
+    """Return the likely causes: first those that the robot reports, last those it rules out."""
+    reported: list[str] = []
+    possible: list[str] = []
+    excluded: list[str] = []
+    for cause, state in _causes(info):
+        (possible if state is None else reported if state else excluded).append(cause)
+    parts = [f"the robot reports that {cause}" for cause in reported]
+    parts += [f"perhaps {cause}" for cause in possible]
+    text = ", ".join(parts)
+    if excluded:
+        text += f"; less likely, because the robot reports otherwise: {', '.join(excluded)}"
+    return text
+
+
+def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
+    """Yield each cause: True if the robot reports it, False if it reports the opposite."""
+    has_device_state = info.HasField("device_state")
+    hardware = info.device_state.hardware
+    yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
+    # software can set the reported mode to automatic while the key switch is at manual
+    yield _KEY, True if info.mode.ctrl == robot.kManual else None
+    yield _BRAKE, True if hardware & DeviceState.kServoBtn else None
+    yield _OBSTACLE, None
+    charging = info.battery.charge_state in (Battery.kManual, Battery.kAuto)
+    yield _CHARGER, charging if info.HasField("battery") else None
+    located = is_located(info)
+    yield _LOST, None if located is None else not located
+
+
+_LOG = logging.getLogger(__name__)
+
+LIMIT = 2.0
+"""Time after which a robot that has not moved is reported, in seconds.
+
+A real robot usually starts 0.31 s after a velocity, and in 90 % of all cases within 0.66 s.
+"""
+KEPT = 30.0
+"""Time for which the warning remains after the last velocity if nothing moves, in seconds.
+
+After this time, a warning with the same words is logged again for another command.
+"""
+MIN_DISTANCE = 0.003
+"""Smallest change of the pose that counts as movement, in m."""
+MIN_ANGLE = 0.01
+"""Smallest change of the heading that counts as movement, in rad."""
+MIN_SPEED = 0.005
+"""Smallest reported speed that counts as movement, in m/s or rad/s."""
+_DRIVING_ACTIONS = (
+    action_pb2.kNav,
+    action_pb2.kStepCtrl,
+    action_pb2.kSecondposEnter,
+    action_pb2.kSecondposQuit,
+)
+"""Actions of a task during which the robot should move."""
+_ENDS = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+_VELOCITY = full_name(Twist)
+_TASKS = tuple(map(full_name, TASK_REQUESTS))
+
+
+@dataclass
+class _Demand:
+    """A command that should move the robot.
+
+    Attributes:
+        name: name of the command, for texts.
+        type: protobuf full name of the command.
+        task_id: id of the task; 0 if it is not known.
+        start: pose of the robot when the command was accepted.
+        since: loop time since which the robot should have moved; None while it may stand.
+        last: loop time of the last velocity.
+        begun: True if the chassis has reported that it executes the task.
+        reported: True if the warning has been given.
+    """
+
+    name: str
+    type: str
+    task_id: int
+    start: PoseSpeed
+    since: float | None
+    last: float
+    begun: bool = False
+    reported: bool = False
+
+    @property
+    def is_velocity(self) -> bool:
+        """True if the command is a velocity."""
+        return self.type == _VELOCITY
+
+
+class Standstill:
+    """Warns of a command that the chassis accepts but that moves nothing for `LIMIT` seconds.
+
+    Commands are the velocities, tasks and driving actions that pass the motion gate. A task or
+    action is observed until the robot first moves. While the chassis reports that it waits, is
+    paused, charges or handles goods, the robot may stand.
+
+    Args:
+        chassis: the link; used in its event loop only.
+        gate: sender of the commands.
+        last_known: last values that the chassis reported.
+    """
+
+    def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
+        self._chassis = chassis
+        self._last_known = last_known
+        self._demand: _Demand | None = None
+        self._log = LogOnce(_LOG)
+        self._logged = -math.inf
+        """Loop time since which warnings with the same words are logged once."""
+        gate.on_answered(self._answered)
+        gate.on_stop(self._give_up)
+        chassis.on_robot_changed(self._forget)
+        chassis.on_state(self._link_changed)
+        chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
+        chassis.subscribe(TaskProc, self._task_changed)
+        chassis.subscribe(Feedbacks, self._action_reported)
+
+    @property
+    def warning(self) -> str:
+        """The command that moves nothing, and the likely causes; empty if there is none."""
+        demand = self._demand
+        if demand is None or not demand.reported:
+            return ""
+        if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > KEPT:
+            return ""
+        return self._text(demand)
+
+    def _text(self, demand: _Demand) -> str:
+        """Return the warning about a command."""
+        causes = likely_causes(self._last_known.value(RobotInfo) or RobotInfo())
+        return f"{demand.name} was accepted, but the robot does not move: {causes}"
+
+    # Commands
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        message = command.message
+        if not command.answer.ok or not commands_motion(message):
+            return
+        if isinstance(message, Twist):
+            if may_move(message):
+                self._velocity_accepted(command_name(command))
+            elif self._demand is not None and self._demand.is_velocity:
+                self._give_up()
+        elif takes_wheels(message) and not _may_stand(message):
+            kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
+            self._expect(command_name(command), kind, getattr(message, "task_id", 0))
+        elif not may_move(message):  # a pause or a cancel
+            self._give_up()
+
+    def _velocity_accepted(self, name: str) -> None:
+        now = asyncio.get_running_loop().time()
+        demand = self._demand
+        if demand is None or not demand.is_velocity or now - demand.last > KEPT:
+            demand = self._expect(name, _VELOCITY)
+        demand.last = now
+        if demand.since is None:
+            self._may_not_stand(demand)
+
+    def _expect(self, name: str, kind: str, task_id: int = 0) -> _Demand:
+        """Expect the robot to move because of a command."""
+        start = self._last_known.value(PoseSpeed) or PoseSpeed()
+        now = asyncio.get_running_loop().time()
+        self._demand = _Demand(name, kind, task_id, start, None, now)
+        self._may_not_stand(self._demand)
+        return self._demand
+
+    def _give_up(self) -> None:
+        """Stop expecting movement; a warning that was given remains until the robot moves."""
+        if self._demand is not None and not self._demand.reported:
+            self._demand = None
+
+    def _may_not_stand(self, demand: _Demand) -> None:
+        loop = asyncio.get_running_loop()
+        demand.since = loop.time()
+        loop.call_later(LIMIT, self._check, demand, demand.since)
+
+    def _check(self, demand: _Demand, since: float) -> None:
+        """Warn if the robot has not moved since `since`, and should have."""
+        if demand is not self._demand or demand.since != since or demand.reported:
+            return
+        if demand.is_velocity and self._chassis.refusal(Twist()):
+            self._demand = None  # the agent has stopped the robot, and only observes it
+            return
+        demand.reported = True
+        now = asyncio.get_running_loop().time()
+        if now - self._logged > KEPT:
+            self._log.clear()
+            self._logged = now
+        text = self._text(demand)
+        self._log.warn(text, text)
+
+    # Reports of the robot
+
+    def _pose_pushed(self, body: Body) -> None:
+        demand = self._demand
+        if demand is None:  # usually; then the body need not be decoded
+            return
+        now = asyncio.get_running_loop().time()
+        if demand.is_velocity and demand.since is None and now - demand.last > LIMIT:
+            self._demand = None  # the stream has ended
+            return
+        pose: PoseSpeed = body.message()
+        if not _is_finite(pose):
+            return
+        if not _is_finite(demand.start):
+            demand.start = pose
+        if not _has_moved(demand.start, pose):
+            return
+        if demand.reported:
+            _LOG.info("the robot moves after %s", demand.name)
+        self._log.clear()
+        if demand.is_velocity:  # later velocities of the stream may move nothing
+            demand.start, demand.since, demand.reported = pose, None, False
+        else:
+            self._demand = None
+
+    def _task_changed(self, report: TaskProc) -> None:
+        demand = self._demand
+        if demand is None or demand.type not in _TASKS:
+            return
+        if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
+            return
+        if not is_running(report):
+            if demand.begun:
+                self._demand = None
+            return
+        demand.begun = True
+        self._set_standing(
+            demand,
+            may_stand=report.state != task_pb2.kExecuting
+            or report.action.type not in _DRIVING_ACTIONS
+            or report.action.state != action_pb2.kRosExecuting,
+        )
+
+    def _action_reported(self, reports: Feedbacks) -> None:
+        for report in reports.fbs:
+            demand = self._demand
+            if demand is None or report.action != demand.type:
+                continue
+            if report.state in (kRosExecuting, kRosPause):
+                self._set_standing(demand, may_stand=report.state == kRosPause)
+            elif report.state in _ENDS:
+                self._demand = None
+
+    def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:
+        if may_stand:
+            demand.since = None
+        elif demand.since is None:
+            self._may_not_stand(demand)
+
+    def _forget(self) -> None:
+        self._demand = None
+        self._log.clear()
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self._demand = None
+
+
+def _is_finite(report: PoseSpeed) -> bool:
+    """Return True if a report has only numbers that can be compared."""
+    pose, twist = report.pose, report.twist
+    numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
+    return all(map(math.isfinite, numbers))
+
+
+def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
+    """Return True if a report shows a speed, or another pose than an earlier one."""
+    if max(abs(now.twist.linear), abs(now.twist.angular)) > MIN_SPEED:
+        return True
+    old, new = before.pose, now.pose
+    turned = math.remainder(new.theta - old.theta, math.tau)
+    return math.hypot(new.x - old.x, new.y - old.y) > MIN_DISTANCE or abs(turned) > MIN_ANGLE
+
+
+def _may_stand(message: Any) -> bool:
+    """Return True if the robot may stand although a request gives it the wheels.
+
+    So it may with following, with charging, if it stands at the charger already, and with steps
+    that are too small to show in the reports.
+    """
+    if not isinstance(message, CallAction):
+        return isinstance(message, Follow)
+    if message.HasField("charge_control"):
+        return True
+    steps = message.step_control.steps
+    return bool(steps) and all(
+        abs(step.value) <= (MIN_ANGLE if step.mode == step.kRotate else MIN_DISTANCE)
+        for step in steps
+    )

@@ -1,0 +1,45 @@
+"""All observers of one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.robot.code_log import GOAL_CANCEL, CodeLog, RefusalLog
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.refusals import RefusalExplainer
+from woosh_robot_agent.robot.standstill import Standstill
+from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
+
+
+class Watch:
+    """All observers of one robot. Used in the event loop of the link.
+
+    Args:
+        chassis: the link.
+        gate: sender of the agent's commands.
+        last_known: last values that the chassis reported.
+        explainer: finds the reasons of refusals.
+        goals: returns the names of the goals that the chassis executes.
+
+    Attributes:
+        refusal_log: log of refused commands.
+        velocities: the sources of velocities.
+        standstill: commands that move nothing.
+        who_drives: what drives the robot.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        last_known: LastKnown,
+        explainer: RefusalExplainer,
+        goals: Callable[[], Sequence[str]],
+    ) -> None:
+        CodeLog(chassis)
+        self.refusal_log = RefusalLog(chassis, gate, explainer, silent=(GOAL_CANCEL,))
+        self.velocities = VelocitySources(chassis, gate)
+        self.standstill = Standstill(chassis, gate, last_known)
+        self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

@@ -1,0 +1,354 @@
+"""What drives the robot: tasks, actions and the sources of velocities.
+
+If several sources command velocities, each overrides the others, and the robot stops and goes.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
+from woosh_robot_agent.link import Body, ChassisClient
+from woosh_robot_agent.link.reports import LogOnce, RecentDict
+from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.refusals import type_of
+
+_NAMES = {
+    # reversed, because two services may send the same request: the first in the table counts
+    **{command.request: command.name for command in reversed(COMMANDS)},
+    **{action.arg: action.name for action in ACTIONS},
+}
+"""Names of the endpoints that send commands, by protobuf full name of the request."""
+
+
+def command_name(command: AnsweredCommand) -> str:
+    """Return the source of a command; if it has none, the endpoint that sends such commands.
+
+    The commands of goals have no source.
+    """
+    request_type = type_of(command.message)
+    return command.source or _NAMES.get(request_type, request_type)
+
+
+_LOG = logging.getLogger(__name__)
+
+OVERLAP = 1.0
+"""Time within which the velocities of two sources count as simultaneous, in seconds."""
+SHOWN = 5.0
+"""Time for which simultaneous sources are reported, in seconds."""
+
+
+class VelocitySources:
+    """Observes the velocities that pass the motion gate. Used in the event loop of the link.
+
+    A source drives from its first velocity until it sends a zero, or nothing for `OVERLAP`.
+
+    Args:
+        chassis: the link.
+        gate: the gate.
+
+    Attributes:
+        last: source of the last velocity, zero included; empty before the first.
+        last_time: monotonic time of that velocity.
+    """
+
+    def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
+        self.last = ""
+        self.last_time = -math.inf
+        self._driving: dict[str, float] = {}
+        """Monotonic time of the last velocity of each driving source, by name."""
+        self._simultaneous: tuple[str, ...] = ()
+        """The simultaneous sources that were last reported."""
+        self._simultaneous_until = -math.inf
+        """Monotonic time until which `simultaneous` returns them."""
+        self._log = LogOnce(_LOG)
+        self._callers = Interleaving()
+        """Detects several clients of the service of velocities."""
+        chassis.on_robot_changed(self._forget)
+        gate.on_answered(self._answered)
+
+    @property
+    def simultaneous(self) -> tuple[str, ...]:
+        """Names of the sources that recently commanded velocities at the same time; or empty."""
+        return self._simultaneous if time.monotonic() < self._simultaneous_until else ()
+
+    def driving(self, now: float) -> bool:
+        """Return True if a velocity that is not zero was sent less than `OVERLAP` ago."""
+        return any(now - sent < OVERLAP for sent in self._driving.values())
+
+    def report(self, *sources: str) -> None:
+        """Report sources that command velocities at the same time."""
+        if not self.simultaneous:
+            self._log.clear()
+        self._simultaneous = tuple(sorted(sources))
+        self._simultaneous_until = time.monotonic() + SHOWN
+        self._log.warn(str(self._simultaneous), warning(self._simultaneous))
+
+    def called(self, service: str, number: int) -> None:
+        """Process a call of the service of velocities that may move the robot.
+
+        Args:
+            service: name of the service.
+            number: number of the call, counted by its client.
+        """
+        if self._callers.notice(number, time.monotonic()):
+            self.report(f"a client of {service}", f"another client of {service}")
+
+    def _forget(self) -> None:
+        self.last, self.last_time = "", -math.inf
+        self._driving.clear()
+        self._simultaneous, self._simultaneous_until = (), -math.inf
+        self._log.clear()
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        source = command.source
+        # the agent itself, which has no name, only sends a zero when it closes
+        if not isinstance(command.message, Twist) or not command.answer.ok or not source:
+            return
+        now = time.monotonic()
+        self.last, self.last_time = source, now
+        others = [name for name, sent in self._driving.items() if name != source]
+        for name in others:
+            if now - self._driving[name] < OVERLAP:
+                self.report(source, name)
+            else:
+                del self._driving[name]
+        if may_move(command.message):
+            self._driving[source] = now
+        else:
+            self._driving.pop(source, None)
+
+
+def warning(sources: tuple[str, ...]) -> str:
+    """Return the warning about simultaneous sources of velocities."""
+    return (
+        f"{' and '.join(sources)} command velocities at the same time, so the robot stops and "
+        "goes: stop all of them but one, or merge them (e.g. with twist_mux)"
+    )
+
+
+WINDOW = 2.5
+"""Time within which several publishers count as simultaneous, in seconds.
+
+Long enough to detect publishers at 1 Hz.
+"""
+_UNKNOWN = (None, 0, 2**64 - 1)
+"""Sequence numbers that mean that the middleware does not number messages."""
+
+
+class Interleaving:
+    """Detects several publishers of a topic by the sequence numbers of their messages.
+
+    Each publisher numbers its messages in ascending order. A number that is not above the previous
+    one comes from another publisher, or from one that was restarted. If this happens twice within
+    `WINDOW`, it was no restart.
+    """
+
+    def __init__(self) -> None:
+        self._last = 0
+        """Sequence number of the last message."""
+        self._returns: deque[float] = deque(maxlen=2)
+        """The last times at which the number did not rise."""
+
+    def notice(self, number: int | None, now: float) -> bool:
+        """Process the number of a message.
+
+        Args:
+            number: publication sequence number.
+            now: monotonic time.
+
+        Returns:
+            True if messages of several publishers alternate.
+        """
+        if number is None or number in _UNKNOWN:
+            return False
+        if number <= self._last:
+            self._returns.append(now)
+        self._last = number
+        return len(self._returns) == 2 and now - self._returns[0] < WINDOW
+
+
+NOBODY = "nobody"
+GOAL = "a goal"
+OTHER_CLIENT = "another client"
+ROBOT = "the robot itself"
+UNKNOWN = "unknown"
+
+OWN_TASK_AGE = 5.0
+"""Maximum age of a task that the robot started by itself when it is first reported, in seconds.
+
+The id of such a task contains its start by the robot's clock: Unix time in seconds * 100 + 53.
+"""
+OWN_TASK_DURATION = 86400.0
+"""Maximum age of such a task when the agent has not seen its beginning, in seconds."""
+_OWN_TASK_ENDING = 53
+"""Last two digits of the id of a task that the robot started by itself."""
+ROLL_OUT = 2.0
+"""Maximum time for which the robot rolls after its last velocity, in seconds."""
+REPORT_GAP = 1.0
+"""Time without a PoseSpeed after which the robot counts as standing, in seconds.
+
+A moving robot sends five per second.
+"""
+_OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
+"""Names of the tasks that a robot starts by itself, by type."""
+_TASKS_PER_SET = 100
+"""Factor between the id of a task set and the ids of its tasks."""
+_MAX_TASKS = 50
+"""Maximum number of the agent's tasks, and of its task sets, that are remembered."""
+
+
+class Driver(NamedTuple):
+    """The source that drives the robot.
+
+    Attributes:
+        name: `nobody`, `a goal`, `another client`, `the robot itself`, `unknown`, or the name of a
+            topic or service of the agent.
+        detail: name of the task or action, or an explanation; may be empty.
+    """
+
+    name: str
+    detail: str = ""
+
+
+class WhoDrives:
+    """Finds out what drives the robot. Used in the event loop of the link.
+
+    Args:
+        chassis: the link.
+        gate: sender of the agent's commands.
+        last_known: last values that the chassis reported.
+        velocities: the sources of velocities.
+        goals: returns the names of the goals that the chassis executes, e.g. `task 17` or
+            `task set 4`.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        last_known: LastKnown,
+        velocities: VelocitySources,
+        goals: Callable[[], Sequence[str]],
+    ) -> None:
+        self._gate = gate
+        self._last_known = last_known
+        self._velocities = velocities
+        self._goals = goals
+        self._tasks: RecentDict[int, str] = RecentDict(_MAX_TASKS)
+        """Sources of the tasks that the agent started, by id."""
+        self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
+        """Sources of the task sets that the agent started, by id."""
+        self._follower = ""
+        """Source of the last request to follow somebody."""
+        self._task = TaskProc()
+        """First report on the current task."""
+        self._began_unseen = False
+        """True if the current task was running when the link became ready."""
+        self._moved = -math.inf
+        """Monotonic time of the last PoseSpeed."""
+        gate.on_answered(self._answered)
+        chassis.on_robot_changed(self._forget)
+        chassis.on_snapshot(self._snapshot)
+        chassis.subscribe(TaskProc, self._task_changed)
+        chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
+
+    def now(self) -> Driver:
+        """Return what drives the robot now."""
+        info = self._last_known.value(RobotInfo)
+        if info is None:
+            return Driver(UNKNOWN, "the robot has not reported its state yet")
+        # the gate knows whether something else has taken over since
+        if self._gate.driving and self._velocities.driving(time.monotonic()):
+            return Driver(self._velocities.last)
+        if is_running(info.task_proc):
+            return self._task_driver(info.task_proc)
+        if goals := self._goals():
+            return Driver(GOAL, ", ".join(goals))
+        if info.state == robot.kFollowing:
+            return Driver(self._follower or OTHER_CLIENT, "the robot is following somebody")
+        if action := self._gate.reported_owner:
+            return Driver(OTHER_CLIENT, action)
+        return self._unexplained(info)
+
+    def _task_driver(self, task: TaskProc) -> Driver:
+        number = task.robot_task_id
+        task_set = number // _TASKS_PER_SET
+        detail = f"task {number}"
+        if not {detail, f"task set {task_set}"}.isdisjoint(self._goals()):
+            return Driver(GOAL, detail)
+        source = self._tasks.get(number) or self._sets.get(task_set)
+        if source == GOAL:
+            return Driver(GOAL, f"{detail}; the goal has ended, but the robot continues")
+        if source:
+            return Driver(source, detail)
+        kind = _OWN_TASKS.get(task.type)
+        if kind and self._is_own_id(number):
+            return Driver(ROBOT, f"{kind}, {detail}")
+        return Driver(OTHER_CLIENT, detail)
+
+    def _is_own_id(self, number: int) -> bool:
+        """Return True if the id of the current task is one that the robot gives itself."""
+        start, ending = divmod(number, _TASKS_PER_SET)
+        oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE
+        return ending == _OWN_TASK_ENDING and 0 <= self._task.time - start <= oldest
+
+    def _unexplained(self, info: RobotInfo) -> Driver:
+        """Return the driver of a robot that no task, action or velocity of the agent drives."""
+        now, twist = time.monotonic(), info.pose_speed.twist
+        if now - self._moved > REPORT_GAP or not (twist.linear or twist.angular):
+            return Driver(NOBODY)
+        if now - self._velocities.last_time < ROLL_OUT:
+            return Driver(self._velocities.last, "the robot is rolling to a stop")
+        if info.state in (robot.kTask, robot.kParking):
+            return Driver(UNKNOWN, "the robot is executing a task that it has not reported yet")
+        return Driver(
+            UNKNOWN, "the robot moves without a command of this agent: another client may drive it"
+        )
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        message, source = command.message, command.source
+        if not command.answer.ok:
+            return
+        if isinstance(message, ExecTask):  # a goal sends its command without a source
+            self._tasks[message.task_id] = source or GOAL
+        elif isinstance(message, ExecPreTask):
+            self._sets[message.task_set_id] = source or GOAL
+        elif isinstance(message, RepeatTask):
+            if may_move(message):
+                self._sets[message.task_set.base.id] = source
+        elif isinstance(message, Follow):
+            self._follower = source if message.type else ""
+
+    def _forget(self) -> None:
+        self._tasks.clear()
+        self._sets.clear()
+        self._follower = ""
+        self._task, self._began_unseen = TaskProc(), False
+        self._moved = -math.inf
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._begin(info.task_proc, unseen=True)
+
+    def _task_changed(self, task: TaskProc) -> None:
+        self._begin(task, unseen=False)
+
+    def _begin(self, task: TaskProc, *, unseen: bool) -> None:
+        if task.robot_task_id != self._task.robot_task_id:
+            self._task, self._began_unseen = task, unseen
+
+    def _pose_pushed(self, _body: Body) -> None:
+        self._moved = time.monotonic()

@@ -1,0 +1,265 @@
+"""The end of a goal that the chassis does not report: cancellation, and giving up after a time."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from math import inf
+
+from woosh_robot_agent.link import Answer, LinkError
+from woosh_robot_agent.ros.actions.goal import GoalTiming
+
+_LOG = logging.getLogger(__name__)
+
+
+class Cancellation:
+    """Forwards the cancel requests of a goal's client to the chassis, one at a time.
+
+    A request that the chassis did not answer stays pending. It is sent again only when `send_soon`
+    is called again: the cancel request for a task does not name the task, so it may only be sent
+    while the goal is running.
+
+    Args:
+        name: name of the goal, for the log.
+        send: sends the cancel request to the chassis.
+        replaced: waits until it is known if a newer goal replaced this one; returns True if so.
+        accepted: called when the chassis has accepted the cancel.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        send: Callable[[], Awaitable[Answer]],
+        replaced: Callable[[], Awaitable[bool]],
+        accepted: Callable[[], None],
+    ) -> None:
+        self.requested = False
+        """True once the client has asked, even if the goal has not handled that event yet."""
+        self.pending = False
+        """True if a cancel has to be sent."""
+        self._name = name
+        self._send = send
+        self._replaced = replaced
+        self._accepted = accepted
+        self._task: asyncio.Task[None] | None = None
+
+    def send_soon(self) -> None:
+        """Send a pending cancel unless one is in flight. Call it only for an accepted goal."""
+        if self.pending and (self._task is None or self._task.done()):
+            self._task = asyncio.get_running_loop().create_task(self._run(), name="goal: cancel")
+
+    def stop(self) -> None:
+        """Stop sending."""
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _run(self) -> None:
+        if await self._replaced():
+            return  # the cancel would hit the newer goal, and this one is over
+        while self.pending:  # repeat if the client has asked again meanwhile
+            self.pending = False
+            try:
+                answer = await self._send()
+            except LinkError as error:
+                self.pending = True
+                _LOG.warning(
+                    "cannot cancel %s, which is still running; trying again when the chassis "
+                    "reports on the goal: %s",
+                    self._name,
+                    error,
+                )
+                return
+            if answer.ok:
+                self._accepted()
+            else:
+                _LOG.warning(
+                    "the chassis refused to cancel %s, which is still running: %s",
+                    self._name,
+                    answer.msg,
+                )
+
+
+_CHECK = "check the robot, and stop it with the `stop` service if necessary"
+"""Advice to the user, at the end of the reasons to give up."""
+
+
+class GiveUp:
+    """Decides when to give up on a goal. Any of four limits can end the wait for its end.
+
+    - A deadline, set when the link or the answer to the start request is lost, or when the chassis
+      falls silent. There is only one: a later cause replaces an earlier one, except that silence
+      replaces nothing.
+    - A number of consecutive polls without a report. They do not count while a deadline is set.
+    - A number of consecutive polls that found the goal unknown to the chassis.
+    - A timeout after an accepted cancel, which reports that the goal goes on do not extend. It does
+      not count while a deadline is set.
+
+    Args:
+        timing: the timeouts.
+        clock: returns the time in seconds.
+    """
+
+    def __init__(self, timing: GoalTiming, clock: Callable[[], float]) -> None:
+        self._timing = timing
+        self._clock = clock
+        self._deadline: float | None = None
+        """Time at which to give up; None while there is no deadline."""
+        self._cause = ""
+        """Cause of the deadline."""
+        self._is_silent = False
+        """True if the deadline was set because the chassis sends nothing at all."""
+        self._is_link_lost = False
+        self._fruitless_polls = 0
+        """Number of consecutive polls without a report."""
+        self._fruitless_since = 0.0
+        """Time of the first of them."""
+        self._unknown_polls = 0
+        """Number of consecutive polls that found the goal unknown to the chassis."""
+        self._unknown_since = 0.0
+        """Time of the first of them."""
+        self._cancel_deadline = inf
+        """End of the wait after an accepted cancel; infinite if no cancel was accepted."""
+
+    @property
+    def deadline(self) -> float:
+        """Time at which to call `overdue`; infinite if nothing limits the wait."""
+        return self._cancel_deadline if self._deadline is None else self._deadline
+
+    @property
+    def in_doubt(self) -> bool:
+        """True if the state of the goal is unknown, and a poll may find it out."""
+        return self._deadline is not None or self._unknown_polls > 0
+
+    def overdue(self) -> str | None:
+        """Return the reason to give up now; None if there is none."""
+        if self._clock() < self.deadline:
+            return None
+        if self._deadline is None:
+            return (
+                "the chassis accepted the cancel, but the goal did not end within "
+                f"{self._timing.cancel_timeout:g} s; the robot may still be executing it: {_CHECK}"
+            )
+        return (
+            f"{self._cause}, and no report on the goal came for {self._timing.link_timeout:g} s; "
+            f"the robot may still be executing it: {_CHECK}"
+        )
+
+    # Events
+
+    def link_lost(self, error: object) -> None:
+        """Start the deadline for a reconnect that is followed by a report."""
+        self._is_link_lost = True
+        self._limit(f"the link was lost ({error})")
+
+    def link_restored(self) -> None:
+        """Restart the deadline, now for a report: the chassis can be polled again."""
+        self._is_link_lost = False
+        self._limit("the link was lost")
+
+    def answer_lost(self, error: object) -> None:
+        """Start the deadline for a first report, which confirms the goal like an answer."""
+        self._limit(f"no answer to the goal: {error}")
+
+    def report(self) -> None:
+        """Clear the deadline and reset all counts: the chassis reported on the goal."""
+        if not self._is_link_lost:  # otherwise the report is from before the loss
+            self._deadline = None
+        self._fruitless_polls = 0
+        self._unknown_polls = 0
+
+    def cancel_accepted(self) -> None:
+        """Start the timeout for the end of the goal, unless an earlier cancel has started it."""
+        self._cancel_deadline = min(
+            self._cancel_deadline, self._clock() + self._timing.cancel_timeout
+        )
+
+    def part_begun(self) -> None:
+        """End the timeout of a cancel: the chassis goes on with a part that needs its own."""
+        self._cancel_deadline = inf
+
+    # Results of polls
+
+    def chassis_silent(self, error: object) -> None:
+        """Start the deadline: the chassis sent nothing at all while it was polled."""
+        if self._deadline is None:
+            self._limit(f"the chassis does not answer ({error})")
+            self._is_silent = True
+
+    def poll_unanswered(self, error: object) -> str | None:
+        """Count a poll that timed out although other frames arrived.
+
+        Returns:
+            The reason to give up; None if there is none.
+        """
+        return self._fruitless(str(error))
+
+    def poll_answered(self, heard: bool) -> str | None:
+        """Count an answered poll. Call it after handling the reports in the answer.
+
+        Args:
+            heard: True if any report on the goal has arrived.
+
+        Returns:
+            The reason to give up; None if there is none.
+        """
+        self._answered()
+        self._unknown_polls = 0
+        if not heard:
+            return self._fruitless("its answers do not mention it")
+        if self._deadline is None:
+            self._fruitless_polls = 0  # an answer suffices: reports are rare during long steps
+        return None
+
+    def poll_unknown(self, reason: str, heard: bool) -> str | None:
+        """Count a poll that found the goal unknown to the chassis, although it had accepted it.
+
+        One such poll is no proof: the chassis reports on a goal only some time after it accepted
+        it, and a report may be on its way.
+
+        Args:
+            reason: what the chassis said.
+            heard: True if any report on the goal has arrived.
+
+        Returns:
+            The reason to give up; None if there is none.
+        """
+        self._answered()
+        now = self._clock()
+        if not self._unknown_polls:
+            self._unknown_since = now
+        self._unknown_polls += 1
+        if self._unknown_polls < self._timing.unknown_polls:
+            return None
+        if not heard and now - self._unknown_since < self._timing.first_report_timeout:
+            return None
+        return reason
+
+    def _answered(self) -> None:
+        """Clear the deadline if it was set because the chassis sent nothing at all."""
+        if self._is_silent:
+            self._is_silent = False
+            self._deadline = None
+
+    def _fruitless(self, reason: str) -> str | None:
+        if self._deadline is not None:
+            return None
+        now = self._clock()
+        if not self._fruitless_polls:
+            self._fruitless_since = now
+        self._fruitless_polls += 1
+        lasted = now - self._fruitless_since
+        if (
+            self._fruitless_polls < self._timing.fruitless_polls
+            or lasted < self._timing.link_timeout
+        ):
+            return None
+        return (
+            f"the chassis accepted the goal, but {self._fruitless_polls} polls in a row brought no "
+            f"report on it ({reason}); the robot may still be executing it: {_CHECK}"
+        )
+
+    def _limit(self, cause: str) -> None:
+        self._is_silent = False
+        self._cause = cause
+        self._deadline = self._clock() + self._timing.link_timeout

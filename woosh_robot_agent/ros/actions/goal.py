@@ -1,0 +1,476 @@
+"""What a goal is: its phases, limits in time and outcome, its reports, and its kind.
+
+A report identifies a task by its id, which clients may reuse, and any other action only by its
+type. So a report with the name of a goal may belong to an earlier goal, even to one of another
+program. `Attribution` decides that.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import Any, Protocol
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import Answer, ChassisClient, LinkError
+from woosh_robot_agent.motion.gate import MotionGate
+
+
+class Phase(Enum):
+    """The phases of a goal."""
+
+    NEW = "new"
+    """The action server accepted the goal. Nothing was sent."""
+    STARTING = "starting"
+    """The start request was sent. Neither its answer nor a report on the goal has come."""
+    REPORTED = "reported"
+    """The chassis reported on the goal, but has not answered the start request yet."""
+    UNCONFIRMED = "unconfirmed"
+    """The answer to the start request was lost. Only a report can confirm the goal."""
+    RUNNING = "running"
+    """The chassis accepted the goal. No answer is outstanding."""
+    CANCELED_ELSEWHERE = "canceled elsewhere"
+    """The chassis cancelled the goal without a request of its client. The goal waits until it is
+    known whether a newer goal replaced it."""
+    ORDERING = "ordering"
+    """An order about the running goal, such as a pause, was sent. The goal ends with the answer."""
+    ENDED = "ended"
+    """The result is known, and does not change any more."""
+
+    @property
+    def accepted(self) -> bool:
+        """True if the chassis is known to have accepted the goal."""
+        return self in (Phase.REPORTED, Phase.RUNNING, Phase.CANCELED_ELSEWHERE)
+
+    @property
+    def answered(self) -> bool:
+        """True if the start request was answered, or if the answer is known to be lost."""
+        return self in (Phase.UNCONFIRMED, Phase.RUNNING)
+
+
+class Step(Enum):
+    """An event that moves a goal to another phase."""
+
+    START_SENT = "start sent"
+    ORDER_SENT = "order sent"
+    ACCEPTED = "accepted"
+    """The chassis answered that it accepted the goal."""
+    ANSWER_LOST = "answer lost"
+    REPORT = "report"
+    """A report on this goal arrived."""
+    UNREQUESTED_CANCEL = "unrequested cancel"
+    END = "end"
+
+
+TRANSITIONS: Mapping[tuple[Phase, Step], Phase] = MappingProxyType(
+    {
+        (Phase.NEW, Step.START_SENT): Phase.STARTING,
+        (Phase.NEW, Step.ORDER_SENT): Phase.ORDERING,
+        (Phase.STARTING, Step.ACCEPTED): Phase.RUNNING,
+        (Phase.STARTING, Step.REPORT): Phase.REPORTED,
+        (Phase.STARTING, Step.ANSWER_LOST): Phase.UNCONFIRMED,
+        (Phase.REPORTED, Step.ACCEPTED): Phase.RUNNING,
+        (Phase.REPORTED, Step.ANSWER_LOST): Phase.RUNNING,
+        (Phase.UNCONFIRMED, Step.REPORT): Phase.RUNNING,
+        (Phase.REPORTED, Step.UNREQUESTED_CANCEL): Phase.CANCELED_ELSEWHERE,
+        (Phase.RUNNING, Step.UNREQUESTED_CANCEL): Phase.CANCELED_ELSEWHERE,
+        **{(phase, Step.END): Phase.ENDED for phase in Phase if phase is not Phase.ENDED},
+    }
+)
+"""The phase after a step. A step that is not listed changes nothing."""
+
+
+class Outcome(Enum):
+    """Final state of a goal, as in ROS."""
+
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+    CANCELED = "canceled"
+
+
+@dataclass(frozen=True)
+class End:
+    """Outcome and result of a goal, as sent to the client."""
+
+    outcome: Outcome
+    result: Message
+    """Usually the chassis's last report on the goal."""
+
+
+@dataclass(frozen=True)
+class GoalTiming:
+    """Timeouts and poll periods of a goal; all times are in seconds."""
+
+    link_timeout: float = 15.0
+    """Maximum wait for a report after the link was lost or the chassis fell silent. Set by the
+    parameter `goal_link_timeout`. Most losses on a factory's Wi-Fi last 4 to 9 s."""
+    poll_period: float = 5.0
+    """Time without a report after which the chassis is polled, in case a push was lost."""
+    in_doubt_poll_factor: float = 0.2
+    """Factor that shortens `poll_period` while the state of the goal is in doubt."""
+    fruitless_polls: int = 3
+    """Number of consecutive polls without a report after which a goal may be given up."""
+    first_report_timeout: float = 5.0
+    """Time after the first poll during which the chassis may not know a goal that it has accepted
+    and has not reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
+    unknown_polls: int = 2
+    """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
+    cancel_report_timeout: float = 2.0
+    """Maximum wait for the report that something was cancelled, if nothing is known to run. Real
+    robots show the effect of an order within 1.2 s."""
+    result_delay: float = 0.1
+    """Minimum time from the last but one piece of feedback to the result. rclpy's action client
+    reads one piece of feedback in each turn, the last one perhaps together with the result, and
+    drops those that it has not read by then."""
+    min_cancel_timeout: float = 10.0
+    """Lower bound of `cancel_timeout`."""
+
+    @property
+    def cancel_timeout(self) -> float:
+        """Maximum wait for the end of a goal after an accepted cancel."""
+        return max(2 * self.link_timeout, self.min_cancel_timeout)
+
+
+DEFAULT_TIMING = GoalTiming()
+"""Timing of all goals, except for `link_timeout`."""
+
+
+class Attribution:
+    """Decides which reports with the name of a goal belong to that goal.
+
+    Each decision may affect later ones: ask once for each report, in the order of arrival.
+
+    Args:
+        predecessors: number of earlier goals with the same name that may still be running.
+        inherited: outcomes that, if reported first, belong to an earlier goal.
+        repeats_ends: True if the chassis answers a poll with the last reported end, even if it
+            belongs to an earlier goal.
+        previous: the chassis's last report with the name before this goal, if known; only used with
+            `repeats_ends`.
+    """
+
+    def __init__(
+        self,
+        predecessors: int = 0,
+        inherited: Iterable[Outcome] = (),
+        *,
+        repeats_ends: bool = False,
+        previous: object = None,
+    ) -> None:
+        self.heard = False
+        """True once a report has been attributed to this goal."""
+        self._predecessors = predecessors
+        self._inherited = frozenset(inherited)
+        self._repeats_ends = repeats_ends
+        self._previous = previous
+
+    def is_mine(self, outcome: Outcome | None, phase: Phase, cancel_requested: bool) -> bool:
+        """Return True if a report belongs to this goal.
+
+        Args:
+            outcome: reported outcome; None if the goal is still running.
+            phase: phase of this goal.
+            cancel_requested: True if the client of this goal asked to cancel it.
+        """
+        if outcome is None:
+            mine = self._progress_is_mine(phase)
+        else:
+            mine = self._end_is_mine(outcome, phase, cancel_requested)
+        self.heard |= mine
+        return mine
+
+    def is_news(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
+        """Return True if a report in a poll's answer may belong to this goal; then ask `is_mine`.
+
+        Args:
+            report: the report.
+            outcome: reported outcome; None if the goal is still running.
+            phase: phase of this goal.
+        """
+        if self.heard or outcome is None or not self._repeats_ends:
+            return True
+        previous = self._previous
+        if phase.accepted:
+            # if the same end is reported again, this goal ended like the earlier one
+            self._previous = None
+            return report != previous
+        return previous is not None and report != previous
+
+    def _progress_is_mine(self, phase: Phase) -> bool:
+        if self._predecessors and not phase.accepted:
+            return False
+        if phase.answered:
+            # the earlier goals have ended; only the last one's cancel may still be reported
+            self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
+        return True
+
+    def _end_is_mine(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
+        inherited = self._inherited
+        if phase.answered or self._predecessors < 2:
+            self._inherited = frozenset()
+            self._predecessors = 0
+        else:  # each earlier goal reports its own end
+            self._predecessors -= 1
+        if phase.accepted and outcome is Outcome.CANCELED and cancel_requested:
+            return True
+        if phase.accepted and phase.answered:
+            return outcome not in inherited
+        # an end before the answer belongs to an earlier goal, if any; a poll will tell
+        return not inherited
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report with the name of a goal."""
+
+    message: Message
+    """The report as the chassis sent it."""
+    outcome: Outcome | None
+    """The reported outcome; None if the goal is still running."""
+    begins_part: bool = False
+    """True if the chassis goes on with a further part of the goal, such as the next task of a set.
+    A cancel may have ended the part before it only."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Result of a poll."""
+
+    reports: Sequence[Report] = ()
+    """Reports with the name of the goal."""
+    unknown: str | None = None
+    """Error text if the chassis no longer knows the goal; otherwise None."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A request that starts the goal."""
+
+    message: Message
+
+
+@dataclass(frozen=True)
+class Order:
+    """A request whose answer ends the goal: an order such as a pause, or a setting."""
+
+    message: Message
+    result: Callable[[str], Message]
+    """Makes the result from the text of the answer."""
+    needs_cancel_report: bool = False
+    """True for a cancel of something that may not be running: it succeeds only if the chassis also
+    reports that something was cancelled."""
+
+
+class GoalKind(Protocol):
+    """The behaviour in which tasks and call actions differ; one object for each goal."""
+
+    @property
+    def name(self) -> str:
+        """Name under which the chassis reports on the goal; earlier goals may have had it."""
+
+    @property
+    def request_type(self) -> str:
+        """Protobuf full name of the request, or of the command that it carries."""
+
+    @property
+    def attribution(self) -> Attribution:
+        """Decides which reports with the name belong to this goal."""
+
+    def request(self) -> Start | Order:
+        """Return the request that carries out the goal.
+
+        Raises:
+            BadFieldError: a value must not be sent to the robot.
+        """
+
+    def cancel_request(self) -> Message:
+        """Return the request that cancels the goal; only after `request`."""
+
+    def read(self, message: Message) -> Iterable[Report]:
+        """Return the reports in `message` that have the name of the goal."""
+
+    def is_displaced(self, message: Message) -> bool:
+        """Return True if `message` shows that the chassis is executing something else, or nothing.
+
+        The end of the goal may have been reported while nobody listened.
+        """
+
+    async def poll(self, found: Callable[[Findings], None]) -> None:
+        """Ask the chassis for the state of the goal.
+
+        Args:
+            found: called once with the result, in order with the pushes.
+
+        Raises:
+            LinkError: the chassis gave no answer.
+        """
+
+    def failure(self, reason: str) -> Message:
+        """Return the result for a goal that failed for `reason`."""
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """The chassis pushed a message with reports, possibly on other goals."""
+
+    message: Message
+
+
+@dataclass(frozen=True)
+class LinkChanged:
+    """The link became ready, or stopped being ready."""
+
+    ready: bool
+
+
+@dataclass(frozen=True)
+class StartAnswered:
+    """The chassis answered the start request, or sending it failed."""
+
+    answer: Answer | Exception
+
+
+@dataclass(frozen=True)
+class Polled:
+    """The chassis answered a poll."""
+
+    findings: Findings
+
+
+@dataclass(frozen=True)
+class PollFailed:
+    """A poll got no answer."""
+
+    error: LinkError
+    silent: bool
+    """True if the poll timed out and no frame at all arrived meanwhile."""
+
+
+@dataclass(frozen=True)
+class CancelRequested:
+    """The client asked to cancel the goal."""
+
+
+@dataclass(frozen=True)
+class Replaced:
+    """The chassis accepted a newer goal, which displaces this one."""
+
+
+@dataclass(frozen=True)
+class GivenUp:
+    """The agent does not follow the goal any more."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A deadline passed, or the next poll is due."""
+
+
+Event = (
+    Pushed
+    | LinkChanged
+    | StartAnswered
+    | Polled
+    | PollFailed
+    | CancelRequested
+    | Replaced
+    | GivenUp
+    | Tick
+)
+
+
+class OpenGoal(Protocol):
+    """Interface of a goal to the goals that it may displace."""
+
+    @property
+    def name(self) -> str:
+        """Name under which the chassis reports on the goal."""
+
+    @property
+    def accepted(self) -> asyncio.Future[bool]:
+        """Becomes True when the chassis accepts the goal, False when it no longer can."""
+
+    def post(self, event: Event) -> None:
+        """Hand an event to the goal."""
+
+
+class OpenGoals:
+    """The goals that have not ended, oldest first: those of one call action, or all tasks.
+
+    The chassis executes only one of them at a time.
+    """
+
+    def __init__(self) -> None:
+        self._goals: list[OpenGoal] = []
+
+    def __len__(self) -> int:
+        return len(self._goals)
+
+    def add(self, goal: OpenGoal) -> None:
+        """Add a goal as the newest one."""
+        self._goals.append(goal)
+
+    def remove(self, goal: OpenGoal) -> None:
+        """Remove a goal that ended."""
+        self._goals.remove(goal)
+
+    def post(self, event: Event) -> None:
+        """Hand an event to every goal."""
+        for goal in self._goals:
+            goal.post(event)
+
+    def possibly_running(self, name: str) -> int:
+        """Return the number of goals of this name that the chassis may be executing."""
+        return sum(
+            goal.name == name and (not goal.accepted.done() or goal.accepted.result())
+            for goal in self._goals
+        )
+
+    @property
+    def accepted_names(self) -> list[str]:
+        """Names of the goals that the chassis has accepted."""
+        return [g.name for g in self._goals if g.accepted.done() and g.accepted.result()]
+
+    def replace_older(self, goal: OpenGoal) -> None:
+        """Tell all older goals that the chassis accepted `goal` in their place."""
+        for older in self._goals[: self._goals.index(goal)]:
+            older.post(Replaced())
+
+    async def newer_accepted(self, goal: OpenGoal) -> bool:
+        """Return True if the chassis accepts a goal newer than this one; wait until it is known."""
+        while True:
+            newer = [other.accepted for other in self._goals[self._goals.index(goal) + 1 :]]
+            if any(accepted.done() and accepted.result() for accepted in newer):
+                return True
+            pending = [accepted for accepted in newer if not accepted.done()]
+            if not pending:
+                return False
+            await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
+
+
+@dataclass(frozen=True)
+class Context:
+    """Objects shared by the goals of one action; used in the link thread only."""
+
+    chassis: ChassisClient
+    """The link, for polls."""
+    gate: MotionGate
+    """Sends commands."""
+    open_goals: OpenGoals
+    """The open goals of the action, and of others that displace each other."""
+    timing: Callable[[], GoalTiming]
+    """Returns the timing of a goal that starts now."""
+    to_proto: Callable[[Any], Message]
+    """Converts the `arg` of a goal to the chassis's message."""
+    empty: Callable[[type[Message]], Message]
+    """Makes an empty request of a message class."""
+    to_ros: Callable[[Message], Any]
+    """Converts a report to its ROS message."""
+    explain: Callable[[str], Awaitable[str]]
+    """Returns why the chassis has just refused a request, given its type; empty if unknown."""

@@ -1,0 +1,403 @@
+"""Execution of a goal in the link thread: send it, follow the chassis's reports, end it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections import deque
+from collections.abc import Iterable
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.convert import BadFieldError
+from woosh_robot_agent.link import (
+    Answer,
+    ConnectionLostError,
+    LinkError,
+    LinkState,
+    RequestTimeoutError,
+)
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.robot.code_log import GOAL_CANCEL
+from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
+from woosh_robot_agent.ros.actions.goal import (
+    TRANSITIONS,
+    CancelRequested,
+    Context,
+    End,
+    Event,
+    GivenUp,
+    GoalKind,
+    LinkChanged,
+    Order,
+    Outcome,
+    Phase,
+    Polled,
+    PollFailed,
+    Pushed,
+    Replaced,
+    Report,
+    Start,
+    StartAnswered,
+    Step,
+    Tick,
+)
+from woosh_robot_agent.ros.actions.server import Goal
+
+_LOG = logging.getLogger(__name__)
+
+REPLACED = "replaced by a newer goal that the chassis accepted"
+STOPPING = "the agent is stopping; the robot may still be executing the goal"
+_DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
+_NOTHING_CANCELLED = "the chassis accepted the cancel, but reported no end: nothing was running"
+_NO_REASON = "the chassis refused the goal without giving a reason"
+
+
+class _RefusedError(Exception):
+    """The chassis refused the goal; the text is that of its answer."""
+
+
+class GoalRun:
+    """One goal, from its acceptance by the action server to its end.
+
+    Events are handled one at a time by `_follow`, the only reader of the queue. Requests run in
+    separate tasks, so handling an event never waits for an answer.
+
+    Args:
+        goal: the goal in the action server.
+        kind: behaviour of this kind of goal.
+        context: objects shared by all goals of the action.
+    """
+
+    def __init__(self, goal: Goal, kind: GoalKind, context: Context) -> None:
+        loop = asyncio.get_running_loop()
+        self.phase = Phase.NEW
+        """Phase of the goal; only `_advance` changes it."""
+        self.accepted: asyncio.Future[bool] = loop.create_future()
+        """Becomes True when the chassis accepts the goal, False when it no longer can."""
+        self._goal = goal
+        self._kind = kind
+        self._context = context
+        self._timing = context.timing()
+        self._clock = loop.time
+        self._events: asyncio.Queue[Event] = asyncio.Queue()
+        self._attribution = kind.attribution
+        self._last_report: Message | None = None
+        """The last report on this goal."""
+        self._feedback_times = deque([-math.inf, -math.inf], maxlen=2)
+        """Loop times of the last two pieces of feedback, oldest first."""
+        self._give_up = GiveUp(self._timing, self._clock)
+        self._cancellation = Cancellation(
+            kind.name,
+            send=lambda: context.gate.request(kind.cancel_request(), source=GOAL_CANCEL),
+            replaced=lambda: context.open_goals.newer_accepted(self),
+            accepted=self._give_up.cancel_accepted,
+        )
+        self._is_displaced = False
+        """True if a push after the last report shows that the chassis has left this goal."""
+        self._next_poll = 0.0
+        """Loop time of the next poll."""
+        self._starting: asyncio.Task[None] | None = None
+        """Task that sends the start request."""
+        self._polling: asyncio.Task[None] | None = None
+        """Task of the last poll; None before the first one."""
+
+    @property
+    def name(self) -> str:
+        """Name under which the chassis reports on the goal."""
+        return self._kind.name
+
+    def post(self, event: Event) -> None:
+        """Hand an event to the goal; in the link thread."""
+        if isinstance(event, CancelRequested):
+            self._cancellation.requested = True
+        self._events.put_nowait(event)
+
+    async def run(self) -> None:
+        """Run the goal; it has ended when this returns."""
+        self._context.open_goals.add(self)
+        try:
+            end = await self._send()
+        except BadFieldError as error:
+            end = self._aborted(f"{error.below('arg')}; nothing was sent")
+        except asyncio.CancelledError:
+            self.abort(STOPPING)
+            raise
+        except Exception as error:
+            _LOG.exception("%s failed", self.name)
+            end = self._aborted(f"the agent failed: {error!r}; please report this")
+        finally:
+            self._advance(Step.END)
+            self._context.open_goals.remove(self)
+            self._cancellation.stop()
+            for task in (self._starting, self._polling):
+                if task is not None:
+                    task.cancel()
+        due = self._feedback_times[0] + self._timing.result_delay
+        if due <= self._clock():
+            self._finish(end)
+        else:
+            asyncio.get_running_loop().call_at(due, self._finish, end)
+
+    def abort(self, reason: str) -> None:
+        """Report the goal to the client as aborted, in any phase."""
+        self._finish(self._aborted(reason))
+
+    def _finish(self, end: End) -> None:
+        self._goal.finish(end.outcome, self._context.to_ros(end.result))
+
+    def _aborted(self, reason: str) -> End:
+        return End(Outcome.ABORTED, self._kind.failure(reason))
+
+    def _aborted_if(self, reason: str | None) -> End | None:
+        return None if reason is None else self._aborted(reason)
+
+    # Phases
+
+    def _advance(self, step: Step) -> None:
+        """Enter the phase that follows `step`, and set `accepted` once it is decided."""
+        before = self.phase
+        self.phase = TRANSITIONS.get((before, step), before)
+        if self.accepted.done():
+            return
+        if self.phase.accepted:
+            self.accepted.set_result(True)
+            self._context.open_goals.replace_older(self)
+            self._cancellation.send_soon()
+        elif self.phase in (Phase.ORDERING, Phase.ENDED):
+            self.accepted.set_result(False)
+
+    async def _send(self) -> End:
+        try:
+            match self._kind.request():
+                case Start(message):
+                    return await self._follow(message)
+                case Order() as order:
+                    return await self._send_order(order)
+        except _RefusedError as error:
+            self._advance(Step.END)
+            reason = await self._context.explain(self._kind.request_type)
+            return self._aborted(f"{error} ({reason})" if reason else str(error))
+
+    async def _send_order(self, order: Order) -> End:
+        """Send an order. Reports still belong to the goal that is already running."""
+        self._advance(Step.ORDER_SENT)
+        try:
+            answer = await self._context.gate.request(order.message, published=self._goal.taken)
+        except ConnectionLostError as error:
+            return self._aborted(
+                f"the link was lost before the chassis answered: {error}; whether the order took "
+                "effect is not known"
+            )
+        except LinkError as error:
+            return self._aborted(str(error))
+        if not answer.ok:
+            raise _RefusedError(answer.msg or _NO_REASON)
+        if order.needs_cancel_report and not await self._cancel_reported():
+            return self._aborted(_NOTHING_CANCELLED)
+        return End(Outcome.SUCCEEDED, order.result(answer.msg))
+
+    async def _cancel_reported(self) -> bool:
+        """Return True if the chassis reports a cancel soon, or has since the order was sent."""
+        try:
+            await run_with_timeout(self._timing.cancel_report_timeout, self._next_cancel())
+        except TimeoutError:
+            return False
+        return True
+
+    async def _next_cancel(self) -> None:
+        while True:
+            event = await self._events.get()
+            if isinstance(event, Pushed) and any(
+                report.outcome is Outcome.CANCELED for report in self._kind.read(event.message)
+            ):
+                return
+
+    async def _follow(self, start: Message) -> End:
+        """Send the start request and handle events until one of them ends the goal."""
+        loop = asyncio.get_running_loop()
+        self._starting = loop.create_task(self._send_start(start), name="goal: start")
+        self._advance(Step.START_SENT)
+        self._next_poll = self._clock() + self._timing.poll_period
+        while True:
+            wake_up = min(self._give_up.deadline, self._next_poll)
+            timer = loop.call_at(wake_up, self.post, Tick())
+            try:
+                event = await self._events.get()
+            finally:
+                timer.cancel()
+            end = self._handle(event)
+            if end is not None:
+                return await self._end_for_client(end)
+
+    async def _end_for_client(self, end: End) -> End:
+        """Return the end to send to the client: an unrequested cancel becomes an abort."""
+        if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
+            return end
+        self._advance(Step.UNREQUESTED_CANCEL)
+        if await self._context.open_goals.newer_accepted(self):
+            return self._aborted(REPLACED)
+        return End(Outcome.ABORTED, end.result)
+
+    # Events
+
+    def _handle(self, event: Event) -> End | None:
+        """Handle an event; return the end of the goal if the event ends it."""
+        match event:
+            case Pushed(message):
+                return self._pushed(message)
+            case StartAnswered(answer):
+                return self._start_answered(answer)
+            case Polled():
+                return self._polled(event)
+            case PollFailed():
+                return self._poll_failed(event)
+            case LinkChanged(ready):
+                self._link_changed(ready)
+            case CancelRequested():
+                self._cancellation.pending = True
+                if self.phase.accepted:
+                    self._cancellation.send_soon()
+            case Replaced():
+                return self._aborted(REPLACED)
+            case GivenUp(reason):
+                return self._aborted(reason)
+            case Tick():
+                return self._tick()
+        return None
+
+    def _pushed(self, message: Message) -> End | None:
+        end = self._read(self._kind.read(message))
+        if end is None and self._attribution.heard and self._kind.is_displaced(message):
+            self._is_displaced = True
+            self._poll_soon()  # the report of the end may have been lost
+        return end
+
+    def _read(self, reports: Iterable[Report]) -> End | None:
+        """Publish the reports on this goal as feedback; return its end if one reports it."""
+        for report in reports:
+            if not self._attribution.is_mine(
+                report.outcome, self.phase, self._cancellation.requested
+            ):
+                continue
+            self._last_report = report.message
+            if report.begins_part and self._cancellation.requested:
+                self._cancellation.pending = True
+                self._give_up.part_begun()
+            self._heard()
+            self._feedback_times.append(self._clock())
+            self._goal.feedback(self._context.to_ros(report.message))
+            if report.outcome is not None:
+                return End(report.outcome, report.message)
+        return None
+
+    def _heard(self) -> None:
+        """Note a report on this goal, even an old one that the answer to a poll repeats."""
+        self._give_up.report()
+        self._is_displaced = False
+        self._next_poll = self._clock() + self._timing.poll_period
+        self._advance(Step.REPORT)  # the answer may be lost, or still on its way
+        if self._context.chassis.state is LinkState.READY:
+            self._cancellation.send_soon()  # retry a cancel that was not answered
+
+    def _start_answered(self, answer: Answer | Exception) -> End | None:
+        match answer:
+            case Answer(ok=True):
+                self._advance(Step.ACCEPTED)
+            case Answer():
+                raise _RefusedError(answer.msg or _NO_REASON)
+            case RequestTimeoutError() | ConnectionLostError():
+                self._advance(Step.ANSWER_LOST)
+                _LOG.warning(
+                    "no answer to the start of %s; polling the chassis for its state: %s",
+                    self.name,
+                    answer,
+                )
+                if not self._attribution.heard:
+                    self._give_up.answer_lost(answer)
+                self._poll_soon()
+            case LinkError():  # nothing was sent
+                return self._aborted(str(answer))
+            case _:
+                raise answer
+        return None
+
+    def _link_changed(self, ready: bool) -> None:
+        if ready:
+            self._give_up.link_restored()
+            self._poll_soon()
+        else:
+            self._give_up.link_lost(self._context.chassis.last_error or "it was closed")
+
+    def _tick(self) -> End | None:
+        end = self._aborted_if(self._give_up.overdue())
+        if end is None and self._clock() >= self._next_poll:
+            self._poll_soon()
+        return end
+
+    # Polls
+
+    def _poll_soon(self) -> None:
+        """Poll the state of the goal if that is possible now, and schedule the next poll."""
+        self._schedule_poll()
+        # before the start is answered, a poll may return the state of an earlier goal
+        ready = self.phase.answered and self._context.chassis.state is LinkState.READY
+        if ready and (self._polling is None or self._polling.done()):
+            loop = asyncio.get_running_loop()
+            self._polling = loop.create_task(self._poll(), name="goal: poll")
+
+    def _schedule_poll(self) -> None:
+        in_doubt = self._give_up.in_doubt or self._cancellation.pending or self._is_displaced
+        factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
+        self._next_poll = self._clock() + self._timing.poll_period * factor
+
+    def _polled(self, polled: Polled) -> End | None:
+        for report in polled.findings.reports:
+            if report.message == self._last_report:
+                if report.outcome is not None:  # only the poll shows that it was the last one
+                    return End(report.outcome, report.message)
+                self._heard()
+            elif self._attribution.is_news(report.message, report.outcome, self.phase):
+                end = self._read([report])
+                if end is not None:
+                    return end
+        unknown = polled.findings.unknown
+        if unknown is None and self._is_displaced:  # polls are refused
+            unknown = _DISPLACED
+        heard = self._attribution.heard
+        if unknown is None or not self.phase.accepted:  # before, it may still be in flight
+            return self._aborted_if(self._give_up.poll_answered(heard))
+        end = self._aborted_if(self._give_up.poll_unknown(unknown, heard))
+        if end is None:
+            self._schedule_poll()
+        return end
+
+    def _poll_failed(self, failed: PollFailed) -> End | None:
+        if failed.silent:
+            self._give_up.chassis_silent(failed.error)
+        elif isinstance(failed.error, RequestTimeoutError):
+            return self._aborted_if(self._give_up.poll_unanswered(failed.error))
+        return None
+
+    # Tasks
+
+    async def _send_start(self, message: Message) -> None:
+        try:  # the tap delivers the answer in order with the reports
+            await self._context.gate.request(
+                message,
+                tap=lambda answer: self.post(StartAnswered(answer)),
+                published=self._goal.taken,
+            )
+        except Exception as error:
+            self.post(StartAnswered(error))
+
+    async def _poll(self) -> None:
+        stats = self._context.chassis.stats
+        received = stats.rx
+        try:
+            await self._kind.poll(lambda findings: self.post(Polled(findings)))
+        except LinkError as error:
+            _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
+            timed_out = isinstance(error, RequestTimeoutError)
+            self.post(PollFailed(error, silent=timed_out and stats.rx == received))

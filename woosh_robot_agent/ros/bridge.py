@@ -1,0 +1,315 @@
+"""Hand-over between the executor thread and the link thread.
+
+rclpy callbacks run in the executor thread and never wait. They pass a coroutine to the link thread,
+which replies later (`DeferredService`). Publishers publish directly from the link thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import selectors
+import threading
+import time
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextvars import Context
+from functools import partial
+from typing import Any, TypeVar
+
+from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.ros.logs import log_as
+from woosh_robot_agent.ros.qos import SERVICE_QOS
+from woosh_robot_agent.ros.rclpy_private import (
+    PEER_GONE_ERRORS,
+    replace_send_response,
+    take_request,
+)
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger(__name__)
+_MAX_TURN = 0.005
+"""Maximum time for the requests of one service before other entities get a turn, in seconds."""
+
+
+class LoopThread:
+    """A thread with an asyncio event loop, shared by the links of any number of robots."""
+
+    def __init__(self) -> None:
+        self._selector = _TimedSelector()
+        self.loop = asyncio.SelectorEventLoop(self._selector)
+        self._thread = threading.Thread(target=self._main, name="link", daemon=True)
+        self._thread.start()
+
+    @property
+    def held(self) -> tuple[float, float]:
+        """Longest turns of the event loop in the last one or two minutes, and ever, in seconds.
+
+        For that time, the thread was held by one piece of work, and velocities waited.
+        """
+        selector = self._selector
+        return max(selector.longest, selector.longest_before), selector.longest_ever
+
+    def stop(self, timeout: float) -> None:
+        """Cancel all tasks, stop the loop and join the thread, within `timeout` seconds."""
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join(timeout)
+        if self._thread.is_alive():
+            _LOG.error("the link thread did not end within %g s", timeout)
+
+    def _main(self) -> None:
+        asyncio.set_event_loop(self.loop)
+        try:
+            self.loop.run_forever()
+            leftover = asyncio.all_tasks(self.loop)
+            for task in leftover:
+                task.cancel()
+            self.loop.run_until_complete(asyncio.gather(*leftover, return_exceptions=True))
+        finally:
+            self.loop.close()
+
+
+class _TimedSelector(selectors.DefaultSelector):
+    """A selector that measures the turns of its event loop.
+
+    Attributes:
+        longest: longest turn of this minute, in seconds.
+        longest_before: longest turn of the minute before, in seconds.
+        longest_ever: longest turn, in seconds.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.longest = self.longest_before = self.longest_ever = 0.0
+        self._began = self._minute = time.monotonic()
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        now = time.monotonic()
+        turn = now - self._began
+        if now - self._minute > 60.0:
+            self._minute, self.longest_before, self.longest = now, self.longest, 0.0
+        if turn > self.longest:
+            self.longest = turn
+            self.longest_ever = max(turn, self.longest_ever)
+        events = super().select(timeout)
+        self._began = time.monotonic()
+        return events
+
+
+class LinkThread:
+    """Access to the link thread for the agent of one robot.
+
+    Args:
+        thread: the thread; it may serve other robots too.
+        context: context in which the work runs; it holds the node's logger (`logs.context_of`).
+    """
+
+    def __init__(self, thread: LoopThread, context: Context) -> None:
+        self.loop = thread.loop
+        self._thread = thread
+        self._context = context
+        self._tasks: dict[asyncio.Task[None], Callable[[BaseException], None] | None] = {}
+        """Spawned coroutines that have not ended, and their `on_error`."""
+
+    @property
+    def held(self) -> tuple[float, float]:
+        """See `LoopThread.held`."""
+        return self._thread.held
+
+    def call(self, function: Callable[..., object], *args: object) -> None:
+        """Schedule a call of `function` in the loop. Thread-safe."""
+        self.loop.call_soon_threadsafe(function, *args, context=self._context)
+
+    def spawn(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        on_error: Callable[[BaseException], None] | None = None,
+    ) -> None:
+        """Start a coroutine in the loop and do not wait for it. Thread-safe.
+
+        Args:
+            work: creates the coroutine.
+            on_error: called with an exception that the coroutine did not handle, after it has been
+                logged, or with a RuntimeError if the coroutine was cancelled.
+        """
+        self.call(self._spawn, work, on_error)
+
+    def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
+        """Start a coroutine in the loop and return its future. Thread-safe."""
+        # a copy, because the loop may be running in the context itself at this moment
+        return self._context.copy().run(asyncio.run_coroutine_threadsafe, work, self.loop)
+
+    def run(self, work: Coroutine[Any, Any, T], timeout: float) -> T:
+        """Run a coroutine in the loop and wait for it, from another thread.
+
+        Raises:
+            TimeoutError: it took longer than `timeout` seconds and has been cancelled.
+        """
+        return outcome(self.begin(work), timeout)
+
+    async def cancel(self) -> None:
+        """Cancel all spawned coroutines and wait for their end; call it in the loop."""
+        tasks = tuple(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for task in tasks:  # one that had not started has not reported its end
+            if (on_error := self._tasks.pop(task, None)) is not None:
+                on_error(_cancelled())
+
+    def _spawn(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        on_error: Callable[[BaseException], None] | None,
+    ) -> None:
+        task = start_task(self._run_spawned(work, on_error))
+        if not task.done():
+            self._tasks[task] = on_error  # the loop itself keeps only a weak reference
+
+    async def _run_spawned(
+        self,
+        work: Callable[[], Coroutine[Any, Any, None]],
+        on_error: Callable[[BaseException], None] | None,
+    ) -> None:
+        # not in a callback of the task, which would take another turn of the loop
+        error: BaseException | None = None
+        try:
+            await work()
+        except asyncio.CancelledError:
+            error = _cancelled()
+            raise
+        except Exception as unexpected:
+            _LOG.exception("a background task failed")
+            error = unexpected
+        finally:
+            if (task := asyncio.current_task()) is not None:
+                self._tasks.pop(task, None)
+            if error is not None and on_error is not None:
+                on_error(error)
+
+
+def _cancelled() -> RuntimeError:
+    return RuntimeError("the agent is stopping")
+
+
+def outcome(future: Future[T], timeout: float) -> T:
+    """Wait for a coroutine of another thread and return its result.
+
+    Raises:
+        TimeoutError: it took longer than `timeout` seconds and has been cancelled.
+    """
+    try:
+        return future.result(timeout)
+    except FutureTimeoutError:
+        future.cancel()
+        raise TimeoutError from None  # the two classes are the same only since Python 3.11
+
+
+class Reply:
+    """The reply to one service call; it is sent exactly once, from any thread.
+
+    Args:
+        response_class: ROS class of the response.
+        send: sends a response to the client that a header identifies.
+        header: identifies the client and its call.
+    """
+
+    def __init__(self, response_class: Any, send: Callable[[Any, Any], None], header: Any) -> None:
+        self._response_class = response_class
+        self._send = send
+        self._header = header
+        self._lock = threading.Lock()
+        self._sent = False
+
+    @property
+    def number(self) -> int:
+        """Number of the call, counted by its client."""
+        return int(self._header.request_id.sequence_number)
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """Unix times at which the client sent the call, and at which it was received; 0 if unknown.
+
+        The first is by the client's clock.
+        """
+        return self._header.source_timestamp / 1e9, self._header.received_timestamp / 1e9
+
+    def send(self, response: Any) -> None:
+        """Send the response. A second response is a bug: it is logged and not sent."""
+        with self._lock:
+            again, self._sent = self._sent, True
+        if again:
+            _LOG.error("a service call was answered twice; second response: %r", response)
+            return
+        try:
+            try:
+                self._send(response, self._header)
+            except PEER_GONE_ERRORS:
+                raise
+            except Exception as error:  # rclpy cannot convert the response
+                _LOG.exception("a service response could not be sent: %a", response)
+                self._send(self._failure(error), self._header)
+        except PEER_GONE_ERRORS as error:
+            _LOG.debug("the client disappeared before its response was sent: %s", error)
+
+    def fail(self, error: BaseException) -> None:
+        """Send a response that reports a bug of the agent."""
+        self.send(self._failure(error))
+
+    def _failure(self, error: BaseException) -> Any:
+        response = self._response_class()
+        if hasattr(response, "msg"):
+            response.msg = f"internal error of the agent, please report it: {error!a}"
+        return response
+
+
+class DeferredService:
+    """A service whose callback returns at once; the response is sent later, from any thread.
+
+    The executor passes the callback's return value and the request's header to `send_response`.
+    Therefore the callback returns the request itself, and the replaced `send_response` handles it.
+    That is the last step of the executor's turn, so the link thread can take the GIL right after.
+
+    Args:
+        node: owner of the service.
+        srv_type: ROS type of the service.
+        name: name of the service.
+        handle: called with the request and the `Reply` in the executor thread; must not block.
+    """
+
+    def __init__(
+        self, node: Any, srv_type: Any, name: str, handle: Callable[[Any, Reply], None]
+    ) -> None:
+        self._response_class = srv_type.Response
+        self._handle = handle
+        self._log_as_node = partial(log_as, node.get_logger())
+        self._service = node.create_service(
+            srv_type, name, lambda request, _response: request, qos_profile=SERVICE_QOS
+        )
+        self._send_response = replace_send_response(self._service, self._serve_all)
+
+    def _serve_all(self, request: Any, header: Any) -> None:
+        """Handle a request and the pending ones behind it.
+
+        An executor may check all entities for each request. At high rates it would then fall
+        behind, until DDS drops the oldest requests.
+        """
+        self._log_as_node()
+        deadline = time.monotonic() + _MAX_TURN
+        while header is not None:
+            served = request, header
+            try:
+                more = time.monotonic() < deadline
+                request, header = take_request(self._service) if more else (None, None)
+            finally:
+                self._serve(*served)
+
+    def _serve(self, request: Any, header: Any) -> None:
+        reply = Reply(self._response_class, self._send_response, header)
+        try:
+            self._handle(request, reply)
+        except Exception as error:  # an escaping exception would end the executor
+            _LOG.exception("a service callback failed")
+            reply.fail(error)

@@ -1,0 +1,124 @@
+"""Logging to ROS: records of `logging` go to the logger of the node that they concern.
+
+Several agents can share a process. Work for one of them runs in a context (`contextvars`) that
+holds the logger of its node: asyncio tasks and callbacks of the link thread inherit the context;
+callbacks in the executor thread begin with `log_as`.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import logging
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.logging import LoggingSeverity, get_logger
+
+from woosh_robot_agent.link.reports import one_line
+from woosh_robot_agent.ros import rclpy_private
+
+_MAX_LENGTH = 2000
+"""Maximum length of a message without its traceback, in characters."""
+_PACKAGE = "woosh_robot_agent"
+"""Name of the package's root logger, in `logging` and in ROS."""
+
+_SEVERITIES = (
+    (logging.ERROR, LoggingSeverity.ERROR),
+    (logging.WARNING, LoggingSeverity.WARN),
+    (logging.INFO, LoggingSeverity.INFO),
+)
+"""ROS severities by the lowest level of `logging` that they stand for."""
+
+_FORMATTER = logging.Formatter()
+_NODE_LOGGER = contextvars.ContextVar[Any]("node_logger", default=None)
+_NO_LOG_FILES = "--disable-external-lib-logs"
+"""ROS argument with which rclpy writes no log files."""
+
+_CLOSING: set[str] = set()
+"""Names of the loggers of the nodes that are closing."""
+
+
+def expect_losses(logger: Any, *, expected: bool) -> None:
+    """Log a node's warnings at INFO while it closes, because a lost link is expected then.
+
+    Args:
+        logger: logger of the node.
+        expected: True when the node begins to close, False when it is closed.
+    """
+    (_CLOSING.add if expected else _CLOSING.discard)(logger.name)
+
+
+def log_as(logger: Any) -> None:
+    """Send the log records of this context to a node's logger, or with None to the package's."""
+    _NODE_LOGGER.set(logger)
+
+
+def context_of(logger: Any) -> contextvars.Context:
+    """Return a new context whose log records go to a node's logger."""
+    context = contextvars.copy_context()
+    context.run(log_as, logger)
+    return context
+
+
+class RosLogHandler(logging.Handler):
+    """Handler that passes records to the ROS logger of the current context."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            text = one_line(record.getMessage(), _MAX_LENGTH)
+            if record.exc_info:
+                text += "\n" + _FORMATTER.formatException(record.exc_info)
+            logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
+            place = record.funcName or "", record.pathname, record.lineno
+            severity = _severity(record.levelno)
+            if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
+                severity = LoggingSeverity.INFO
+            rclpy_private.log(logger.name, severity, text, *place)
+        except Exception:
+            self.handleError(record)
+
+
+def _severity(level: int) -> LoggingSeverity:
+    """Return the ROS severity of a level of `logging`."""
+    return next((s for least, s in _SEVERITIES if level >= least), LoggingSeverity.DEBUG)
+
+
+_HANDLER = RosLogHandler()
+
+
+def with_possible_log_files(arguments: Sequence[str]) -> list[str]:
+    """Return arguments for `rclpy.init`, without log files if their folder cannot be written.
+
+    Otherwise rclpy would not start. A warning on stderr tells the reason.
+    """
+    if _NO_LOG_FILES in arguments:
+        return list(arguments)
+    folder = os.environ.get("ROS_LOG_DIR") or os.path.join(
+        os.environ.get("ROS_HOME") or "~/.ros", "log"
+    )
+    try:
+        if folder.startswith("~"):
+            if not (home := os.environ.get("HOME")):
+                raise OSError("HOME is not set")
+            folder = home + folder[1:]
+        os.makedirs(folder, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        print(
+            f"warning: no log file is written: cannot write to {folder}: "
+            f"{error.strerror or error}; set ROS_LOG_DIR to another folder",
+            file=sys.stderr,
+        )
+        return [*arguments, "--ros-args", _NO_LOG_FILES]
+    return list(arguments)
+
+
+def log_to_ros() -> None:
+    """Send all records of the package to ROS. Idempotent."""
+    logger = logging.getLogger(_PACKAGE)
+    logger.addHandler(_HANDLER)
+    logger.setLevel(logging.DEBUG)
+    logger.propagate = False

@@ -1,0 +1,351 @@
+"""The agent of one robot: a ROS node with its parameters, services, topics and actions."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import fields
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from woosh_robot_agent.convert.converter import RequestMaker
+from woosh_robot_agent.endpoints import minimum_timeouts
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.motion.requests import only_reads
+from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.refusals import RefusalExplainer
+from woosh_robot_agent.robot.watch import Watch
+from woosh_robot_agent.ros.actions.actions import Actions
+from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, outcome
+from woosh_robot_agent.ros.context import RobotContext
+from woosh_robot_agent.ros.latched import LatchedPublishers
+from woosh_robot_agent.ros.logs import context_of, expect_losses, log_as, log_to_ros
+from woosh_robot_agent.ros.releases import on_parameters_set
+from woosh_robot_agent.ros.second_agent import SecondAgent
+from woosh_robot_agent.ros.services import Services
+from woosh_robot_agent.ros.standard.layer import StandardLayer
+from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.topics import Topics
+
+
+class ParameterNode(Node):
+    """The node `agent`, with its parameters declared and checked.
+
+    Args:
+        defaults: defaults by name that override those of `PARAMETERS`.
+        options: rclpy's options of a node, e.g. `context` and `parameter_overrides`.
+
+    Attributes:
+        settings: current values of the parameters.
+
+    Raises:
+        ValueError: a parameter is invalid.
+    """
+
+    def __init__(self, defaults: Mapping[str, Any] | None = None, **options: Any) -> None:
+        super().__init__("agent", **options)
+        self._callback: Callable[[Settings], None] | None = None
+        try:
+            for each in PARAMETERS:
+                initial = (defaults or {}).get(each.name, each.initial)
+                self.declare_parameter(each.name, initial, each.descriptor())
+            self.settings = check(self._values())
+        except BaseException:
+            self.destroy_node()
+            raise
+
+    def on_change(self, callback: Callable[[Settings], None]) -> None:
+        """Accept parameter changes from now on.
+
+        Args:
+            callback: called after each change with the previous settings.
+        """
+        self._callback = callback
+        on_parameters_set(self, self._check_change, self._apply_change)
+
+    def _values(self, changed: list[RosParameter] | None = None) -> dict[str, Any]:
+        values = {p.name: self._value(p) for p in PARAMETERS}
+        values.update((p.name, p.value) for p in changed or () if p.name in values)
+        return values
+
+    def _value(self, parameter: Parameter) -> Any:
+        if parameter.holds_names:  # an empty list in a file has no type, so rclpy leaves it unset
+            return self.get_parameter_or(parameter.name).value or []
+        return self.get_parameter(parameter.name).value
+
+    def _check_change(self, changed: list[RosParameter]) -> SetParametersResult:
+        log_as(self.get_logger())
+        try:
+            check(self._values(changed))
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply_change(self, changed: list[RosParameter]) -> None:
+        before, self.settings = self.settings, check(self._values(changed))
+        if self._callback is not None:
+            self._callback(before)
+
+
+_LOG = logging.getLogger(__name__)
+_ZERO_TIMEOUT = 0.4
+"""Time in which the chassis must answer the last zero velocity, in seconds."""
+_GOALS_TIMEOUT = 0.5
+"""Time in which the open goals must be aborted, in seconds."""
+_LINK_TIMEOUT = 1.5
+"""Time in which the link must be closed, in seconds."""
+_CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
+"""Time in which all three steps must end, in seconds."""
+_DEBUG_TIMEOUT = 60.0
+"""Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
+_SETTLE_TIMEOUT = 0.5
+"""Time in which the results of aborted goals must reach their clients, in seconds."""
+_REST_TIMEOUT = 0.3
+"""Time in which the remaining work must end, in seconds."""
+
+
+class Agent:
+    """The agent of one robot: a ROS node, and the link to the chassis in another thread.
+
+    Attributes:
+        node: the node, to be added to an executor.
+
+    Args:
+        node: the node; by default a new one.
+        thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
+            after closing the agent.
+        options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
+
+    Raises:
+        ValueError: a parameter is invalid.
+    """
+
+    def __init__(
+        self,
+        node: ParameterNode | None = None,
+        thread: LoopThread | None = None,
+        **options: Any,
+    ) -> None:
+        self.node = node or ParameterNode(**options)
+        log_to_ros()
+        used = thread or LoopThread()
+        self._own_thread = None if thread else used
+        self._thread = LinkThread(used, context_of(self.node.get_logger()))
+        self._chassis = ChassisClient(
+            config=self.settings.link, minimum_timeouts=minimum_timeouts()
+        )
+        self._requests = RequestMaker(self.settings.link.robot_id)
+        # first: it reports unreadable pushes before others see them
+        self._latched = LatchedPublishers(self.node, self._thread, self._chassis)
+        self._topics = Topics(self.node, self._latched, self._chassis)
+        self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
+        last_known = LastKnown(self._chassis)
+        explainer = RefusalExplainer(self._chassis, last_known)
+        watch = Watch(
+            self._chassis,
+            self._gate,
+            last_known,
+            explainer,
+            lambda: self._actions.accepted_goals,
+        )
+        robot = RobotContext(
+            self.node, self._thread, self._chassis, self._gate, last_known, self._requests
+        )
+        self._services = Services(
+            robot, watch.velocities, lambda: self.settings.standard.velocity_limits
+        )
+        self._actions = Actions(
+            robot,
+            explainer.reason,
+            lambda: self.settings.goal_link_timeout,
+            self.settings.result_timeout,
+        )
+        self._second_agent = SecondAgent(self.node)
+        self._standard = StandardLayer(
+            PartContext(
+                robot,
+                self._latched,
+                watch,
+                self._second_agent,
+                lambda: self.settings.standard,
+            )
+        )
+        self._lock = threading.Lock()
+        self._end: Future[None] | None = None
+        self.node.on_change(self._change)
+        if self.settings.observe_only:
+            self._chassis.permit_only(only_reads, self._observes_only)
+        self._thread.call(self._chassis.start)
+        self._standard.start()
+        self._thread.spawn(self._second_agent.run)
+
+    @property
+    def settings(self) -> Settings:
+        """Current values of the parameters."""
+        return self.node.settings
+
+    def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
+        """Return the state of the agent and the size of everything in it that may grow.
+
+        For debugging and for tests: keys may be added at any time. May be called from any thread
+        except the link thread.
+
+        Args:
+            timeout: Time that the link thread gets to answer, in seconds.
+
+        Returns:
+            `state`: The state of the link.
+            `requests`: Number of requests in flight.
+            `outbox`: Number of frames that wait to be sent.
+            `pushes`: Number of pushes that wait to be delivered.
+            `counters`: The link's counters, by the names of the attributes of `LinkStats`.
+            `goals`: Number of goals whose results have not been sent.
+            `running_goals`: Number of goals that the robot may be working on.
+            `tasks`: Names of the asyncio tasks in the link thread.
+
+        Raises:
+            TimeoutError: The link thread did not answer in time.
+        """
+        return self._thread.run(self._debug(), timeout)
+
+    async def _debug(self) -> dict[str, Any]:
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        stats = self._chassis.stats
+        return {
+            **self._chassis.debug(),
+            "state": self._chassis.state.value,
+            "counters": {each.name: getattr(stats, each.name) for each in fields(stats)},
+            "goals": self._actions.open_goals,
+            "running_goals": self._actions.running_goals,
+            "tasks": sorted(task.get_name() for task in tasks),
+        }
+
+    def begin_close(self) -> None:
+        """Begin to stop the robot, to abort the open goals and to close the link. From any thread.
+
+        Further calls do nothing. `close` waits for the end.
+        """
+        with self._lock:
+            if self._end is None:
+                expect_losses(self.node.get_logger(), expected=True)
+                self._end = self._thread.begin(self._close())
+
+    def close(self, spin_once: Callable[[], None]) -> None:
+        """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
+
+        Args:
+            spin_once: runs one executor turn, so that goal results reach their clients.
+        """
+        stop_all([self], spin_once)
+        self.destroy()
+
+    def destroy(self) -> None:
+        """Destroy the node, after `stop_all`."""
+        self._actions.destroy()
+        self._standard.close()
+        self.node.destroy_node()
+
+    async def _close(self) -> None:
+        # run every step; the gate's own timeout is shorter because its error is more specific
+        await self._end_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
+        await self._end_step("aborting the goals", self._actions.stop, _GOALS_TIMEOUT)
+        await self._end_step("closing the link", self._chassis.close, _LINK_TIMEOUT)
+
+    async def _stop_robot(self) -> None:
+        try:
+            await self._gate.close(_ZERO_TIMEOUT)
+        except LinkError as error:
+            _LOG.error(
+                "the robot was not stopped; if it moves, press its emergency stop: %s", error
+            )
+
+    @staticmethod
+    async def _end_step(
+        name: str, work: Callable[[], Coroutine[Any, Any, None]], timeout: float
+    ) -> None:
+        try:
+            await run_with_timeout(timeout, work())
+        except TimeoutError:
+            _LOG.error("%s took longer than %g s", name, timeout)
+        except Exception:  # a defect of the agent, which must not keep the next step from running
+            _LOG.exception("%s failed", name)
+
+    @property
+    def _observes_only(self) -> str:
+        """Reason why `observe_only` refuses commands, and how to allow them."""
+        name = self.node.get_fully_qualified_name()
+        return (
+            "this agent only observes the robot; to allow commands, call "
+            f"`ros2 param set {name} observe_only false`"
+        )
+
+    def _change(self, before: Settings) -> None:
+        settings = self.settings
+        if settings.observe_only != before.observe_only:
+            # not a task: it would begin after commands that come right after this change
+            self._thread.call(self._set_observing, settings.observe_only)
+        if not settings.link.addresses_same_robot(before.link):
+            self._latched.withdraw()
+        if settings.link != before.link:
+            self._thread.spawn(partial(self._reconfigure, settings.link))
+
+    def _set_observing(self, observe_only: bool) -> None:
+        if not observe_only:
+            self._chassis.permit_only(None)
+            _LOG.info("observe_only is false: commands are sent to the robot")
+            return
+        stop_robot = self._gate.farewell(_ZERO_TIMEOUT)
+        self._chassis.permit_only(only_reads, self._observes_only)
+        self._actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
+        _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
+        if stop_robot is not None:
+            self._thread.spawn(stop_robot)
+
+    async def _reconfigure(self, config: LinkConfig) -> None:
+        self._requests.robot_id = config.robot_id
+        is_same = config.addresses_same_robot(self._chassis.config)
+        stop_robot = None if is_same else self._gate.farewell(_ZERO_TIMEOUT)
+        await self._chassis.reconfigure(config, stop_robot)
+
+
+def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
+    """Do for several agents at once what `Agent.close` does before it destroys the node."""
+    for agent in agents:
+        agent.begin_close()
+    ends = [agent._end for agent in agents if agent._end is not None]
+    _spin_while(lambda: not all(end.done() for end in ends), spin_once, _CLOSE_TIMEOUT)
+    _spin_while(
+        lambda: any(agent._actions.open_goals for agent in agents), spin_once, _SETTLE_TIMEOUT
+    )
+    rests = [(agent, agent._thread.begin(agent._thread.cancel())) for agent in agents]
+    until = time.monotonic() + _REST_TIMEOUT
+    for agent, rest in rests:
+        try:
+            outcome(rest, max(until - time.monotonic(), 0.0))
+        except TimeoutError:
+            agent.node.get_logger().error("the agent's tasks did not end in time")
+    for agent in agents:
+        if agent._own_thread is not None:
+            agent._own_thread.stop(_REST_TIMEOUT)
+        if agent.node.executor is not None:  # otherwise it would keep the node's entities alive
+            agent.node.executor.remove_node(agent.node)
+        expect_losses(agent.node.get_logger(), expected=False)
+
+
+def _spin_while(
+    condition: Callable[[], bool], spin_once: Callable[[], None], timeout: float
+) -> None:
+    until = time.monotonic() + timeout
+    while condition() and time.monotonic() < until:
+        spin_once()

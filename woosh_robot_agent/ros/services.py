@@ -1,0 +1,247 @@
+"""The services of the table: queries and commands, forwarded to the chassis."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.convert import BadFieldError, Converter, converter, filled
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
+from woosh_robot_agent.link import (
+    Answer,
+    Body,
+    ConnectionLostError,
+    FrameError,
+    LinkError,
+    TooManyRequestsError,
+)
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.tasks import aside
+from woosh_robot_agent.motion import UnusableVelocityError, VelocityLimits
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.robot.who_drives import VelocitySources
+from woosh_robot_agent.ros.bridge import DeferredService, Reply
+from woosh_robot_agent.ros.context import RobotContext
+
+_LOG = logging.getLogger(__name__)
+_LIMITED = "the velocity was limited by cmd_vel_max_linear or cmd_vel_max_angular"
+
+
+class Services:
+    """Servers of all services in the table.
+
+    Args:
+        robot: the objects of the robot.
+        velocities: learns of the calls that command velocities.
+        limits: returns the limits of velocities.
+
+    Attributes:
+        last_known: the last known values.
+    """
+
+    def __init__(
+        self,
+        robot: RobotContext,
+        velocities: VelocitySources,
+        limits: Callable[[], VelocityLimits],
+    ) -> None:
+        self.last_known = robot.last_known
+        self._servers: list[DeferredService] = []
+        for query in QUERIES:
+            query_handler = _QueryHandler(query, robot)
+            self._servers.append(
+                DeferredService(robot.node, query_handler.srv, query.name, query_handler.handle)
+            )
+        for command in COMMANDS:
+            command_handler = _CommandHandler(command, robot, velocities, limits)
+            self._servers.append(
+                DeferredService(
+                    robot.node, command_handler.srv, command.name, command_handler.handle
+                )
+            )
+
+
+class _QueryHandler:
+    """Handler of one query.
+
+    If the chassis gives no usable answer, the response holds the last known value, and is blank
+    without one. The log says why.
+    """
+
+    def __init__(self, endpoint: Query, robot: RobotContext) -> None:
+        self.srv = class_of(endpoint.srv, "srv")
+        self._endpoint = endpoint
+        self._robot = robot
+        self._log = LogOnce(_LOG)
+        self._proto = message_type(endpoint.request)
+        field_type = self.srv.Response.get_fields_and_field_types()[endpoint.field]
+        self._convert = converter(class_of(field_type, "msg"), self._proto)
+
+    def handle(self, request: Any, reply: Reply) -> None:
+        self._robot.thread.spawn(partial(self._answer, request, reply), reply.fail)
+
+    async def _answer(self, request: Any, reply: Reply) -> None:
+        try:
+            value = await self._ask(request)
+        except TooManyRequestsError as error:  # the link warns of it, once for all services
+            _LOG.debug("%s: %s", self._fallback, error)
+            value = self._last_value()
+        except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
+            self._log.warn(type(error).__name__, f"{self._fallback}: {error}")
+            value = self._last_value()
+        else:
+            self._log.clear()
+        reply.send(filled(self.srv.Response, **{self._endpoint.field: value}))
+
+    async def _ask(self, request: Any) -> Any:
+        """Request the value from the chassis; return it as a ROS message."""
+        answer = await self._robot.chassis.request(self._message(request))
+        if not answer.ok:
+            raise _RefusedError(f"the chassis refused: {answer.msg}")
+        if answer.type != self._endpoint.request:
+            raise _UnusableAnswerError(answer.defect or f"the chassis answered with {answer.type}")
+        try:
+            value = await _read(self._convert, answer.raw)
+        except FrameError as error:
+            raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
+        self._robot.last_known.remember(answer.raw)
+        return value
+
+    @property
+    def _fallback(self) -> str:
+        """The response when the chassis gives no usable answer, in words for the log."""
+        name = self._endpoint.name
+        if self._robot.last_known.get(self._endpoint.request) is None:
+            return f"{name} answers blank, because no value is known yet"
+        return f"{name} answers with the last known value"
+
+    def _last_value(self) -> Any:
+        last = self._robot.last_known.get(self._endpoint.request)
+        return self._convert.to_ros(last or self._proto())
+
+    def _message(self, request: Any) -> Message:
+        if not self._endpoint.takes_arg:
+            return self._robot.requests.empty(self._proto)
+        try:
+            return self._robot.requests.make(self._convert, request.arg)
+        except BadFieldError as error:
+            raise error.below("arg") from None
+
+
+class _RefusedError(Exception):
+    """The chassis refused a query; the text has its reason."""
+
+
+class _UnusableAnswerError(Exception):
+    """The answer to a query cannot be read, or has another type."""
+
+
+class _CommandHandler:
+    """Handler of one command: forwards it to the chassis, and the answer to the client."""
+
+    def __init__(
+        self,
+        endpoint: Command,
+        robot: RobotContext,
+        velocities: VelocitySources,
+        limits: Callable[[], VelocityLimits],
+    ) -> None:
+        self.srv = class_of(endpoint.srv, "srv")
+        self._endpoint = endpoint
+        self._robot = robot
+        self._velocities = velocities
+        self._limits = limits
+        arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
+        self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
+        self._convert_ret: Converter | None = None
+        if endpoint.answer:
+            ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
+            self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
+        self._clock = SenderClock()
+
+    def handle(self, request: Any, reply: Reply) -> None:
+        try:
+            message = self._robot.requests.make(self._convert, request.arg)
+            wanted = message
+            if isinstance(message, Twist):
+                message = self._limits().apply(message)
+        except (BadFieldError, UnusableVelocityError) as error:
+            reply.send(self._response(False, f"arg.{error}; nothing was sent"))
+            return
+        note = "" if message == wanted else _LIMITED
+        published = self._clock.published(*reply.times, time.monotonic())
+        self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
+
+    async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
+        address = self._robot.chassis.config.address
+        if isinstance(message, Twist) and may_move(message):
+            self._velocities.called(self._endpoint.name, reply.number)
+        try:
+            answer = await self._robot.gate.request(
+                message, source=self._endpoint.name, published=published
+            )
+        except ConnectionLostError as error:
+            reply.send(self._response(False, self._lost(address, error)))
+            return
+        except LinkError as error:
+            reply.send(self._response(False, str(error)))
+            return
+        response = await self._answered(answer)
+        if note and answer.ok:
+            response.msg = f"{response.msg}; {note}" if response.msg else note
+        reply.send(response)
+
+    def _lost(self, address: str, error: ConnectionLostError) -> str:
+        return (
+            f"lost the link to {address} before the chassis answered "
+            f"{self._endpoint.request}: {error}; whether it took effect is not known"
+        )
+
+    async def _answered(self, answer: Answer) -> Any:
+        """Return the response for an answer of the chassis."""
+        if self._convert_ret is None:
+            return self._response(answer.ok, answer.msg)
+        ret, defect = await self._ret(self._convert_ret, answer.raw)
+        if defect and answer.ok:
+            if self._endpoint.reads:
+                return self._response(False, f"no usable answer: {defect}")
+            if answer.defect:  # an echo of the request is no defect
+                _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
+        return self._response(answer.ok, answer.msg, ret)
+
+    async def _ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
+        """Return `ret`, converted from an answer; None and the reason if that is not possible."""
+        endpoint = self._endpoint
+        if endpoint.two_types and body.type == endpoint.request:
+            body = body.as_type(endpoint.answer)
+        if body.type != endpoint.answer:
+            return None, f"the chassis answered with {body.type}, not with {endpoint.answer}"
+        try:
+            return await _read(convert, body), ""
+        except FrameError as error:
+            return None, f"the answer cannot be read: {error}"
+
+    def _response(self, ok: bool, msg: str, ret: Any = None) -> Any:
+        if self._convert_ret is None:
+            return self.srv.Response(ok=ok, msg=msg)
+        if ret is None:
+            ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
+        return filled(self.srv.Response, ok=ok, msg=msg, ret=ret)
+
+
+async def _read(convert: Converter, body: Body) -> Any:
+    """Return a body as a ROS message; a large one is converted aside.
+
+    Raises:
+        FrameError: the body cannot be read.
+    """
+    return await aside(convert.read, body) if body.is_large else convert.read(body)

@@ -1,0 +1,146 @@
+"""cmd_vel and stop: drives the robot by velocities, and stops it, whatever drives it."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from std_srvs.srv import Trigger
+
+from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.robot.who_drives import Interleaving
+from woosh_robot_agent.ros.bridge import Reply
+from woosh_robot_agent.ros.standard.part import Part, PartContext
+
+_RESIDUAL_SPEED = 0.005
+"""Maximum speed of a robot that stands, in m/s."""
+_RESIDUAL_TURN = 0.005
+"""Maximum angular speed of a robot that stands, in rad/s."""
+LEVER = 0.3
+"""Radius that converts angles to lengths, to compare turning with driving, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """A velocity in the robot's frame.
+
+    Attributes:
+        forward: speed along x, in m/s.
+        left: speed along y, in m/s.
+        turn: angular speed, counter-clockwise, in rad/s.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+
+    @property
+    def moving(self) -> bool:
+        """True unless all speeds are so small that the robot stands."""
+        return (
+            abs(self.forward) > _RESIDUAL_SPEED
+            or abs(self.left) > _RESIDUAL_SPEED
+            or abs(self.turn) > _RESIDUAL_TURN
+        )
+
+
+STANDSTILL = Velocity()
+
+
+_LOG = logging.getLogger(__name__)
+_TIMEOUT = 2.0
+"""Time to wait for each of the chassis's answers, in seconds."""
+
+
+class Stop(Part):
+    """The service stop, which calls `MotionGate.stop`."""
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._service = context.service("stop", self._stop_requested)
+
+    def _stop_requested(self, _request: Any, reply: Reply) -> None:
+        self._context.robot.gate.announce_stop()
+        self._context.robot.thread.spawn(partial(self._stop, reply), reply.fail)
+
+    async def _stop(self, reply: Reply) -> None:
+        report = await self._context.robot.gate.stop(_TIMEOUT)
+        if not report.success:
+            _LOG.error("stop: %s", report.message)
+        reply.send(Trigger.Response(success=report.success, message=report.message))
+
+
+_REPORT_PERIOD = 1.0
+"""Minimum time between two reports of several publishers, in seconds."""
+
+
+class CmdVel(Part):
+    """The topic cmd_vel; the rules for its velocities are those of `VelocityDriver`.
+
+    Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
+    angular.z counter-clockwise in rad/s. The other components are ignored.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._driver = VelocityDriver(
+            context.robot.gate,
+            context.robot.chassis,
+            "cmd_vel",
+            lambda: context.settings().velocity_limits,
+            log_refusals=False,  # the log of all refused commands has them, with their reasons
+        )
+        stamped = context.settings().cmd_vel_stamped
+        context.subscribe(
+            "cmd_vel",
+            self._stamped if stamped else self._drive,
+            "geometry_msgs/TwistStamped" if stamped else "",
+            with_info=True,
+        )
+        self._topic = context.robot.node.resolve_topic_name("cmd_vel")
+        self._publishers = Interleaving()
+        self._clock = SenderClock()
+        self._reported = -math.inf
+        """Monotonic time at which several publishers were last reported."""
+
+    async def run(self) -> None:
+        await self._driver.run()
+
+    def _stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
+        now = self._context.robot.node.get_clock().now().nanoseconds
+        stamp = message.header.stamp  # may be before 1970, which rclpy's Time refuses
+        age = (now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
+        limit = self._context.settings().cmd_vel_max_age
+        if limit and abs(age) > limit:
+            self._driver.refuse(
+                "age",
+                f"its stamp is {age:.1f} s old; cmd_vel_max_age allows {limit:g} s into the past "
+                "or the future; check the sender's clock",
+            )
+            return
+        self._drive(message.twist, info, taken)
+
+    def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
+        published = self._clock.published(
+            info.get("source_timestamp", 0) / 1e9, info.get("received_timestamp", 0) / 1e9, taken
+        )
+        self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
+        now = time.monotonic()
+        alternate = self._publishers.notice(info.get("publication_sequence_number"), now)
+        velocities = self._context.watch.velocities
+        if alternate and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
+            self._reported = now
+            velocities.report(*self._publisher_names())
+
+    def _publisher_names(self) -> list[str]:
+        """Return the names of the publishers; the graph does not tell which of them are sending."""
+        found = self._context.robot.node.get_publishers_info_by_topic(self._topic)
+        names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+        return [f"{name} (on cmd_vel)" for name in names]

@@ -1,0 +1,285 @@
+"""/diagnostics: the state of link, robot and agent, from data that the agent already has."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotInfo
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot import who_drives
+from woosh_robot_agent.robot.clock import TOLERANCE, difference
+from woosh_robot_agent.robot.readiness import accepts_task, is_located, objections, pose_doubt
+from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.robot.watch import Watch
+from woosh_robot_agent.ros.second_agent import SecondAgent
+from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+
+__all__ = ["Diagnostics"]
+
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+
+
+@dataclass
+class Status:
+    """One status, merged from several messages as in `diagnostic_updater`: the worst level counts.
+
+    Attributes:
+        name: subject of the status.
+        level: level of DiagnosticStatus.
+        texts: messages, in the order in which they were added.
+        values: key-value pairs shown with the status.
+        fine: message of a status without texts.
+    """
+
+    name: str
+    level: bytes = OK
+    texts: list[str] = field(default_factory=list)
+    values: dict[str, object] = field(default_factory=dict)
+    fine: str = "OK"
+
+    def tell(self, level: bytes, text: str) -> None:
+        """Add a message, and raise the level to its level."""
+        if level > self.level:
+            self.level = level
+        self.texts.append(text)
+
+    def message(self, prefix: str, hardware_id: str) -> DiagnosticStatus:
+        """Return the status as a ROS message.
+
+        Args:
+            prefix: prefix of the name, which tells robots apart.
+            hardware_id: serial number or id of the robot.
+        """
+        return DiagnosticStatus(
+            level=self.level,
+            name=f"{prefix}: {self.name}",
+            message="; ".join(self.texts) or self.fine,
+            hardware_id=hardware_id,
+            values=[KeyValue(key=key, value=str(value)) for key, value in self.values.items()],
+        )
+
+
+def name_of(enum: Any, value: int) -> str:
+    """Return the name of an enum value without its `k`; the number if the value has no name."""
+    names = {number: name for name, number in enum.items()}
+    return names[value].removeprefix("k") if value in names else str(value)
+
+
+def agents_status(second_agent: SecondAgent) -> Status:
+    """Return the status of the agents in the namespace; there should be one."""
+    status = Status("agents")
+    if second_agent.warning:
+        status.tell(WARN, second_agent.warning)
+    return status
+
+
+def battery_status(info: RobotInfo) -> Status:
+    """Return the status of the battery, judged by the thresholds in the robot's settings."""
+    status, battery, power = Status("battery"), info.battery, info.setting.power
+    charging = battery.charge_state in (Battery.kManual, Battery.kAuto)
+    if not charging and battery.power <= power.alarm:
+        status.tell(ERROR, f"{battery.power} % is at or below the alarm of {power.alarm} %")
+    elif not charging and battery.power <= power.low:
+        status.tell(WARN, f"{battery.power} % is low, at or below {power.low} %")
+    status.values = {
+        "percent": battery.power,
+        "charging": name_of(Battery.ChargeState, battery.charge_state),
+    }
+    return status
+
+
+def chassis_status(info: RobotInfo) -> Status:
+    """Return the status of the robot: state, modes, and each reason why it would refuse a task."""
+    status = Status("chassis")
+    for objection in objections(info):
+        status.tell(WARN, str(objection))
+    if (doubt := pose_doubt(info)) is not None:
+        status.tell(WARN, str(doubt))
+    if info.state == robot.kFault:
+        status.tell(ERROR, "the robot reports a fault")
+    status.values = {
+        "state": name_of(robot.State, info.state),
+        "control mode": name_of(robot.ControlMode, info.mode.ctrl),
+        "work mode": name_of(robot.WorkMode, info.mode.work),
+        "taskable": _yes_or_no(accepts_task(info)),
+        "localised": _yes_or_no(is_located(info)),
+        "scene": info.scene.scene_name,
+        "map": info.scene.map_name,
+        "map id": info.pose_speed.map_id if info.HasField("pose_speed") else "unknown",
+    }
+    return status
+
+
+def _yes_or_no(value: bool | None) -> str:
+    return "unknown" if value is None else "yes" if value else "no"
+
+
+def clock_status(offset: float | None) -> Status:
+    """Return the status of the robot's clock.
+
+    Args:
+        offset: time by which it is ahead of this computer's, in seconds; None if it is not known.
+    """
+    status = Status("clock")
+    if offset is None:
+        status.values = {"offset": "unknown, because the robot sends no times"}
+        return status
+    status.values = {"offset": f"{offset:.3f} s"}
+    if abs(offset) > TOLERANCE:
+        status.tell(
+            WARN,
+            f"the robot's clock is {difference(offset)}: synchronise both with the same time "
+            "server (NTP); stamps of ROS messages are not affected, but the times in status codes "
+            "and tasks are wrong by this difference",
+        )
+    return status
+
+
+def codes_status(info: RobotInfo) -> Status:
+    """Return the status of the abnormal codes that the chassis reports now."""
+    status = Status("abnormal codes")
+    for code in info.abnormal_codes.scs:
+        level = ERROR if code.level == StatusCode.kFault else WARN
+        status.tell(level, explained(code.code, code.msg))
+    return status
+
+
+def hardware_status(hardware: HardwareState) -> Status:
+    """Return the status of the hardware, with each device that is not normal."""
+    status = Status("hardware")
+    for name, state in devices(hardware):
+        if state == HardwareState.kNormal:
+            continue
+        word = name_of(HardwareState.State, state)
+        status.values[name] = word
+        if state != HardwareState.kInfo:
+            status.tell(ERROR if state == HardwareState.kFatal else WARN, f"{name}: {word}")
+    return status
+
+
+def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
+    """Yield each device and its `HardwareState.State`; devices of one kind are numbered from 1."""
+    for descriptor in HardwareState.DESCRIPTOR.fields:
+        if descriptor.enum_type is None:
+            continue
+        value = getattr(hardware, descriptor.name)
+        if isinstance(value, int):
+            yield descriptor.name, value
+        else:
+            yield from ((f"{descriptor.name} {i}", each) for i, each in enumerate(value, start=1))
+
+
+def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, float]) -> Status:
+    """Return the status of the link: its state, and counters of traffic and losses.
+
+    Args:
+        chassis: the link.
+        superseded: number of velocities that were not sent because they were out of date.
+        held: see `LoopThread.held`.
+    """
+    stats, status = chassis.stats, Status("link")
+    if chassis.state is not LinkState.READY:
+        why = f": {chassis.last_error}" if chassis.last_error else ""
+        status.tell(ERROR, f"{chassis.state.value}{why}")
+    observes_only = bool(chassis.refusal(Twist()))
+    if observes_only:
+        status.tell(OK, "observes only: commands are refused")
+    round_trip = "unknown" if stats.round_trip is None else f"{stats.round_trip * 1000:.1f} ms"
+    status.values = {
+        "state": chassis.state.value,
+        "address": chassis.config.address,
+        "observe only": "yes" if observes_only else "no",
+        "since": time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(chassis.since)),
+        "reconnects": max(stats.connects - 1, 0),
+        "round trip": round_trip,
+        "rx": stats.rx,
+        "tx": stats.tx,
+        "parse errors": sum(stats.bad_frames.values()),
+        "drops": sum(stats.dropped_pushes.values()),
+        "refused requests": sum(stats.refused_requests.values()),
+        "superseded velocities": superseded,
+        "link thread held": f"{held[0] * 1000:.1f} ms, {held[1] * 1000:.1f} ms since the start",
+        "timeouts": sum(stats.timeouts.values()),
+        "late answers": stats.late_answers,
+    }
+    for what, counter in (
+        ("parse errors", stats.bad_frames),
+        ("drops", stats.dropped_pushes),
+        ("refused requests", stats.refused_requests),
+        ("timeouts", stats.timeouts),
+    ):
+        status.values.update({f"{what}: {kind}": count for kind, count in counter.items()})
+    return status
+
+
+def motion_status(watch: Watch) -> Status:
+    """Return the status of the motion."""
+    status = Status("motion")
+    driver = watch.who_drives.now()
+    status.fine = f"{driver.name}: {driver.detail}" if driver.detail else driver.name
+    status.values = {"driver": driver.name, "detail": driver.detail}
+    if sources := watch.velocities.simultaneous:
+        status.tell(WARN, who_drives.warning(sources))
+    if warning := watch.standstill.warning:
+        status.tell(WARN, warning)
+    return status
+
+
+_RATE = 1.0
+"""Rate of /diagnostics, in Hz."""
+
+
+class Diagnostics(Part):
+    """Publishes /diagnostics at 1 Hz while there are subscribers. Sends no requests."""
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._subscribers = Subscribers(context)
+        self._publisher = self._subscribers.publisher("/diagnostics")
+
+    async def run(self) -> None:
+        await self._subscribers.repeat(lambda: _RATE, self._publish)
+
+    async def _publish(self, _now: float) -> None:
+        self._publisher.publish(self._message())
+
+    def _message(self) -> DiagnosticArray:
+        chassis = self._context.robot.chassis
+        info = self._context.robot.last_known.value(RobotInfo)
+        robot = self._context.robot
+        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.held)]
+        serial = ""
+        if info is not None:
+            serial = str(info.robot_id or info.genral.serial_number)
+            of_robot = [
+                chassis_status(info),
+                battery_status(info),
+                hardware_status(info.hardware_state),
+                codes_status(info),
+                motion_status(self._context.watch),
+                clock_status(chassis.stats.clock_offset),
+            ]
+            if chassis.state is not LinkState.READY:
+                for status in of_robot:
+                    status.level = STALE
+                    status.texts.insert(0, "no link; last known values")
+            statuses += of_robot
+        statuses.append(agents_status(self._context.second_agent))
+        prefix = self._context.robot.node.get_fully_qualified_name().lstrip("/")
+        message = DiagnosticArray(status=[each.message(prefix, serial) for each in statuses])
+        message.header.stamp = self._context.now()
+        return message

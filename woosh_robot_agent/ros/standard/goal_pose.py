@@ -1,0 +1,161 @@
+"""initialpose and goal_pose: sets the robot's pose, and navigates to one, as RViz does."""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from std_srvs.srv import Trigger
+
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.endpoints import ACTIONS
+from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.ros.bridge import Reply
+from woosh_robot_agent.ros.standard.part import Part, PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose_in
+
+_LOG = logging.getLogger(__name__)
+
+
+class InitialPose(Part):
+    """Sends SetRobotPose for each message on initialpose. Results and errors are logged."""
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._log = LogOnce(_LOG)
+        context.subscribe("initialpose", self._received)
+
+    def _received(self, message: Any) -> None:
+        if reason := self._context.robot.chassis.refusal(SetRobotPose()):
+            self._log.warn("not permitted", f"initialpose is ignored: {reason}")
+            return
+        self._log.clear()
+        frame = message.header.frame_id
+        try:
+            pose = from_pose_in(self._context.frame("map"), frame, message.pose.pose)
+        except ValueError as error:
+            _LOG.error("initialpose is ignored: %s", error)
+            return
+        request = SetRobotPose()
+        request.pose.x, request.pose.y, request.pose.theta = pose.x, pose.y, pose.theta
+        self._context.robot.thread.spawn(partial(self._set, request))
+
+    async def _set(self, request: SetRobotPose) -> None:
+        try:
+            answer = await self._context.robot.chassis.request(
+                self._context.robot.requests.address(request)
+            )
+        except LinkError as error:
+            _LOG.error("initialpose was not set: %s", error)
+            return
+        pose = f"({request.pose.x:.2f}, {request.pose.y:.2f}, {request.pose.theta:.2f})"
+        if answer.ok:
+            _LOG.info("initialpose: set the robot's pose to %s", pose)
+        else:
+            _LOG.error("the chassis refused initialpose %s: %s", pose, answer.msg)
+
+
+(_MOVE_BASE,) = (action for action in ACTIONS if action.arg == full_name(MoveBase))
+
+
+class GoalPose(Part):
+    """Client of the agent's own MoveBase action; a new goal_pose replaces the previous one.
+
+    The goal is an ordinary one, visible in the action's status. Its outcome is logged, because the
+    sender of a topic gets no answer. All methods run in the executor thread.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._log = LogOnce(_LOG)
+        self._action = class_of(_MOVE_BASE.action, "action")
+        self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
+        self._newest = 0
+        """Number of the newest goal_pose."""
+        self._handle: Any = None
+        """Handle of the newest goal while it is active."""
+        self._sending = False
+        """True until the action server has accepted the newest goal."""
+        self._cancels: list[Reply] = []
+        """Cancel requests that wait until the action server has accepted the newest goal."""
+        context.subscribe("goal_pose", self._received, in_executor=True)
+        self._service = context.service("cancel", self._cancel_requested)
+
+    def close(self) -> None:
+        self._client.destroy()  # a client that is left keeps the node in the graph
+
+    def _received(self, message: Any) -> None:
+        if reason := self._context.robot.chassis.refusal(CallAction()):
+            self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
+            return
+        self._log.clear()
+        try:
+            pose = from_pose_in(self._context.frame("map"), message.header.frame_id, message.pose)
+        except ValueError as error:
+            _LOG.error("goal_pose is ignored: %s", error)
+            return
+        self._newest += 1
+        number = self._newest
+        self._sending = True
+        sent = self._client.send_goal_async(self._goal(pose))
+        sent.add_done_callback(lambda future: self._sent(number, future))
+
+    def _goal(self, pose: Pose2D) -> Any:
+        goal = self._action.Goal()
+        goal.arg.action.value = kExecute
+        goal.arg.target_pose.x = pose.x
+        goal.arg.target_pose.y = pose.y
+        goal.arg.target_pose.theta = pose.theta
+        return goal
+
+    def _sent(self, number: int, future: Any) -> None:
+        handle = future.result()
+        if number == self._newest:
+            self._sending = False
+            self._handle = handle if handle.accepted else None
+            waiting, self._cancels = self._cancels, []
+            for reply in waiting:
+                self._cancel(reply)
+        if handle.accepted:  # always true, except during shutdown
+            result = handle.get_result_async()
+            result.add_done_callback(lambda future: self._ended(number, handle, future))
+
+    def _ended(self, number: int, handle: Any, future: Any) -> None:
+        if handle is self._handle:
+            self._handle = None
+        response = future.result()
+        if response.status == GoalStatus.STATUS_ABORTED and number == self._newest:
+            _LOG.error("goal_pose was not reached: %s", response.result.ret.msg)
+        elif response.status == GoalStatus.STATUS_SUCCEEDED:
+            _LOG.info("goal_pose was reached")
+
+    def _cancel_requested(self, _request: Any, reply: Reply) -> None:
+        if self._sending:
+            self._cancels.append(reply)
+        else:
+            self._cancel(reply)
+
+    def _cancel(self, reply: Reply) -> None:
+        if self._handle is None:
+            reply.send(Trigger.Response(success=False, message="no goal_pose is active"))
+            return
+        cancel = self._handle.cancel_goal_async()
+        cancel.add_done_callback(lambda future: self._cancelled(reply, future))
+
+    @staticmethod
+    def _cancelled(reply: Reply, future: Any) -> None:
+        accepted = bool(future.result().goals_canceling)
+        reply.send(
+            Trigger.Response(
+                success=accepted,
+                message="cancelling" if accepted else "the goal has ended already",
+            )
+        )

@@ -1,0 +1,82 @@
+"""The standard layer as a whole: creates and runs the parts that the parameters enable."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from woosh_robot_agent.ros.standard.cmd_vel import CmdVel, Stop
+from woosh_robot_agent.ros.standard.diagnostics import Diagnostics
+from woosh_robot_agent.ros.standard.goal_pose import GoalPose, InitialPose
+from woosh_robot_agent.ros.standard.map import Map
+from woosh_robot_agent.ros.standard.odom import Odom
+from woosh_robot_agent.ros.standard.part import Part, PartContext
+from woosh_robot_agent.ros.standard.scan import Scan
+from woosh_robot_agent.ros.standard.states import (
+    Connected,
+    battery_part,
+    footprint_part,
+    plan_part,
+)
+
+_LOG = logging.getLogger(__name__)
+_RESTART_DELAY = 1.0
+"""Delay before a part that failed runs again, in seconds."""
+
+PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
+    (Odom, ("enable_odom", "publish_tf")),
+    (Scan, ("enable_scan", "publish_tf")),
+    (battery_part, ("enable_battery_state",)),
+    (Map, ("enable_map",)),
+    (plan_part, ("enable_plan",)),
+    (footprint_part, ("enable_footprint",)),
+    (CmdVel, ("enable_cmd_vel",)),
+    (InitialPose, ("enable_initialpose",)),
+    (GoalPose, ("enable_goal_pose",)),
+    (Stop, ("enable_stop",)),
+    (Connected, ("enable_connected",)),
+    (Diagnostics, ("enable_diagnostics",)),
+)
+"""Constructor of each part, and the parameters that enable it; one of them suffices."""
+
+
+class StandardLayer:
+    """The enabled parts of the standard layer.
+
+    Args:
+        context: the context that the parts share.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._parts = list(_parts(context))
+
+    def start(self) -> None:
+        """Start all parts. Thread-safe."""
+        for part in self._parts:
+            self._context.robot.thread.spawn(partial(_keep_running, part))
+
+    def close(self) -> None:
+        """Remove from the graph what belongs to the parts, in the executor thread."""
+        for part in self._parts:
+            part.close()
+
+
+async def _keep_running(part: Part) -> None:
+    """Run a part; after an unexpected error, log it and run the part again."""
+    while True:
+        try:
+            await part.run()
+            return
+        except Exception:
+            _LOG.exception("%s of the standard layer failed; restarting it", type(part).__name__)
+            await asyncio.sleep(_RESTART_DELAY)
+
+
+def _parts(context: PartContext) -> Iterator[Part]:
+    settings = context.settings()
+    for create, switches in PARTS:
+        if any(getattr(settings, switch) for switch in switches):
+            yield create(context)

@@ -1,0 +1,242 @@
+"""map: the chassis's map as an occupancy grid, also while the robot is making it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+
+from nav_msgs.msg import OccupancyGrid
+
+from woosh_robot_agent.link import Body, ChassisClient, FrameError, LinkError, LinkState
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, Scene
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot.maps import MapError, cells_of, scene_map
+from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite, to_pose
+
+_MAX_SILENCE = 3.0
+"""Time without a report after which a robot in one of `_VAGUE_STATES` makes no map, in seconds.
+
+Robots report the map each second."""
+_VAGUE_STATES = (robot.kStateUndefined, robot.kWarning, robot.kFault)
+"""States in which the robot may be making a map or not; its reports of the map show it."""
+
+
+class GrowingMap:
+    """The reports of the map that the robot is making, received only while there are subscribers.
+
+    Use it in the link thread.
+
+    Args:
+        chassis: the link.
+        subscribers: the subscribers of the map.
+        on_end: called when the robot no longer makes a map.
+    """
+
+    def __init__(
+        self, chassis: ChassisClient, subscribers: Subscribers, on_end: Callable[[], None]
+    ) -> None:
+        self._chassis = chassis
+        self._subscribers = subscribers
+        self._on_end = on_end
+        self._unsubscribe: Callable[[], None] | None = None
+        self._state = robot.kStateUndefined
+        self._begun = False
+        """True from the first sign of a map that is being made until the end."""
+        self._body: Body | None = None
+        """The latest report, not decoded yet; None if it was taken."""
+        self._received = -math.inf
+        """Loop time of the latest report; -inf after the end."""
+        chassis.on_robot_changed(self._forget)
+        chassis.on_snapshot(self._snapshot)
+        chassis.subscribe(RobotState, self._state_pushed)
+
+    @property
+    def active(self) -> bool:
+        """True while the robot is making a map."""
+        if self._state == robot.kMapping:
+            return True
+        return asyncio.get_running_loop().time() - self._received < _MAX_SILENCE
+
+    def subscribe(self) -> None:
+        """Receive reports until there are no subscribers; idempotent."""
+        if self._unsubscribe is None:
+            self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._pushed)
+
+    def take(self) -> BuildMapData | None:
+        """Return the latest report; None if it cannot be read, or was returned already."""
+        body, self._body = self._body, None
+        try:
+            return None if body is None else body.message()
+        except FrameError:  # the link has logged it
+            return None
+
+    def _forget(self) -> None:
+        self._state = robot.kStateUndefined
+        self._begun = False
+        self._body = None
+        self._received = -math.inf
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._body = None  # from before the link was lost
+        self._set_state(info.state)
+
+    def _state_pushed(self, push: RobotState) -> None:
+        self._set_state(push.state)
+
+    def _set_state(self, state: robot.State) -> None:
+        self._state = state
+        if state == robot.kMapping:
+            self._begun = True
+        elif state not in _VAGUE_STATES:
+            self._body = None
+            self._received = -math.inf
+            if self._begun:
+                self._begun = False
+                self._on_end()
+
+    def _pushed(self, body: Body) -> None:
+        if not self._subscribers.present:
+            if self._unsubscribe is not None:
+                self._unsubscribe()
+                self._unsubscribe = None
+        elif self._state == robot.kMapping or self._state in _VAGUE_STATES:
+            self._begun = True
+            self._body = body
+            self._received = asyncio.get_running_loop().time()
+
+
+_LOG = logging.getLogger(__name__)
+_CHECK_RATE = 2.0
+"""Rate of checking if a map has to be requested or published, in Hz."""
+_RETRY_DELAY = 10.0
+"""Delay before a failed request is retried, in seconds."""
+
+
+class Map(Part):
+    """Publishes map on the first subscription, and when the scene, map or version changes.
+
+    A map can have many MiB, so it is requested only on demand. Failed requests are retried. While
+    the robot is making a map, that one is published instead, whenever the robot reports it.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._log = LogOnce(_LOG)
+        self._subscribers = Subscribers(context)
+        self._publisher = self._subscribers.publisher("map")
+        self._wanted: tuple[str, int, str, int] | None = None
+        """Scene, map id, map name and version that the robot uses; None if unknown."""
+        self._published: tuple[str, int, str, int] | None = None
+        """The scene's map that was published last; None if it has to be published again."""
+        self._not_before = -math.inf
+        """Loop time before which the map is not requested again."""
+        self._epoch = object()
+        """Replaced when maps that are being received become outdated."""
+        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
+        self._shows_growing = False
+        """True if the last message was a map that the robot was making."""
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.subscribe(Scene, self._scene)
+
+    async def run(self) -> None:
+        await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
+
+    async def _check(self, now: float) -> None:
+        self._growing.subscribe()
+        if self._context.robot.chassis.state is not LinkState.READY:
+            return
+        if self._growing.active:
+            await self._publish_growing()
+        elif self._wanted != self._published and now >= self._not_before:
+            await self._update(now)
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._log.clear()  # not after each map: good and bad ones may alternate
+        if info.HasField("scene"):
+            self._scene(info.scene)
+
+    def _forget(self) -> None:
+        self._wanted = self._published = None
+        self._epoch = object()
+        self._shows_growing = False
+        self._log.clear()
+
+    def _scene(self, scene: Scene) -> None:
+        self._wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        self._not_before = -math.inf
+
+    def _map_finished(self) -> None:
+        """Request the scene's map again: a new map can replace one with the same version."""
+        self._published = None
+        self._epoch = object()
+        self._not_before = -math.inf
+        if self._shows_growing:
+            self._shows_growing = False
+            self._context.latched.take_back(self._publisher)
+
+    async def _publish_growing(self) -> None:
+        epoch, report = self._epoch, self._growing.take()
+        if report is None:
+            return
+        origin = Pose2D(report.origin_x, report.origin_y)
+        try:
+            message = await self._grid(report.map_data, report.resolution, origin)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(
+                BuildMapData, f"no map while the robot is making one, {error}"
+            )
+            return
+        if epoch is not self._epoch or not self._growing.active:
+            return
+        self._publisher.publish(message)
+        self._published = None
+        self._shows_growing = True
+
+    async def _update(self, now: float) -> None:
+        wanted, epoch = self._wanted, self._epoch
+        assert wanted is not None
+        scene_name, map_id, map_name, _ = wanted
+        try:
+            area = await scene_map(self._context.robot.chassis, scene_name, map_id, map_name)
+        except (LinkError, MapError) as error:
+            self._log.warn("map", f"no map: {error}")
+            self._not_before = now + _RETRY_DELAY
+            return
+        try:
+            origin = Pose2D.from_message(area.origin)
+            message = await self._grid(area.map_png, area.resolution, origin)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
+            self._not_before = now + _RETRY_DELAY
+            return
+        if epoch is not self._epoch or self._growing.active:
+            return
+        self._publisher.publish(message)
+        self._published = wanted
+        self._shows_growing = False
+
+    async def _grid(self, image: bytes, resolution: float, origin: Pose2D) -> OccupancyGrid:
+        """Return the message for a map.
+
+        Raises:
+            ValueError: the map has no valid resolution, origin or image.
+        """
+        if not 0.0 < resolution < math.inf:
+            raise ValueError(f"its resolution is invalid: {resolution:g}")
+        check_finite("origin", origin.x, origin.y)
+        # decoding a large image would block the link
+        width, height, cells = await asyncio.to_thread(cells_of, image)
+        message = OccupancyGrid(data=cells)
+        message.header.stamp = message.info.map_load_time = self._context.now()
+        message.header.frame_id = self._context.frame("map")
+        message.info.resolution = resolution
+        message.info.width, message.info.height = width, height
+        message.info.origin = to_pose(origin)
+        return message

@@ -1,0 +1,209 @@
+"""odom and /tf: pose and velocity, from the PoseSpeed that the robot pushes while it moves."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import Any
+
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry as OdometryMsg
+
+from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.parameters import StandardSettings
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
+from woosh_robot_agent.ros.standard.cmd_vel import Velocity
+from woosh_robot_agent.ros.standard.odometry import HORIZON, Odometry, Prediction
+from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite
+
+_SILENCE = HORIZON
+"""Time without a report after which the robot does not move sideways, in seconds."""
+_STANDSTILL = 1.0
+"""Time without a report after which the robot stands, in seconds."""
+
+
+class Odom(Part):
+    """Publishes odom while the link is ready and there are subscribers.
+
+    With `odom_prediction`, odom is published at `odom_rate`: the pose of a moving robot is
+    predicted from its last report, that of a standing robot is repeated. odom pauses if a moving
+    robot has not reported for `HORIZON`. After a second of silence the robot stands, because a real
+    one reports only while it moves.
+
+    Otherwise, each report is published once, at up to `odom_rate`, and the pose of a standing robot
+    is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each message.
+    The stamp is always the current time.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._odometry = Odometry()
+        self._prediction = Prediction()
+        settings = context.settings()
+        self._subscribers = Subscribers(context)
+        self._odom = self._subscribers.publisher("odom") if settings.enable_odom else None
+        self._tf = self._subscribers.publisher("/tf") if settings.publish_tf else None
+        # created once and reused: creating a message takes longer than publishing it
+        self._message = OdometryMsg(child_frame_id=context.frame("base"))
+        self._message.header.frame_id = context.frame("odom")
+        self._covariances_of: StandardSettings | None = None
+        """Settings whose covariances are in the message."""
+        self._transforms: Any = self._chain() if settings.publish_tf else None
+        self._received = -math.inf
+        """Loop time of the last push."""
+        self._forwarded = -math.inf
+        """Loop time of the last push that was published."""
+        self._sent = -math.inf
+        """Loop time of the last message."""
+        self._known = False
+        """True if the pose is known on the current link."""
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot)
+        context.robot.chassis.on_state(self._link_changed)
+        for request in (InitRobot, SetRobotPose, SwitchMap):
+            context.robot.chassis.on_accepted(request, self._pose_set)
+        context.robot.chassis.subscribe(PoseSpeed, self._pushed)
+
+    async def run(self) -> None:
+        await self._subscribers.repeat(self._rate, self._publish_due)
+
+    async def _publish_due(self, now: float) -> None:
+        self._note_silence(now - self._received)
+        if self._context.settings().odom_prediction:
+            # skip a message right after another one
+            if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
+                self._publish_predicted()
+        elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
+            self._publish_reported(now)
+
+    def _forget(self) -> None:
+        self._odometry = Odometry()
+        self._prediction = Prediction()
+        self._received = self._forwarded = -math.inf
+        self._known = False
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        if info.HasField("pose_speed"):
+            # the robot may have moved while there was no link
+            self._odometry.lost(self._prediction.last)
+            self._pushed(info.pose_speed)
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self._known = False
+
+    def _pose_set(self) -> None:
+        self._odometry.pose_set(asyncio.get_running_loop().time())
+
+    def _pushed(self, report: PoseSpeed) -> None:
+        twist = report.twist
+        try:  # one such report would make all later poses non-finite
+            pose = Pose2D.from_message(report.pose)
+            check_finite("speed", twist.linear, twist.angular)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(PoseSpeed, str(error))
+            return
+        now = asyncio.get_running_loop().time()
+        odometry = self._odometry
+        if not odometry.update(pose, twist.linear, twist.angular, report.map_id, now):
+            self._context.robot.chassis.count_bad_value(
+                PoseSpeed,
+                f"speeds are ignored, because the robot cannot have them: linear {twist.linear:g} "
+                f"m/s, angular {twist.angular:g} rad/s; odom takes them from the poses",
+            )
+        self._prediction.report(odometry.pose, odometry.velocity, odometry.time)
+        self._received, self._known = now, True
+        # tolerate jitter: reports that arrive at exactly this rate must all be published
+        if not self._context.settings().odom_prediction and self._due(now, self._forwarded, 0.7):
+            self._forwarded = now
+            self._publish_reported(now)
+
+    def _note_silence(self, seconds: float) -> None:
+        """Note that the robot has not reported for some time."""
+        odometry = self._odometry
+        if seconds > _SILENCE and odometry.velocity.left:  # it may have moved sideways only
+            odometry.silent()
+            if not odometry.velocity.moving:
+                self._prediction.stand()
+        if seconds > _STANDSTILL:
+            self._prediction.stand()
+
+    def _rate(self) -> float:
+        return self._context.settings().odom_rate
+
+    def _due(self, now: float, last: float, share: float) -> bool:
+        """Return True if `share` of the period has passed and the pose can be published."""
+        if now - last < share / self._rate():
+            return False
+        ready = self._known and self._context.robot.chassis.state is LinkState.READY
+        return ready and self._subscribers.present
+
+    def _publish_predicted(self) -> None:
+        # the stamp is taken together with the time of the prediction
+        now, stamp = asyncio.get_running_loop().time(), self._context.now()
+        self._publish(now, stamp, *self._prediction.predict(now))
+
+    def _publish_reported(self, now: float) -> None:
+        self._publish(now, self._context.now(), self._odometry.pose, self._prediction.velocity)
+
+    def _publish(self, now: float, stamp: Any, pose: Pose2D, velocity: Velocity) -> None:
+        self._sent = now
+        if self._odom is not None and self._odom.get_subscription_count():
+            self._odom.publish(self._filled(stamp, pose, velocity))
+        if self._tf is not None and self._tf.get_subscription_count():
+            to_odom, to_base = self._transforms.transforms
+            _set_transform(to_odom, stamp, self._odometry.map_to_odom)
+            _set_transform(to_base, stamp, pose)
+            self._tf.publish(self._transforms)
+
+    def _filled(self, stamp: Any, pose: Pose2D, velocity: Velocity) -> OdometryMsg:
+        """Return the message with these values."""
+        settings, message = self._context.settings(), self._message
+        if settings is not self._covariances_of:
+            self._covariances_of = settings
+            message.pose.covariance[::7] = settings.pose_covariance
+            message.twist.covariance[::7] = settings.twist_covariance
+        message.header.stamp = stamp
+        position, orientation = message.pose.pose.position, message.pose.pose.orientation
+        position.x, position.y = pose.x, pose.y
+        orientation.z, orientation.w = pose.quaternion
+        twist = message.twist.twist
+        twist.linear.x, twist.linear.y = velocity.forward, velocity.left
+        twist.angular.z = velocity.turn
+        return message
+
+    def _chain(self) -> Any:
+        frame = self._context.frame
+        return transforms(
+            self._context.now(),
+            (frame("map"), frame("odom"), Pose2D()),
+            (frame("odom"), frame("base"), Pose2D()),
+        )
+
+
+def transforms(stamp: Any, *chain: tuple[str, str, Pose2D]) -> Any:
+    """Return a TFMessage.
+
+    Args:
+        stamp: time of all transforms.
+        chain: parent frame, child frame, and the child's pose in the parent.
+    """
+    from tf2_msgs.msg import TFMessage  # not needed, and perhaps not installed, without publish_tf
+
+    message = TFMessage()
+    for parent, child, pose in chain:
+        transform = TransformStamped()
+        transform.header.frame_id = parent
+        transform.child_frame_id = child
+        _set_transform(transform, stamp, pose)
+        message.transforms.append(transform)
+    return message
+
+
+def _set_transform(transform: TransformStamped, stamp: Any, pose: Pose2D) -> None:
+    transform.header.stamp = stamp
+    shift, rotation = transform.transform.translation, transform.transform.rotation
+    shift.x, shift.y = pose.x, pose.y
+    rotation.z, rotation.w = pose.quaternion

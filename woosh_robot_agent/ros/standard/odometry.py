@@ -1,0 +1,456 @@
+"""Odometry for a robot that reports only its pose in the map.
+
+The chassis reports one pose, in its map, corrected by its localisation. REP 105 requires two
+transforms: `odom` -> `base_link`, which never jumps, and `map` -> `odom`, which takes the jumps.
+Therefore each report is compared with the previous one. Movement that fits the speeds in both
+reports changes `odom` -> `base_link`. Any other movement, such as a pose set by a user, changes
+`map` -> `odom`. Small corrections of the localisation look like driving, and become part of `odom`.
+
+A robot reports about five times a second while it moves. Between the reports, its pose is
+predicted from the last one: the robot drives on at the reported velocity, along an exact arc. If
+it slowed down between the last two reports, it continues to slow down until it stands. If it
+accelerated, it keeps its speed, because it may have reached the commanded one.
+
+Each report starts a new prediction. The pose must not jump, so the difference between the old and
+the new prediction is blended out over 0.15 s. If a report comes late, the predictions pause before
+it. Then only the movement that the robot cannot have made in the pause is blended out.
+"""
+
+from __future__ import annotations
+
+import math
+
+from woosh_robot_agent.ros.standard.cmd_vel import LEVER, STANDSTILL, Velocity
+from woosh_robot_agent.ros.standard.poses import Pose2D
+
+_MIN_SPEED = 0.1
+"""Minimum mean speed from which the duration of a movement is derived, in m/s."""
+_TOLERANCE = 1.1
+"""Factor on that duration, because the reported speeds are inexact."""
+_MAX_REPORT_DELAY = 0.25
+"""Maximum delay that is corrected, in seconds."""
+_CORRECTION = 0.7
+"""Share of a delay that is corrected. The rest is not, so that a lasting delay is adopted."""
+
+
+class ReportTime:
+    """Estimates when the pose in each report was measured, without the jitter of the network.
+
+    If the time of receipt were used for a delayed report, the pose would fall behind, and would
+    have to catch up with the next report. The movement between two reports, divided by the
+    reported speeds, gives the time between them. A report that comes later was delayed.
+    """
+
+    def __init__(self) -> None:
+        self._last = -math.inf
+        """Estimated time of the previous report."""
+
+    def first(self, received: float) -> float:
+        """Return the time of a report that cannot be compared with the previous one.
+
+        Args:
+            received: time of receipt, in seconds.
+        """
+        self._last = received
+        return received
+
+    def next(
+        self, received: float, arc: tuple[float, float, float], before: Velocity, after: Velocity
+    ) -> float:
+        """Return the time of a report, which is never after its receipt.
+
+        Args:
+            received: time of receipt, in seconds.
+            arc: movement since the previous report, as in `Pose2D.arc`.
+            before: velocity in the previous report.
+            after: velocity in this report.
+        """
+        time = received
+        forward = (before.forward + after.forward) / 2
+        edge = (before.turn + after.turn) / 2 * LEVER
+        square = forward * forward + edge * edge
+        if before.moving and square > _MIN_SPEED * _MIN_SPEED:
+            duration = (forward * arc[0] + edge * arc[2] * LEVER) / square
+            delay = received - self._last - _TOLERANCE * max(duration, 0.0)
+            if 0.0 < delay < _MAX_REPORT_DELAY:
+                time -= _CORRECTION * delay
+        self._last = time
+        return time
+
+
+HORIZON = 0.3
+"""Maximum time between a report and a pose that is predicted from it, in seconds."""
+_BLEND = 0.15
+"""Time over which the error of a prediction is blended out, in seconds."""
+_FIRST_STEP = 0.05
+"""Part of `_BLEND` that may have passed at the first prediction from a report, in seconds."""
+_LONGEST_PAUSE = 1.5
+"""Maximum time between two predictions that must not differ by a jump, in seconds."""
+_MIN_REPORT_INTERVAL = 0.01
+"""Minimum interval between two reports from which an acceleration is derived, in seconds."""
+_MAX_INTERVAL = 0.5
+"""Maximum interval between two reports from which an acceleration is derived, in seconds."""
+
+
+class Prediction:
+    """Predicts the pose from reports, without jumps.
+
+    All times are those of one monotonic clock, in seconds.
+    """
+
+    def __init__(self) -> None:
+        self._pose = Pose2D()
+        """Pose in the last report."""
+        self._velocity = STANDSTILL
+        self._time = -math.inf
+        """Time of the last report."""
+        self._before = STANDSTILL
+        """Velocity at the report before the last one."""
+        self._interval = math.inf
+        """Time between these two reports, in seconds."""
+        self._acceleration = STANDSTILL
+        """Mean acceleration in this interval, in m/s² and rad/s²."""
+        self._is_new = False
+        """True if nothing has been predicted from the last report yet."""
+        self._last_time = -math.inf
+        """Time of the last predicted pose."""
+        self._last = Pose2D()
+        """The last predicted pose."""
+        self._last_velocity = STANDSTILL
+        """Reported velocity from which it was predicted."""
+        self._error = Pose2D()
+        """Difference between the old and the new prediction, at the time `_error_time`."""
+        self._error_time = -math.inf
+
+    @property
+    def velocity(self) -> Velocity:
+        """The velocity in the last report, or zero after `stand`."""
+        return self._velocity
+
+    @property
+    def last(self) -> Pose2D:
+        """The last predicted pose, or that of the last report if it is newer."""
+        return self._last if self._last_time >= self._time else self._pose
+
+    def report(self, pose: Pose2D, velocity: Velocity, time: float) -> None:
+        """Start a new prediction.
+
+        Args:
+            pose: reported pose.
+            velocity: reported velocity.
+            time: time of the pose and the velocity; may be before that of the last prediction.
+        """
+        self._before, self._interval = self._velocity, time - self._time
+        self._pose, self._velocity, self._time = pose, velocity, time
+        self._is_new = True
+
+    def stand(self) -> None:
+        """Note that the robot stands at the pose of the last report, because no other followed."""
+        if self._velocity != STANDSTILL:
+            self.report(self._pose, STANDSTILL, self._time)
+
+    def valid(self, time: float) -> bool:
+        """Return True if the pose can be predicted: the robot stands, or has reported recently."""
+        return not self._velocity.moving or time - self._time <= HORIZON
+
+    def predict(self, time: float) -> tuple[Pose2D, Velocity]:
+        """Return the pose and the velocity of the robot.
+
+        Args:
+            time: time of the pose; must not be before that of the previous call.
+        """
+        if self._is_new:
+            self._start(time)
+        pose, share = self._at(time), 1.0 - (time - self._error_time) / _BLEND
+        if share > 0.0:
+            error = self._error
+            pose = Pose2D(
+                pose.x + share * error.x,
+                pose.y + share * error.y,
+                math.remainder(pose.theta + share * error.theta, math.tau),
+            )
+        self._last_time, self._last, self._last_velocity = time, pose, self._velocity
+        elapsed, velocity, change = time - self._time, self._velocity, self._acceleration
+        if elapsed > 0.0 and velocity.moving:
+            velocity = Velocity(
+                _slowed(velocity.forward, change.forward, elapsed),
+                _slowed(velocity.left, change.left, elapsed),
+                _slowed(velocity.turn, change.turn, elapsed),
+            )
+        return pose, velocity
+
+    def _start(self, time: float) -> None:
+        """Start to predict from a new report.
+
+        Args:
+            time: time of the first prediction.
+        """
+        self._is_new = False
+        interval, now, before = self._interval, self._velocity, self._before
+        if not _MIN_REPORT_INTERVAL <= interval <= _MAX_INTERVAL:
+            interval, before = 1.0, now  # the acceleration is not known
+        self._acceleration = Velocity(
+            (now.forward - before.forward) / interval,
+            (now.left - before.left) / interval,
+            (now.turn - before.turn) / interval,
+        )
+        pause = time - self._last_time
+        if pause < _BLEND:
+            self._error = _difference(self._last, self._at(self._last_time))
+            self._error_time = max(self._last_time, time - _FIRST_STEP)
+        elif pause <= _LONGEST_PAUSE:
+            pose = self._at(time)
+            self._error = _difference(self._reachable(pose, pause), pose)
+            self._error_time = time
+        else:  # nobody has seen the last pose for long
+            self._error_time = -math.inf
+
+    def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
+        """Return the pose nearest to `pose` that the robot can reach from the last predicted one.
+
+        Its speeds are between zero and those before and after.
+        """
+        forward, left, turn = pose.seen_from(self._last).arc
+        before, now = self._last_velocity, self._velocity
+        return self._last * Pose2D.from_arc(
+            _limited(forward, before.forward, now.forward, seconds),
+            _limited(left, before.left, now.left, seconds),
+            _limited(turn, before.turn, now.turn, seconds),
+        )
+
+    def _at(self, time: float) -> Pose2D:
+        """Return the pose at a time as predicted from the last report, without blending."""
+        elapsed = max(-HORIZON, min(time - self._time, HORIZON))
+        velocity, change = self._velocity, self._acceleration
+        if elapsed > 0.0:
+            if not velocity.moving:
+                return self._pose
+            # `from_arc` is exact for a constant velocity
+            forward = _mean(velocity.forward, change.forward, elapsed)
+            left = _mean(velocity.left, change.left, elapsed)
+            turn = _mean(velocity.turn, change.turn, elapsed)
+        else:  # between the last two reports, where the velocity changed from one to the other
+            half = max(elapsed, -self._interval) / 2
+            forward = velocity.forward + change.forward * half
+            left = velocity.left + change.left * half
+            turn = velocity.turn + change.turn * half
+        return self._pose * Pose2D.from_arc(forward * elapsed, left * elapsed, turn * elapsed)
+
+
+def _slowed(speed: float, acceleration: float, seconds: float) -> float:
+    """Return the speed after some time. Only a robot that slows down changes it, down to zero."""
+    if speed * acceleration >= 0.0:
+        return speed
+    slowed = speed + acceleration * seconds
+    return slowed if slowed * speed > 0.0 else 0.0
+
+
+def _mean(speed: float, acceleration: float, seconds: float) -> float:
+    """Return the mean speed during some time, as `_slowed` changes it."""
+    if speed * acceleration >= 0.0:
+        return speed
+    moving = min(seconds, -speed / acceleration)
+    return (speed + acceleration * moving / 2) * moving / seconds
+
+
+def _limited(way: float, before: float, now: float, seconds: float) -> float:
+    """Return the way, limited to what speeds between zero and these two can cover."""
+    return max(min(0.0, before, now) * seconds, min(max(0.0, before, now) * seconds, way))
+
+
+def _difference(one: Pose2D, other: Pose2D) -> Pose2D:
+    """Return the difference of two poses, number by number."""
+    return Pose2D(
+        one.x - other.x, one.y - other.y, math.remainder(one.theta - other.theta, math.tau)
+    )
+
+
+_MAX_SPEED = 3.0
+"""Upper bound of the robot's speed, in m/s."""
+_MAX_TURN = math.tau
+"""Upper bound of the robot's angular speed, in rad/s."""
+_MAX_SPEED_GAIN = 1.0
+"""Maximum excess of a reported speed over the mean speed since the previous report, in m/s."""
+_MAX_TURN_GAIN = 2.0
+"""The same for the angular speed, in rad/s."""
+_MAX_DELAY = 0.3
+"""Maximum delay of a report relative to the previous one, in seconds."""
+_MIN_INTERVAL = 0.02
+"""Lower bound of the interval by which a movement is divided, in seconds."""
+_POSITION_TOLERANCE = 0.03
+"""Maximum forward difference between reported pose and prediction from speeds, in metres."""
+_HEADING_TOLERANCE = 0.03
+"""Maximum difference between reported heading and prediction from speeds, in radians."""
+_SIDEWAYS_TOLERANCE = 0.1
+"""Maximum sideways movement that the speed to the left does not explain, in metres."""
+_POSE_SET_INTERVAL = 0.5
+"""Time after setting the robot's pose in which it may still report the old one, in seconds."""
+_POSE_SET_TOLERANCE = 0.01
+"""Tolerance of pose and heading within `_POSE_SET_INTERVAL` for a moving robot, in m and rad."""
+_POSE_SET_TOLERANCE_AT_REST = 1e-4
+"""The same for a standing robot."""
+_MIN_SIDEWAYS = 0.004
+"""Minimum sideways movement that is not taken for an inexact curve, in metres."""
+
+
+class Odometry:
+    """Pose of the robot in `odom`, and of `odom` in `map`.
+
+    Attributes:
+        pose: pose of the robot in `odom` at the last report; it never jumps.
+        map_to_odom: pose of `odom` in `map`.
+        velocity: velocity of the robot at the last report. The speed to the left is derived from
+            the poses, as reports do not have it.
+        time: time of the last reported pose, by the clock of `update`.
+    """
+
+    def __init__(self) -> None:
+        self.pose = Pose2D()
+        self.map_to_odom = Pose2D()
+        self.velocity = STANDSTILL
+        self.time = -math.inf
+        self._reported = Pose2D()
+        """Last reported pose, in `map`."""
+        self._report_time = ReportTime()
+        self._received = -math.inf
+        """Time of receipt of the last report."""
+        self._sideways = 0.0
+        """Mean speed to the left between the last two reports, in m/s."""
+        self._map_id = 0
+        """Map of the last reported pose."""
+        self._known = False
+        """True if the next report can be compared with the last one."""
+        self._pose_set_until = -math.inf
+        """Time until which a report may show the jump to a pose that was set."""
+
+    def lost(self, pose: Pose2D) -> None:
+        """Note that reports were missed: the next one must not count as a movement.
+
+        Args:
+            pose: pose of the robot in `odom` that was published last.
+        """
+        self._known = False
+        self.pose = pose
+
+    def pose_set(self, time: float) -> None:
+        """Note that the robot's pose was set at `time`: a following report may jump."""
+        self._pose_set_until = time + _POSE_SET_INTERVAL
+
+    def silent(self) -> None:
+        """Note that the robot does not move sideways, because no report has come for a while."""
+        self._sideways = 0.0
+        if self.velocity.left:
+            self.velocity = Velocity(self.velocity.forward, 0.0, self.velocity.turn)
+
+    def update(
+        self, reported: Pose2D, forward: float, turn: float, map_id: int, received: float
+    ) -> bool:
+        """Process a report of the chassis.
+
+        Args:
+            reported: pose in the map.
+            forward: forward speed, in m/s.
+            turn: angular speed, in rad/s.
+            map_id: id of the map.
+            received: time of receipt by a monotonic clock, in seconds.
+
+        Returns:
+            False if the reported speeds are impossible. They are then derived from the movement.
+        """
+        moved = reported.seen_from(self._reported)
+        arc, before = moved.arc, self.velocity
+        interval = min(max(received - self._received, 0.0), _MAX_INTERVAL)
+        possible = self._possible(forward, turn, arc, interval)
+        if not possible:
+            forward, turn = self._mean_speeds(arc, interval)
+        after = Velocity(forward, 0.0, turn)
+        sideways = 0.0
+        if not self._known:
+            self.time = self._report_time.first(received)
+            self.map_to_odom = reported * self.pose.inverse
+        elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
+            self.time = self._report_time.first(received)
+            mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
+            self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
+            self.map_to_odom = reported * self.pose.inverse
+            self._pose_set_until = -math.inf
+        else:
+            last = self.time
+            self.time = self._report_time.next(received, arc, before, after)
+            self.pose *= moved
+            # a report after a long interval is a correction of the localisation
+            if abs(arc[1]) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
+                sideways = arc[1] / max(self.time - last, _MIN_INTERVAL)
+                sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))
+        self.velocity = Velocity(forward, self._left(sideways), turn)
+        self._sideways = sideways
+        self._reported, self._map_id, self._received = reported, map_id, received
+        self._known = True
+        return possible
+
+    def _left(self, sideways: float) -> float:
+        """Return the speed to the left at a report, from the mean since the previous report."""
+        slower = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
+        if not slower:
+            return sideways
+        left = sideways + (sideways - self._sideways) / 2
+        return left if left * sideways > 0.0 else 0.0
+
+    def _possible(
+        self, forward: float, turn: float, arc: tuple[float, float, float], interval: float
+    ) -> bool:
+        """Return True if the robot can have these speeds after its last movement."""
+        if abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
+            return False
+        if not self._known:
+            return True
+        seconds = max(interval, _MIN_INTERVAL)
+        return (
+            abs(forward) <= abs(arc[0]) / seconds + _MAX_SPEED_GAIN
+            and abs(turn) <= abs(arc[2]) / seconds + _MAX_TURN_GAIN
+        )
+
+    def _mean_speeds(self, arc: tuple[float, float, float], interval: float) -> tuple[float, float]:
+        """Return the mean speeds since the last report, or zeros if they are impossible too."""
+        seconds = max(interval, _MIN_INTERVAL)
+        forward, turn = arc[0] / seconds, arc[2] / seconds
+        if not self._known or abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
+            return 0.0, 0.0
+        return forward, turn
+
+    def _jumped(
+        self,
+        moved: Pose2D,
+        arc: tuple[float, float, float],
+        after: Velocity,
+        interval: float,
+        time: float,
+    ) -> bool:
+        """Return True if the movement since the last report cannot have been driven."""
+        before = self.velocity
+        forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
+        # the duration follows from the movement, because the times of receipt are inexact
+        turns_mostly = abs(turn) > abs(forward) / LEVER
+        speed, way = (turn, arc[2]) if turns_mostly else (forward, arc[0])
+        duration = max(0.0, min(way / speed if speed else 0.0, interval + _MAX_DELAY))
+        error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
+        if time <= self._pose_set_until:
+            limit = _POSE_SET_TOLERANCE
+            if not (before.moving or after.moving):
+                limit = _POSE_SET_TOLERANCE_AT_REST
+            return error.distance > limit or abs(error.theta) > limit
+        # the robot may have changed its speed at any time since the last report
+        forward_margin = abs(after.forward - before.forward) * interval / 2
+        turn_margin = abs(after.turn - before.turn) * interval / 2
+        position_tolerance = _POSITION_TOLERANCE + forward_margin
+        heading_tolerance = _HEADING_TOLERANCE + turn_margin
+        # then the duration is inexact, and so is what it predicts of the other movement
+        if turns_mostly:
+            position_tolerance += abs(forward) * min(turn_margin / abs(turn), interval)
+        elif forward:
+            heading_tolerance += abs(turn) * min(forward_margin / abs(forward), interval)
+        return (
+            abs(error.x) > position_tolerance
+            or abs(error.theta) > heading_tolerance
+            or abs(error.y) > _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
+        )

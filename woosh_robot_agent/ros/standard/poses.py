@@ -1,0 +1,141 @@
+"""Poses in the plane and as ROS messages. Lengths in metres, angles in radians (REP 103)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2D:
+    """Pose of a child frame in a parent frame: rotation by `theta`, then shift by (`x`, `y`)."""
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+    @classmethod
+    def from_message(cls, pose: Any) -> Pose2D:
+        """Return the pose in a message of the chassis with the fields `x`, `y` and `theta`.
+
+        Raises:
+            ValueError: a number is not finite.
+        """
+        check_finite("pose", pose.x, pose.y, pose.theta)
+        return cls(pose.x, pose.y, pose.theta)
+
+    @classmethod
+    def from_arc(cls, forward: float, left: float, turn: float) -> Pose2D:
+        """Return the pose at the end of a movement at constant velocities in the child frame.
+
+        Args:
+            forward: distance driven along x, in metres.
+            left: distance driven along y, in metres.
+            turn: angle turned meanwhile, in radians.
+        """
+        half = turn / 2
+        chord = _chord(half)
+        cos, sin = chord * math.cos(half), chord * math.sin(half)
+        return cls(cos * forward - sin * left, sin * forward + cos * left, turn)
+
+    @property
+    def arc(self) -> tuple[float, float, float]:
+        """The arguments of `from_arc` that result in this pose."""
+        half = self.theta / 2
+        chord = _chord(half)
+        cos, sin = math.cos(half) / chord, math.sin(half) / chord
+        return cos * self.x + sin * self.y, cos * self.y - sin * self.x, self.theta
+
+    def __mul__(self, other: Pose2D) -> Pose2D:
+        """Return `other`, given in this pose's child frame, transformed to its parent frame."""
+        cos, sin = math.cos(self.theta), math.sin(self.theta)
+        return Pose2D(
+            self.x + cos * other.x - sin * other.y,
+            self.y + sin * other.x + cos * other.y,
+            math.remainder(self.theta + other.theta, math.tau),
+        )
+
+    @property
+    def inverse(self) -> Pose2D:
+        """Pose of the parent frame in the child frame."""
+        cos, sin = math.cos(self.theta), math.sin(self.theta)
+        return Pose2D(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, -self.theta)
+
+    def seen_from(self, origin: Pose2D) -> Pose2D:
+        """Return this pose in the child frame of `origin`; both have the same parent frame."""
+        cos, sin = math.cos(origin.theta), math.sin(origin.theta)
+        x, y = self.x - origin.x, self.y - origin.y
+        theta = math.remainder(self.theta - origin.theta, math.tau)
+        return Pose2D(cos * x + sin * y, cos * y - sin * x, theta)
+
+    @property
+    def distance(self) -> float:
+        """Distance from the origin, in metres."""
+        return math.hypot(self.x, self.y)
+
+    @property
+    def quaternion(self) -> tuple[float, float]:
+        """Z and w of the rotation's quaternion; x and y are 0."""
+        return math.sin(self.theta / 2), math.cos(self.theta / 2)
+
+
+def check_finite(name: str, *numbers: float) -> None:
+    """Check numbers of the chassis that become part of a standard message.
+
+    Raises:
+        ValueError: a number is infinite or NaN; the text has `name` and all of them.
+    """
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name} is not finite: {', '.join(f'{each:g}' for each in numbers)}")
+
+
+def _chord(half: float) -> float:
+    """Return the length of an arc's chord divided by that of the arc; `half` is half its angle."""
+    return math.sin(half) / half if abs(half) > 1e-4 else 1.0
+
+
+_MAX_FLOAT = 3.4028234663852886e38
+"""The largest 32-bit number."""
+
+
+def to_pose(pose: Pose2D) -> Pose:
+    """Return a pose as geometry_msgs/Pose."""
+    message = Pose()
+    message.position.x, message.position.y = pose.x, pose.y
+    message.orientation.z, message.orientation.w = pose.quaternion
+    return message
+
+
+def from_pose_in(required_frame: str, frame: str, message: Any) -> Pose2D:
+    """Return the pose in a geometry_msgs/Pose that a client gave in `frame`.
+
+    Raises:
+        ValueError: `frame` is not the required one, or the pose is invalid; the text says what to
+            do.
+    """
+    if frame not in ("", required_frame):
+        raise ValueError(
+            f"the pose must be in the frame {required_frame}, not in {frame}; set the fixed frame "
+            f"to {required_frame}"
+        )
+    return from_pose(message)
+
+
+def from_pose(message: Any) -> Pose2D:
+    """Return the pose in a geometry_msgs/Pose.
+
+    Raises:
+        ValueError: it has numbers that are not finite, or not in the robot's 32-bit numbers, or
+            its orientation is not a rotation.
+    """
+    q, position = message.orientation, message.position
+    numbers = (position.x, position.y, q.x, q.y, q.z, q.w)
+    if not all(abs(number) <= _MAX_FLOAT for number in numbers):
+        raise ValueError(f"the pose has numbers that are not finite, or too large: {numbers}")
+    if not 0.5 <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= 2.0:
+        raise ValueError("the orientation is not a unit quaternion")
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return Pose2D(position.x, position.y, yaw)

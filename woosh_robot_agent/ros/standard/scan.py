@@ -1,0 +1,158 @@
+"""scan: the laser scan, requested from the chassis on demand."""
+
+from __future__ import annotations
+
+import array
+import asyncio
+import logging
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import LaserScan
+
+from woosh_robot_agent.convert import converter
+from woosh_robot_agent.link import FrameError, LinkError, LinkState
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData as ScannerDataProto
+from woosh_robot_agent.ros.standard.odom import transforms
+from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite
+from woosh_robot_msgs.msg import ScannerData
+
+_LOG = logging.getLogger(__name__)
+_TYPE = full_name(ScannerDataProto)
+_CONVERTER = converter(ScannerData, ScannerDataProto)
+_SECOND = 1_000_000_000
+"""A second, in nanoseconds."""
+_TIMEOUT = 1.0
+"""Time to wait for a scan, in seconds. `poll_timeout` is too long: the next scan would wait."""
+
+
+class Scan(Part):
+    """Publishes scan at `scan_rate` while it has subscribers and the link is ready.
+
+    The chassis sends scans only on request. With `publish_laser_tf`, one scan is requested on each
+    new link. If that scan has the pose of the laser, the pose is published on /tf_static.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._clock = context.robot.node.get_clock()
+        self._reused = LaserScan()
+        """The message of all scans: a new one would take as long to create as to fill."""
+        self._log = LogOnce(_LOG)
+        settings = context.settings()
+        self._subscribers = Subscribers(context)
+        self._scan = self._subscribers.publisher("scan") if settings.enable_scan else None
+        with_tf = settings.publish_tf and settings.publish_laser_tf
+        self._tf_static = context.publisher("/tf_static") if with_tf else None
+        self._laser_pose: Pose2D | None = None
+        self._laser_height = 0.0
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_state(self._link_changed)
+
+    async def run(self) -> None:
+        await self._subscribers.repeat(
+            lambda: self._context.settings().scan_rate, self._request_if_ready
+        )
+
+    async def _request_if_ready(self, _now: float) -> None:
+        if self._context.robot.chassis.state is LinkState.READY:
+            await self._request()
+
+    def _forget(self) -> None:
+        self._laser_pose = None
+        self._log.clear()
+
+    def _link_changed(self, state: LinkState) -> None:
+        if self._tf_static is not None and state is LinkState.READY:
+            self._context.robot.thread.spawn(self._request)
+
+    async def _request(self) -> None:
+        loop = asyncio.get_running_loop()
+        sent = loop.time()
+        try:
+            answer = await self._context.robot.chassis.request(
+                self._context.robot.requests.empty(ScannerDataProto), _TIMEOUT
+            )
+        except LinkError as error:
+            self._log.warn("link", f"no scan: {error}")
+            return
+        if not answer.ok or answer.type != _TYPE:
+            self._log.warn("refused", f"no scan: {answer.msg or answer.defect or answer.type}")
+            return
+        try:
+            if self._tf_static is not None:
+                self._publish_laser_pose(self._tf_static, answer.raw.message())
+            if self._scan is not None:
+                # the time of measurement lies between request and answer
+                age = int((loop.time() - sent) / 2 * _SECOND)
+                stamp = self._clock.now().nanoseconds - age
+                self._scan.publish(self._message(_CONVERTER.read(answer.raw), stamp))
+        except FrameError:  # the link has counted and logged it
+            return
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
+            return
+        self._log.clear()
+
+    def _message(self, data: ScannerData, stamp: int) -> LaserScan:
+        """Return a scan as LaserScan; `stamp` is its time, in nanoseconds.
+
+        Raises:
+            ValueError: a number other than a range is not finite.
+        """
+        check_finite("angle", data.angle_min, data.angle_max, data.angle_increment)
+        check_finite("time", data.time_increment, data.scan_time)
+        check_finite("limit of ranges", data.range_min, data.range_max)
+        message = self._reused
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, _SECOND)
+        message.header.frame_id = self._context.frame("scan")
+        message.angle_min = data.angle_min
+        message.angle_max = data.angle_max
+        message.angle_increment = data.angle_increment
+        message.time_increment = data.time_increment
+        message.scan_time = data.scan_time
+        message.range_min = data.range_min
+        message.range_max = data.range_max
+        message.ranges = rep_117(data.ranges, data.range_min, data.range_max)
+        return message
+
+    def _publish_laser_pose(self, tf_static: Any, data: ScannerDataProto) -> None:
+        if not data.HasField("offset"):
+            return
+        try:
+            check_finite("offset", data.offset.x, data.offset.y, data.offset.z)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(ScannerDataProto, str(error))
+            return
+        pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
+        if (pose, height) == (self._laser_pose, self._laser_height):
+            return
+        self._laser_pose, self._laser_height = pose, height
+        frame = self._context.frame
+        message = transforms(self._context.now(), (frame("base"), frame("scan"), pose))
+        message.transforms[0].transform.translation.z = height
+        tf_static.publish(message)
+
+
+def rep_117(ranges: array.array[float], least: float, most: float) -> array.array[float]:
+    """Change ranges in metres in place as REP 117 requires, and return them.
+
+    A range above `most` becomes +inf, and so does 0, which some lasers report if nothing reflects.
+    A range below `least` becomes -inf. NaN stays NaN.
+
+    Args:
+        ranges: array of typecode `f`.
+        least: minimum range of the laser, in metres.
+        most: maximum range of the laser, in metres.
+    """
+    view = np.asarray(ranges)  # shares the memory of the array
+    far = (view > most) | (view == 0.0)  # NaN fails all comparisons
+    if far.any():
+        view[far] = np.inf
+    near = view < least
+    if near.any():
+        view[near] = -np.inf
+    return ranges

@@ -1,0 +1,244 @@
+"""battery_state, plan, footprint and connected: the chassis's state as standard messages."""
+
+from __future__ import annotations
+
+import logging
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Point32, PolygonStamped
+from google.protobuf.message import Message
+from nav_msgs.msg import Path
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Bool, Header
+
+from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
+from woosh_robot_agent.link import Body, LinkError, LinkState
+from woosh_robot_agent.link.tasks import LARGE, aside
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
+from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
+from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.poses import check_finite
+
+_LOG = logging.getLogger(__name__)
+_FOOTPRINT_RATE = 2.0
+"""Rate of footprint, in Hz."""
+_CHARGE = {
+    Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
+    Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
+    Battery.kAuto: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
+}
+
+
+def battery_state(context: PartContext, battery: Battery) -> BatteryState:
+    """Return the state of the battery; values that the chassis does not measure are NaN."""
+    nan = math.nan
+    message = BatteryState(
+        voltage=nan,
+        temperature=nan,
+        current=nan,
+        charge=nan,
+        capacity=nan,
+        design_capacity=nan,
+        percentage=min(battery.power, 100) / 100.0,
+        power_supply_status=_CHARGE.get(
+            battery.charge_state, BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+        ),
+        power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
+        present=True,
+    )
+    message.header.stamp = context.now()
+    message.header.frame_id = context.frame("base")
+    return message
+
+
+def unknown_battery(context: PartContext) -> BatteryState:
+    """Return the state of a battery that has not been reported."""
+    message = battery_state(context, Battery())
+    message.percentage = math.nan
+    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+    return message
+
+
+def plan(context: PartContext, nav_path: NavPath) -> bytes:
+    """Return the path that the robot is following as a serialized nav_msgs/Path, in the map frame.
+
+    It is empty if there is none. It is made without a message for each pose: that would take a
+    second for a path of 60,000 poses.
+
+    Raises:
+        ValueError: a pose is not finite.
+    """
+    header = Header(stamp=context.now(), frame_id=context.frame("map"))
+    start = serialize(header)[HEADER_SIZE:]
+    path = bytearray(serialize(Path(header=header)))
+    path[-4:] = struct.pack("=I", len(nav_path.path.poses))
+    pack = struct.Struct("=7d").pack
+    for pose in nav_path.path.poses:
+        check_finite("pose", pose.x, pose.y, pose.theta)
+        half = pose.theta / 2
+        path += start
+        path += bytes((HEADER_SIZE - len(path)) % 8)
+        path += pack(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+    return bytes(path)
+
+
+def footprint(context: PartContext, model: Model) -> PolygonStamped:
+    """Return the current outline of the robot, in the base frame.
+
+    Raises:
+        ValueError: a corner is not finite.
+    """
+    for point in model.model:
+        check_finite("corner", point.x, point.y)
+    message = PolygonStamped()
+    message.header.stamp = context.now()
+    message.header.frame_id = context.frame("base")
+    message.polygon.points = [Point32(x=point.x, y=point.y) for point in model.model]
+    return message
+
+
+class _State(Part):
+    """Publishes a value of the chassis as a ROS message: the first value, and each push.
+
+    A value that the message cannot hold is skipped, and counted. When the link turns to another
+    robot, it publishes once the message for an unknown value.
+
+    Args:
+        context: the context of the part.
+        name: name of the topic.
+        cls: protobuf class of the value.
+        convert: converts the value into a ROS message, or into a serialized one; raises ValueError
+            if that is not possible. Of a large push, it runs in another thread.
+        unknown: returns the message for an unknown value.
+        rate: rate at which the last value is repeated with a new stamp while there are
+            subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
+    """
+
+    def __init__(
+        self,
+        context: PartContext,
+        name: str,
+        cls: type[Message],
+        convert: Callable[[PartContext, Any], Any],
+        unknown: Callable[[PartContext], Any],
+        rate: float = 0.0,
+    ) -> None:
+        self._context = context
+        self._cls = cls
+        self._convert = convert
+        self._unknown = unknown
+        self._rate = rate
+        self._last: Message | None = None
+        """The last value; None if it is unknown."""
+        self._subscribers = Subscribers(context)
+        self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
+        context.robot.chassis.on_robot_changed(self._forget)
+        context.robot.chassis.on_snapshot(self._snapshot, self._in_snapshot)
+        if not is_part_of_info(cls):
+            context.robot.chassis.on_state(self._link_changed)
+        context.robot.chassis.subscribe_raw(cls, self._pushed, self._converted)
+
+    async def run(self) -> None:
+        if self._rate:
+            await self._subscribers.repeat(lambda: self._rate, self._republish)
+
+    async def _republish(self, _now: float) -> None:
+        if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
+            last = self._last
+            large = last.ByteSize() >= LARGE
+            converted = await aside(self._try, last) if large else self._try(last)
+            if last is self._last:
+                self._pushed(converted)
+
+    def _forget(self) -> None:
+        if self._last is not None:
+            self._last = None
+            self._publisher.publish(self._unknown(self._context))
+
+    def _in_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
+        return [self._try(part) for part in parts_of(info) if isinstance(part, self._cls)]
+
+    def _snapshot(self, converted: list[tuple[Message, Any]]) -> None:
+        for each in converted:
+            self._pushed(each)
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is LinkState.READY:
+            self._context.robot.thread.spawn(self._request)
+
+    async def _request(self) -> None:
+        """Request the first value of a type that is not part of RobotInfo."""
+        request = self._context.robot.requests.empty(self._cls)
+        try:  # sent ahead of pending requests, regardless of max_in_flight
+            answer = await self._context.robot.chassis.request(request, first=True)
+        except LinkError as error:
+            _LOG.debug("cannot request the first %s: %s", self._cls.DESCRIPTOR.name, error)
+            return
+        if answer.ok and isinstance(answer.body, self._cls):
+            self._pushed(self._try(answer.body))
+
+    def _converted(self, body: Body) -> tuple[Message, Any]:
+        return self._try(body.message())
+
+    def _try(self, value: Message) -> tuple[Message, Any]:
+        """Return a value and its serialized ROS message, or the ValueError that prevents one."""
+        try:
+            message = self._convert(self._context, value)
+            return value, message if isinstance(message, bytes) else serialize(message)
+        except ValueError as error:
+            return value, error
+
+    def _pushed(self, converted: tuple[Message, Any]) -> None:
+        value, message = converted
+        if isinstance(message, ValueError):
+            self._context.robot.chassis.count_bad_value(self._cls, str(message))
+            return
+        self._last = value
+        self._publisher.publish(message)
+
+
+def battery_part(context: PartContext) -> _State:
+    """Return the part that publishes battery_state."""
+    return _State(context, "battery_state", Battery, battery_state, unknown_battery)
+
+
+def plan_part(context: PartContext) -> _State:
+    """Return the part that publishes plan."""
+    return _State(context, "plan", NavPath, plan, lambda c: plan(c, NavPath()))
+
+
+def footprint_part(context: PartContext) -> _State:
+    """Return the part that publishes footprint."""
+    return _State(
+        context,
+        "footprint",
+        Model,
+        footprint,
+        lambda c: footprint(c, Model()),
+        rate=_FOOTPRINT_RATE,
+    )
+
+
+class Connected(Part):
+    """Publishes connected: True while the link is ready. Sent at the start and on each change."""
+
+    def __init__(self, context: PartContext) -> None:
+        self._publisher = context.publisher("connected", about_robot=False)
+        self._last: bool | None = None
+        """The last published value; None before the first one."""
+        context.robot.chassis.on_state(self._changed)
+
+    async def run(self) -> None:
+        if self._last is None:  # no state change yet
+            self._publish(False)
+
+    def _changed(self, state: LinkState) -> None:
+        self._publish(state is LinkState.READY)
+
+    def _publish(self, connected: bool) -> None:
+        if connected != self._last:
+            self._last = connected
+            self._publisher.publish(Bool(data=connected))

@@ -1,0 +1,113 @@
+"""The topics: pushes of the chassis, and the state of the agent.
+
+They are published directly from the link thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from woosh_robot_agent.convert import Converter, converter
+from woosh_robot_agent.convert.cdr import serialize
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
+from woosh_robot_agent.link import Body, ChassisClient, LinkState
+from woosh_robot_agent.link.protos import full_name, message_type
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.robot.last_known import parts_of
+from woosh_robot_agent.ros.latched import LatchedPublisher, LatchedPublishers
+from woosh_robot_agent.ros.qos import latched
+
+
+class Topics:
+    """Publishers of all topics in the table.
+
+    Each topic of the chassis gets its first value from RobotInfo, then each push once, in order.
+
+    Args:
+        node: the agent's node.
+        publishers: creates the publishers.
+        chassis: the link; used in its event loop only.
+    """
+
+    def __init__(self, node: Any, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
+        self._first: dict[str, tuple[LatchedPublisher, Converter]] = {}
+        """Publisher and converter of the topics that have their first value from RobotInfo."""
+        chassis.on_snapshot(self._snapshot, self._serialized_parts)
+        for topic in TOPICS:
+            if topic.on_demand:
+                _OnDemand(topic, publishers, chassis)
+                continue
+            msg = class_of(topic.msg, "msg")
+            proto_class = message_type(topic.push)
+            publisher = publishers.create(msg, topic.name, topic.depth)
+            convert = converter(msg, proto_class)
+            self._first[topic.push] = publisher, convert
+            chassis.subscribe_raw(proto_class, publisher.publish, partial(_serialized, convert))
+        _AgentInfo(node, chassis)
+
+    def _serialized_parts(self, info: RobotInfo) -> list[tuple[LatchedPublisher, bytes]]:
+        found = []
+        for part in parts_of(info):
+            # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode
+            if first := self._first.get(full_name(part)):
+                publisher, convert = first
+                found.append((publisher, serialize(convert.to_ros(part))))
+        return found
+
+    def _snapshot(self, parts: list[tuple[LatchedPublisher, bytes]]) -> None:
+        for publisher, message in parts:
+            publisher.publish(message)
+
+
+def _serialized(convert: Converter, body: Body) -> bytes:
+    return serialize(convert.read(body))
+
+
+class _OnDemand:
+    """Publisher of pushes that the chassis is asked for only while the topic has subscribers."""
+
+    def __init__(self, topic: Topic, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
+        self._chassis = chassis
+        self._proto_class = message_type(topic.push)
+        self._unsubscribe: Callable[[], None] | None = None
+        msg = class_of(topic.msg, "msg")
+        self._convert = converter(msg, self._proto_class)
+        self._publisher = publishers.create(msg, topic.name, topic.depth)
+        self._publisher.on_subscribers(self._update)
+
+    def _update(self) -> None:
+        """Subscribe or unsubscribe at the chassis; in the link thread."""
+        if self._publisher.get_subscription_count():
+            self._subscribe()
+        elif self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+
+    def _subscribe(self) -> None:
+        if self._unsubscribe is None:
+            self._unsubscribe = self._chassis.subscribe_raw(
+                self._proto_class, self._publisher.publish, partial(_serialized, self._convert)
+            )
+
+
+class _AgentInfo:
+    """Publishes whether the link is ready: at the start, and on each change."""
+
+    def __init__(self, node: Any, chassis: ChassisClient) -> None:
+        self._message_class = class_of(AGENT_INFO.msg, "msg")
+        self._publisher = node.create_publisher(self._message_class, AGENT_INFO.name, latched(1))
+        self._online = False
+        self._publish()
+        chassis.on_state(self._changed)
+
+    def _changed(self, state: LinkState) -> None:
+        online = state is LinkState.READY
+        if online != self._online:
+            self._online = online
+            self._publish()
+
+    def _publish(self) -> None:
+        self._publisher.publish(self._message_class(online=self._online))

@@ -1,0 +1,279 @@
+"""The files of a scene that a client uploads, and the commands that edit its marks.
+
+They are kept in memory, never on disk. If they describe a scene, maps or marks in a format of
+`scenes.files`, these are replaced. Other files are only kept. An invalid upload changes nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import PurePosixPath
+
+from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
+from woosh_robot_agent.pb.util import common_pb2
+from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.protocol.handlers import (
+    Handlers,
+    Result,
+    named_mark,
+    require_inside,
+)
+from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes.files import (
+    MAX_MAPS,
+    MAX_MARKS,
+    MAX_NAME,
+    SCENE_FILE,
+    is_plain,
+    read_maps,
+    read_scene,
+)
+from woosh_robot_agent.simulator.scenes.scene import (
+    Scene,
+    free_mark_id,
+    has_pose,
+    mark_of,
+    storage_of,
+    with_map,
+    with_marks,
+)
+from woosh_robot_agent.simulator.scenes.writing import files_of
+from woosh_robot_agent.simulator.world.maps import Map, Mark
+from woosh_robot_agent.simulator.yaml_fields import DataFileError
+
+_MAX_FILES = 100
+"""Maximum number of files of a scene."""
+
+_MAX_SCENE = 32 * 1024 * 1024
+"""Maximum size of all files of a scene together, in bytes."""
+
+_SAME_PLACE = 0.001
+"""Distance up to which a mark of an upload is where it was, in metres. Files round positions."""
+
+_PICTURES = (".png", ".pgm")
+"""Ends of the names of pictures."""
+
+
+def updated_scene(
+    name: str,
+    old: Scene | None,
+    upload: Iterable[common_pb2.FileData],
+    *,
+    replace: bool = False,
+) -> Scene | None:
+    """Return a scene after an upload, with the version of each map increased.
+
+    Args:
+        name: Name of the scene.
+        old: The scene before the upload, None if it is new.
+        upload: The uploaded files.
+        replace: The uploaded files are the only ones of the scene.
+
+    Returns:
+        The scene, or None if no file describes it.
+
+    Raises:
+        RefusedError: A file is invalid.
+    """
+    kept = old if not replace else None
+    new = merge_files({}, upload)
+    files = merge_files(files_of(kept).all if kept else {}, upload)
+    used: set[str] = set()
+    read = _reader(files, used)
+    try:
+        scene = read_scene(name, files, read)
+        if scene and SCENE_FILE in files and SCENE_FILE not in new:
+            for area in read_maps(new.keys() - used, read):
+                scene = with_map(scene, area)
+    except DataFileError as error:
+        raise RefusedError(refusals.SCENE_INVALID, scene=name, error=error) from error
+    if scene is None:
+        return None
+    if len(scene.maps) > MAX_MAPS:
+        raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
+    others = {**(kept.files if kept else {}), **new}
+    scene.files.update((file, data) for file, data in others.items() if file not in used)
+    before = {each.name: each for each in old.maps} if old else {}
+    for area in scene.maps:
+        kept_marks = before[area.name].marks if area.name in before else {}
+        for number, mark in area.marks.items():
+            former = kept_marks.get(number)
+            # A new picture may leave out marks that the map keeps.
+            if former is None or former.pose.distance(mark.pose.point) > _SAME_PLACE:
+                require_inside(mark, area)
+    scene.maps = [_continued(each, before.get(each.name)) for each in scene.maps]
+    return scene
+
+
+def _continued(area: Map, old: Map | None) -> Map:
+    """Return a map with what it keeps of the one of its name before."""
+    if old is None:
+        return area
+    return dataclasses.replace(
+        area,
+        version=max(area.version, old.version + 1),
+        end=old.end,
+        # The files show only what the robot has seen: the walls stay where they are.
+        ground_truth=old.ground_truth,
+    )
+
+
+def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
+    """Return the name of the first uploaded map of map_server, empty if there is none."""
+    names = {file.name for file in upload}
+    if SCENE_FILE in names:
+        return ""
+    stems = {PurePosixPath(name).stem for name in names}
+    return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
+
+
+def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
+    """Check that each picture of an upload can be read, also those that no map uses.
+
+    Raises:
+        RefusedError: A picture cannot be read.
+    """
+    for file in upload:
+        if PurePosixPath(file.name).suffix.lower() in _PICTURES:
+            # numpy and Pillow load slowly, and only pictures need them.
+            from woosh_robot_agent.simulator.scenes.map_server import check_picture
+
+            try:
+                check_picture(file.name, file.data)
+            except DataFileError as error:
+                raise RefusedError(refusals.FILE_INVALID, error=error) from error
+
+
+def merge_files(
+    old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
+) -> dict[str, bytes]:
+    """Return the files of a scene with those of an upload.
+
+    Raises:
+        RefusedError: A file name is invalid, or the files are too many or too large.
+    """
+    new: dict[str, bytes] = {}
+    for file in upload:
+        # Nothing is written to disk, but a name must not be a path on any system.
+        if not is_plain(file.name):
+            name = file.name[:MAX_NAME]
+            raise RefusedError(refusals.FILE_NAME_INVALID, file=name, limit=MAX_NAME)
+        if file.name in new:
+            raise RefusedError(refusals.FILE_TWICE, file=file.name)
+        new[file.name] = file.data
+    files = {**old, **new}
+    size = sum(map(len, files.values()))
+    if len(files) > _MAX_FILES or size > _MAX_SCENE:
+        raise RefusedError(
+            refusals.SCENE_TOO_LARGE,
+            count=len(files),
+            size=size,
+            max_count=_MAX_FILES,
+            max_size=_MAX_SCENE,
+        )
+    return files
+
+
+def _reader(files: Mapping[str, bytes], used: set[str]) -> Callable[[str], bytes]:
+    """Return a function that reads one of `files`, and adds its name to `used`."""
+
+    def read(name: str) -> bytes:
+        try:
+            data = files[name]
+        except KeyError:
+            raise DataFileError(f"{name}: the file is missing: upload it too") from None
+        used.add(name)
+        return data
+
+    return read
+
+
+_MAX_NUMBER = 100
+"""Maximum length of the number of a mark, in characters."""
+
+_MAX_MARK = 4096
+"""Maximum size of the data of a mark, in bytes."""
+
+
+def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
+    area, storage = chassis.map, mark_pb2.Storage()
+    storage.CopyFrom(request.storage)  # the request is kept as it came
+    if len(area.marks) >= MAX_MARKS:
+        raise RefusedError(refusals.TOO_MANY_MARKS, map=area.name, limit=MAX_MARKS)
+    if storage.identity.no in area.marks:
+        raise RefusedError(refusals.MARK_EXISTS, mark=storage.identity.no, map=area.name)
+    if not storage.identity.id:
+        storage.identity.id = free_mark_id(area)
+    mark = _checked(chassis, storage)
+    _store(chassis, [*area.marks.values(), mark])
+    return storage_of(mark)
+
+
+def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
+    """Change the mark with the given number, or else give the mark with that id a new number."""
+    area, changes = chassis.map, request.storage
+    number, id_ = changes.identity.no, changes.identity.id
+    by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)
+    old = area.marks.get(number) or by_id or named_mark(chassis, number)
+    storage = storage_of(old)
+    for field, _ in changes.ListFields():
+        if field.containing_oneof:
+            storage.ClearField(storage.WhichOneof(field.containing_oneof.name) or field.name)
+        else:
+            storage.ClearField(field.name)
+    storage.MergeFrom(changes)
+    storage.identity.id = id_ or old.id
+    mark = _checked(chassis, storage, old)
+    _store(chassis, [mark if each is old else each for each in area.marks.values()])
+    return None
+
+
+def _delete(chassis: Chassis, request: storage_edit_pb2.Delete) -> Result:
+    old = named_mark(chassis, request.no)
+    _store(chassis, [each for each in chassis.map.marks.values() if each is not old])
+    return None
+
+
+def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = None) -> Mark:
+    """Return the mark that a client has described.
+
+    Args:
+        chassis: The robot, on whose current map the mark is.
+        storage: Data of the mark.
+        old: The mark that it replaces, None for a new one.
+
+    Raises:
+        RefusedError: The mark cannot be on this map.
+    """
+    area, number = chassis.map, storage.identity.no
+    if not number:
+        raise RefusedError(refusals.NO_MARK_NUMBER)
+    if len(number) > _MAX_NUMBER:
+        raise RefusedError(refusals.TEXT_TOO_LONG, field="identity.no", limit=_MAX_NUMBER)
+    if storage.ByteSize() > _MAX_MARK:
+        raise RefusedError(
+            refusals.MARK_TOO_LARGE, mark=number, size=storage.ByteSize(), limit=_MAX_MARK
+        )
+    if not has_pose(storage):
+        raise RefusedError(refusals.MARK_WITHOUT_POSE, mark=number)
+    for other in area.marks.values():
+        if other is not old and other.id == storage.identity.id:
+            raise RefusedError(
+                refusals.MARK_ID_EXISTS, mark=other.number, map=area.name, id=other.id
+            )
+    mark = mark_of(storage)
+    require_inside(mark, area)
+    return mark
+
+
+def _store(chassis: Chassis, marks: list[Mark]) -> None:
+    chassis.replace_scene(chassis.scene, with_marks(chassis.scene, chassis.map, marks))
+
+
+MARK_COMMANDS: Handlers = {
+    storage_edit_pb2.Create: _create,
+    storage_edit_pb2.Update: _update,
+    storage_edit_pb2.Delete: _delete,
+}

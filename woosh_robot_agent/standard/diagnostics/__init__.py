@@ -1,8 +1,0 @@
-"""/diagnostics: the state of link, robot and agent, from data that the agent already has.
-
-Each module builds the status of one subject; `diagnostics` publishes them.
-"""
-
-from woosh_robot_agent.standard.diagnostics.diagnostics import Diagnostics
-
-__all__ = ["Diagnostics"]

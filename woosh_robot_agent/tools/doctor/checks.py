@@ -1,0 +1,410 @@
+"""The checks of the doctor, each with a result that names cause and remedy."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+import time
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.codecs import client_codec
+from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot.clock import difference
+from woosh_robot_agent.robot.readiness import (
+    DEPLOYMENT,
+    EMERGENCY_STOP,
+    LOST,
+    MAINTENANCE,
+    MANUAL,
+    NO_CONTROL_MODE,
+    NO_WORK_MODE,
+    NOT_INITIALISED,
+    SCHEDULE,
+    Objection,
+    accepts_task,
+    is_located,
+    objections,
+    pose_doubt,
+    rejections,
+)
+from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.tools.options import link_arguments
+from woosh_robot_agent.tools.robot_view import enum_name, system_text
+
+
+class Status(Enum):
+    """Outcome of a check."""
+
+    OK = "ok"
+    WARN = "warn"
+    FAIL = "FAIL"
+    SKIPPED = "skip"
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of one check.
+
+    Attributes:
+        status: Outcome.
+        text: What was found.
+        remedy: What to do about it; empty if nothing has to be done.
+        check: Name of the check; filled in by `examine`.
+    """
+
+    status: Status
+    text: str
+    remedy: str = ""
+    check: str = ""
+
+
+class CheckFailedError(Exception):
+    """A check failed on which all later ones depend.
+
+    Attributes:
+        result: Result of the check.
+    """
+
+    def __init__(self, text: str, remedy: str) -> None:
+        super().__init__(text)
+        self.result = Result(Status.FAIL, text, remedy)
+
+
+_SN = 1
+"""Serial number of the request."""
+
+
+class RobotInfoAnswer(NamedTuple):
+    """The robot's answer.
+
+    Attributes:
+        info: Body of the answer.
+        skew: Time by which the robot's clock is ahead of this computer's, in seconds; None if the
+            answer carries no time.
+        round_trip: Time from request to answer, in seconds.
+    """
+
+    info: RobotInfo
+    skew: float | None
+    round_trip: float
+
+
+async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotInfoAnswer:
+    """Request RobotInfo.
+
+    Raises:
+        CheckFailedError: No answer, a refusal, or an answer that cannot be read.
+    """
+    codec = client_codec(config)
+    invalid_frames: list[FrameError] = []
+    sent_at = time.time()
+    try:
+        await transport.send(
+            codec.encode(
+                full_name(RobotInfo),
+                RobotInfo(robot_id=config.robot_id or None),
+                sn=_SN,
+                timestamp=round(sent_at * 1000),
+            )
+        )
+        answer = await run_with_timeout(
+            config.handshake_timeout, _receive_answer(transport, codec, invalid_frames)
+        )
+    except TransportClosedError as error:
+        raise CheckFailedError(
+            f"the robot closed the connection after the request: {error}",
+            "check --port, --transport and --encoding; if they are right, the robot's program is "
+            "faulty: switch the robot off and on",
+        ) from None
+    except TimeoutError:
+        raise CheckFailedError(
+            f"no answer within {config.handshake_timeout:g} s"
+            + (
+                f", only frames that cannot be read: {invalid_frames[-1]}" if invalid_frames else ""
+            ),
+            "check --port, --transport, --encoding and --robot-id; if they are right, the robot's "
+            "program hangs: switch the robot off and on",
+        ) from None
+    received_at = time.time()
+    info = _body(codec, answer, config)
+    half_way = (sent_at + received_at) / 2
+    skew = answer.timestamp / 1000 - half_way if answer.timestamp else None
+    return RobotInfoAnswer(info, skew, received_at - sent_at)
+
+
+async def _receive_answer(
+    transport: Transport, codec: Codec, invalid_frames: list[FrameError]
+) -> Envelope:
+    while True:
+        try:
+            envelope = codec.decode(await transport.recv())
+        except FrameError as error:
+            invalid_frames.append(error)
+        else:
+            if envelope.sn == _SN:
+                return envelope
+
+
+def _body(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotInfo:
+    if not answer.ok:
+        raise CheckFailedError(
+            f"the robot refused the request: {answer.msg or 'no reason given'}",
+            "check --robot-id, and resolve the reason that the robot gave",
+        )
+    if answer.type != full_name(RobotInfo):
+        raise CheckFailedError(
+            f"the answer is of another type: {answer.type or 'none'}",
+            "this is not a supported robot, or its firmware is not supported",
+        )
+    try:
+        return codec.body(answer, RobotInfo)
+    except FrameError as error:
+        raise CheckFailedError(
+            f"the answer cannot be read: {error}",
+            "the firmware may be newer than this package: make a recording with "
+            f"`record {link_arguments(config)}` and report the problem",
+        ) from None
+
+
+def check_identity(answer: RobotInfoAnswer) -> Result:
+    """Report which robot has answered; never fails."""
+    general = answer.info.genral
+    parts = [
+        f"robot {answer.info.robot_id or general.serial_number}",
+        general.display_model,
+        f"software {general.version.rc}" if general.version.rc else "",
+        f"answered in {answer.round_trip * 1000:.0f} ms",
+    ]
+    return Result(Status.OK, ", ".join(part for part in parts if part))
+
+
+def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
+    """Check that the clocks differ by no more than `max_skew` seconds."""
+    if answer.skew is None:
+        return Result(
+            Status.WARN,
+            "the answer carries no time",
+            "protobuf frames and old firmware have none: compare the clocks by other means",
+        )
+    # The robot may have created the answer at any moment of the round trip.
+    if abs(answer.skew) <= max_skew + answer.round_trip / 2:
+        return Result(Status.OK, f"differs by {abs(answer.skew):.2f} s")
+    return Result(
+        Status.WARN,
+        f"the robot's clock is {difference(answer.skew)}",
+        "synchronise both with the same time server (NTP); until then the times in status codes "
+        "and tasks are wrong by this difference; stamps of ROS messages are not affected, because "
+        "the agent takes them from this computer's clock",
+    )
+
+
+class Address(NamedTuple):
+    """Numeric IP address and port."""
+
+    ip: str
+    port: int
+
+
+async def resolve(config: LinkConfig) -> list[Address]:
+    """Return the addresses of the robot.
+
+    Raises:
+        CheckFailedError: The host name has no address.
+    """
+    loop = asyncio.get_running_loop()
+    lookup = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
+    try:
+        found = await run_with_timeout(config.connect_timeout, lookup)
+    except (TimeoutError, OSError, UnicodeError) as error:
+        raise CheckFailedError(
+            f"the host name {config.ip} cannot be resolved: {error}",
+            "check its spelling, or give --ip a numeric address",
+        ) from None
+    return [Address(str(address[0]), int(address[1])) for *_, address in found]
+
+
+async def find_reachable(
+    config: LinkConfig, addresses: list[Address]
+) -> tuple[Address, str | None]:
+    """Return the first address with an open port, or else a reachable one.
+
+    A name can have several addresses, and the robot need not listen on the first one.
+
+    Returns:
+        The address, and why its port is closed; None if it is open.
+
+    Raises:
+        CheckFailedError: No address is reachable.
+    """
+    closed: tuple[Address, str | None] | None = None
+    failure: CheckFailedError | None = None
+    for address in addresses:
+        try:
+            reason = await _try_port(config, address)
+        except CheckFailedError as error:
+            failure = error
+            continue
+        if reason is None:
+            return address, None
+        closed = address, reason
+    if closed is None:
+        assert failure is not None
+        raise failure
+    return closed
+
+
+async def _try_port(config: LinkConfig, address: Address) -> str | None:
+    """Connect and disconnect; return why the port is closed, or None if it is open."""
+    try:
+        _, writer = await run_with_timeout(
+            config.connect_timeout, asyncio.open_connection(*address)
+        )
+    except ConnectionError as error:  # sent by the other end, which is therefore reachable
+        return system_text(error)
+    except TimeoutError:
+        raise CheckFailedError(
+            f"{address.ip} did not answer within {config.connect_timeout:g} s",
+            "check that the robot is switched on and in this network, that --ip is right, and that "
+            f"no firewall blocks port {config.effective_port}",
+        ) from None
+    except OSError as error:
+        has_no_route = error.errno in (errno.ENETUNREACH, errno.EADDRNOTAVAIL)
+        raise CheckFailedError(
+            f"{address.ip} cannot be reached: {system_text(error)}",
+            "connect this computer to the robot's network, with an address in the same subnet"
+            if has_no_route
+            else "check that the robot is switched on and in this network, and that --ip is right",
+        ) from None
+    writer.transport.abort()
+    return None
+
+
+def own_address(address: Address) -> str:
+    """Return this computer's address on the route to `address`; sends nothing."""
+    family = socket.AF_INET6 if ":" in address.ip else socket.AF_INET
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        probe.connect(address)
+        return str(probe.getsockname()[0])
+
+
+async def open_link(config: LinkConfig) -> Transport:
+    """Open the configured transport.
+
+    Raises:
+        CheckFailedError: The other end does not speak it, does not answer, or disconnects.
+    """
+    try:
+        return await open_transport(config)
+    except TransportClosedError as error:
+        raise CheckFailedError(
+            f"the program on this port is not a chassis: {error}",
+            "check --port and --transport; a proxy or another program may use the port",
+        ) from None
+    except TimeoutError:
+        raise CheckFailedError(
+            f"the connection was accepted, but no answer came within {config.connect_timeout:g} s",
+            "check --port and --transport; if they are right, the robot's program hangs: switch "
+            "the robot off and on",
+        ) from None
+    except OSError as error:
+        raise CheckFailedError(
+            f"the connection was lost: {system_text(error)}",
+            "try again; if it happens repeatedly, the network or the robot's program is unstable",
+        ) from None
+
+
+_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
+_NOT_REPORTED = Result(
+    Status.WARN,
+    "the robot does not report it",
+    "look at the robot's own screen; its firmware may be too old to report it",
+)
+
+
+def check_mode(info: RobotInfo) -> Result:
+    """Check the control mode and the work mode."""
+    if not info.HasField("mode"):
+        return _NOT_REPORTED
+    if found := [objection for objection in objections(info) if objection in _MODES]:
+        return _failed(found)
+    control = enum_name(robot.ControlMode, info.mode.ctrl)
+    work = enum_name(robot.WorkMode, info.mode.work)
+    return Result(Status.OK, f"control {control}, work {work}")
+
+
+def check_initialisation(info: RobotInfo) -> Result:
+    """Check that the robot is initialised."""
+    if NOT_INITIALISED in objections(info):
+        return _failed([NOT_INITIALISED])
+    if info.state == robot.kStateUndefined:
+        return _NOT_REPORTED
+    if info.state == robot.kFault:
+        return Result(Status.SKIPPED, "hidden by a fault: run doctor again when that is cleared")
+    return Result(Status.OK, f"state {enum_name(robot.State, info.state)}")
+
+
+def check_localisation(info: RobotInfo) -> Result:
+    """Check that the robot knows its position."""
+    if info.state == robot.kUninit:
+        return Result(Status.SKIPPED, "not checked until the robot is initialised")
+    if info.state == robot.kMapping:
+        return Result(Status.SKIPPED, "not checked while the robot is building a map")
+    result = _check(is_located(info), LOST, "the robot knows its position")
+    doubt = pose_doubt(info)
+    if result.status is Status.OK and doubt is not None:
+        return Result(Status.WARN, doubt.reason, doubt.remedy)
+    return result
+
+
+def check_emergency_stop(info: RobotInfo) -> Result:
+    """Check that the emergency stop is released."""
+    is_pressed = EMERGENCY_STOP in objections(info)
+    is_known = info.HasField("device_state")
+    return _check(not is_pressed if is_known else None, EMERGENCY_STOP, "not pressed")
+
+
+def check_taskable(info: RobotInfo) -> Result:
+    """Check whether the robot would accept a new task."""
+    reported = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
+    found = rejections(info)
+    if others := [objection for objection in found if objection not in reported]:
+        return _failed(others)
+    if found:
+        return Result(
+            Status.FAIL,
+            "the robot rejects tasks, for the reasons above",
+            "resolve the failed checks above",
+        )
+    if accepts_task(info) is None:
+        return _NOT_REPORTED
+    return Result(Status.OK, "the robot accepts a new task")
+
+
+def check_codes(info: RobotInfo) -> Result:
+    """Report the problems that the robot has reported and that are not resolved."""
+    codes = [explained(code.code, code.msg) for code in info.abnormal_codes.scs]
+    if codes:
+        return Result(Status.WARN, "; ".join(codes), "resolve what the codes report")
+    return Result(Status.OK, "no unresolved problem is reported")
+
+
+def _check(good: bool | None, objection: Objection, text: str) -> Result:
+    """Return the result for a condition that is true, false or unknown."""
+    if good is None:
+        return _NOT_REPORTED
+    return Result(Status.OK, text) if good else _failed([objection])
+
+
+def _failed(found: list[Objection]) -> Result:
+    reasons = "; ".join(objection.reason for objection in found)
+    remedies = "; ".join(dict.fromkeys(objection.remedy for objection in found))
+    return Result(Status.FAIL, reasons, remedies)

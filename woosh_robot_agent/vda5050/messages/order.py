@@ -1,0 +1,258 @@
+"""Orders: nodes, edges, actions and trajectories, with limits of what master control may send."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, TypeAlias
+
+MAX_MESSAGE_SIZE = 2 * 2**20
+"""Maximum length of a message, in bytes."""
+MAX_TEXT = 10_000
+"""Maximum length of a text in a message, in characters."""
+MAX_INSTANT_ACTIONS = 100
+"""Maximum number of actions in a message with instant actions."""
+MAX_NODES = 1000
+"""Maximum number of nodes of an order."""
+MAX_DEGREE = 5
+"""Maximum degree of a trajectory."""
+MAX_CONTROL_POINTS = 500
+"""Maximum number of control points of a trajectory."""
+MAX_KNOTS = MAX_CONTROL_POINTS + MAX_DEGREE + 1
+"""Maximum number of knots of a trajectory."""
+
+
+class BlockingType(Enum):
+    """Activities that are permitted while an action runs."""
+
+    NONE = "NONE"
+    """Driving and other actions."""
+    SINGLE = "SINGLE"
+    """Driving, but no other action."""
+    SOFT = "SOFT"
+    """Other actions, but no driving."""
+    HARD = "HARD"
+    """Nothing else."""
+
+    @property
+    def stops(self) -> bool:
+        """True if the vehicle must not drive while the action runs."""
+        return self in (BlockingType.SOFT, BlockingType.HARD)
+
+    @property
+    def excludes_actions(self) -> bool:
+        """True if no other action may run at the same time."""
+        return self in (BlockingType.SINGLE, BlockingType.HARD)
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action of a node, of an edge or of an instantActions message.
+
+    Attributes:
+        id: unique id.
+        type: name of the action, e.g. `pick`.
+        blocking: what may happen while it runs.
+        parameters: values by key.
+        description: further information; may be empty.
+    """
+
+    id: str
+    type: str
+    blocking: BlockingType = BlockingType.HARD
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Shape of the permitted deviation from a node: semi-axes in metres, angle in radians."""
+
+    a: float
+    b: float
+    theta: float
+
+
+@dataclass(frozen=True)
+class NodePosition:
+    """Position of a node.
+
+    Attributes:
+        x: position in the map frame, in metres.
+        y: position in the map frame, in metres.
+        map_id: id of the map.
+        theta: heading that the vehicle must have on the node, in radians; None for any.
+        deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
+            for the normal tolerance of the robot.
+        deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
+        ellipse: permitted deviation, if it is no circle; `deviation_xy` is its smaller semi-axis.
+    """
+
+    x: float
+    y: float
+    map_id: str
+    theta: float | None = None
+    deviation_xy: float = 0.0
+    deviation_theta: float = 0.0
+    ellipse: Ellipse | None = None
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of an order.
+
+    Attributes:
+        id: id of the node; several nodes of an order may have the same one.
+        sequence_id: position among the nodes and edges of the order.
+        released: True if the node belongs to the base, False if to the horizon.
+        position: position; None if the order has none.
+        actions: actions to perform on the node.
+        description: further information; may be empty.
+        mark: number of the mark by which the robot drives to the node; empty if it drives to the
+            position.
+    """
+
+    id: str
+    sequence_id: int
+    released: bool = True
+    position: NodePosition | None = None
+    actions: tuple[Action, ...] = ()
+    description: str = ""
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class ControlPoint:
+    """A control point of a trajectory: position in metres, and weight."""
+
+    x: float
+    y: float
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A curve as a NURBS.
+
+    Attributes:
+        degree: degree of the curve.
+        knots: knot vector, from 0 to 1.
+        points: control points.
+    """
+
+    degree: int
+    knots: tuple[float, ...]
+    points: tuple[ControlPoint, ...]
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of an order.
+
+    Attributes:
+        id: id of the edge.
+        sequence_id: position among the nodes and edges of the order.
+        start_node_id: id of the node at its start.
+        end_node_id: id of the node at its end.
+        released: True if the edge belongs to the base, False if to the horizon.
+        max_speed: maximum speed on the edge, in m/s; None without a limit.
+        trajectory: curve to drive along; None if the robot plans its path.
+        actions: actions to perform on the edge.
+        description: further information; may be empty.
+        unsupported: names of the fields that are set although the robot cannot obey them.
+    """
+
+    id: str
+    sequence_id: int
+    start_node_id: str
+    end_node_id: str
+    released: bool = True
+    max_speed: float | None = None
+    trajectory: Trajectory | None = None
+    actions: tuple[Action, ...] = ()
+    description: str = ""
+    unsupported: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Order:
+    """An order or an update of an order.
+
+    Attributes:
+        id: id of the order.
+        update_id: number of the update.
+        nodes: nodes in the order of traversal.
+        edges: edges between them.
+        unsupported: names of the fields that are set although the robot cannot obey them.
+    """
+
+    id: str
+    update_id: int
+    nodes: tuple[Node, ...]
+    edges: tuple[Edge, ...]
+    unsupported: tuple[str, ...] = ()
+
+
+Point: TypeAlias = tuple[float, float]
+
+_PRECISION = 0.02
+"""Maximum distance of a simplified path from the original one, in metres."""
+_MAX_OFFSET = 1.0
+"""Maximum distance of the vehicle from a path that it follows, in metres."""
+
+
+def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
+    """Return the rest of a path from the position of the vehicle, simplified.
+
+    Args:
+        path: points of the path.
+        here: position of the vehicle.
+
+    Returns:
+        At least two points, the first of which is the position; empty if there is no path ahead.
+    """
+    if not path:
+        return []
+    nearest = min(range(len(path)), key=lambda index: math.dist(path[index], here))
+    if math.dist(path[nearest], here) > _MAX_OFFSET:
+        return []
+    if nearest + 1 < len(path) and _is_behind(path[nearest], path[nearest + 1], here):
+        nearest += 1
+    ahead = [here, *(point for point in path[nearest:] if point != here)]
+    return _simplified(ahead) if len(ahead) > 1 else []
+
+
+def _is_behind(point: Point, following: Point, here: Point) -> bool:
+    """Return True if the vehicle has passed a point on its way to the following one."""
+    along = (following[0] - point[0], following[1] - point[1])
+    return along[0] * (here[0] - point[0]) + along[1] * (here[1] - point[1]) > 0
+
+
+def _simplified(path: Sequence[Point]) -> list[Point]:
+    """Simplify a path with the Ramer-Douglas-Peucker algorithm."""
+    kept = {0, len(path) - 1}
+    sections = [(0, len(path) - 1)]
+    while sections:
+        first, last = sections.pop()
+        offsets = [
+            (_offset(path[index], path[first], path[last]), index)
+            for index in range(first + 1, last)
+        ]
+        if offsets and max(offsets)[0] > _PRECISION:
+            middle = max(offsets)[1]
+            kept.add(middle)
+            sections += [(first, middle), (middle, last)]
+    return [path[index] for index in sorted(kept)]
+
+
+def _offset(point: Point, start: Point, end: Point) -> float:
+    """Return the distance of a point from a line between two points, in metres."""
+    along = (end[0] - start[0], end[1] - start[1])
+    across = (point[0] - start[0], point[1] - start[1])
+    length = along[0] ** 2 + along[1] ** 2
+    part = 0.0
+    if length:
+        part = min(1.0, max(0.0, (along[0] * across[0] + along[1] * across[1]) / length))
+    return math.hypot(across[0] - part * along[0], across[1] - part * along[1])

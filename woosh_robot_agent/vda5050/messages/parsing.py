@@ -1,0 +1,186 @@
+"""Messages of master control, checked by the published JSON schemas, and read."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
+from jsonschema.protocols import Validator
+
+from woosh_robot_agent.vda5050.messages.order import (
+    MAX_INSTANT_ACTIONS,
+    MAX_MESSAGE_SIZE,
+    MAX_TEXT,
+    Action,
+    Order,
+)
+from woosh_robot_agent.vda5050.messages.protocol import Identity, Topic, Version
+from woosh_robot_agent.vda5050.messages.state import (
+    ErrorType,
+    RejectedError,
+    VehicleError,
+    warning,
+)
+
+SCHEMAS = Path(__file__).with_name("schemas")
+"""Folder of the schemas, with a folder for each version of the standard."""
+_MAX_ERRORS = 100
+"""Maximum number of schema errors from which the most relevant one is chosen."""
+
+
+@functools.cache
+def validator(version: str, topic: str) -> Validator:
+    """Return the validator of a message.
+
+    Args:
+        version: version of the standard, e.g. `2.1.0`.
+        topic: last level of the topic, e.g. `order`.
+    """
+    text = (SCHEMAS / version / f"{topic}.schema").read_text("utf-8")
+    return Draft202012Validator(
+        json.loads(text), format_checker=Draft202012Validator.FORMAT_CHECKER
+    )
+
+
+def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
+    """Validate a message; return the path of an invalid field and the reason, or None."""
+    errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
+    error = best_match(errors)
+    if error is None:
+        return None
+    path = ".".join(str(part) for part in error.absolute_path)
+    return path, _short(error.message)
+
+
+def _short(text: str, limit: int = 200) -> str:
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+_MAX_DEPTH = 50
+"""Maximum depth of nested lists and objects in a message."""
+_MAX_NUMBER = 2.0**53
+"""Maximum of the absolute value of a number in a message."""
+_MAX_REASON = 500
+"""Maximum length of the description of an error, in characters."""
+_MAX_REFERENCE = 200
+"""Maximum length of a value of a message that is repeated in an error, in characters."""
+
+
+def read_order(payload: bytes, version: Version, identity: Identity) -> Order:
+    """Return a received order.
+
+    Raises:
+        RejectedError: the message is malformed, or not for this vehicle.
+    """
+    return version.order(_parse(payload, version, identity, Topic.ORDER))
+
+
+def read_instant_actions(payload: bytes, version: Version, identity: Identity) -> list[Action]:
+    """Return received instant actions.
+
+    Raises:
+        RejectedError: the message is malformed, or not for this vehicle.
+    """
+    topic = Topic.INSTANT_ACTIONS
+    message = _parse(payload, version, identity, topic)
+    if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
+        raise _rejected(topic, message, f"has {count} actions, more than {MAX_INSTANT_ACTIONS}")
+    return version.instant_actions(message)
+
+
+def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) -> VehicleError:
+    """Return the error for a received zone set: the robot takes no zones of a fleet control."""
+    try:
+        message = _parse(payload, version, identity, Topic.ZONE_SET)
+    except RejectedError as rejected:
+        return rejected.error
+    return warning(
+        ErrorType.UNSUPPORTED_PARAMETER,
+        "the robot takes no zones",
+        "send no zone sets: supportedZones of the factsheet is empty",
+        topic=Topic.ZONE_SET.value,
+        zoneSetId=message["zoneSet"]["zoneSetId"],
+    )
+
+
+def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -> dict[str, Any]:
+    """Return a message of the master control.
+
+    Raises:
+        RejectedError: it is malformed, or not for this vehicle.
+    """
+    message: Any = None
+    try:
+        if len(payload) > MAX_MESSAGE_SIZE:
+            raise ValueError(f"it has {len(payload)} bytes, more than {MAX_MESSAGE_SIZE}")
+        if not (encoding := json.detect_encoding(payload)).startswith("utf-8"):
+            raise ValueError(f"it is encoded in {encoding}; send UTF-8")
+        message = json.loads(payload)
+        _check_limits(message)
+    except (ValueError, RecursionError) as error:
+        raise _rejected(topic, None, f"cannot be read: {error}") from None
+    if found := defect(version.number, topic.value, message):
+        field_path, reason = found
+        raise _rejected(
+            topic, message, f"is malformed at {field_path or 'its top level'}: {reason}"
+        )
+    if message["version"].split(".")[0] != version.number.split(".")[0]:
+        reason = f"has version {message['version']}; the vehicle speaks {version.number}"
+        raise _rejected(topic, message, reason)
+    for key, own in (
+        ("manufacturer", identity.manufacturer),
+        ("serialNumber", identity.serial_number),
+    ):
+        if message[key] != own:
+            reason = f"is for {key} {message[key]}; this vehicle has {own}"
+            raise _rejected(topic, message, reason)
+    return message  # type: ignore[no-any-return]
+
+
+def _check_limits(message: Any) -> None:
+    """Check that no text, number or nesting of a message exceeds the limits.
+
+    Raises:
+        ValueError: one does.
+    """
+    level = [message]
+    for _ in range(_MAX_DEPTH):
+        following: list[Any] = []
+        for value in level:
+            if isinstance(value, str):
+                value.encode()  # raises for lone surrogates, which JSON can hold
+                if len(value) > MAX_TEXT:
+                    raise ValueError(f"a text has {len(value)} characters, more than {MAX_TEXT}")
+            if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
+                raise ValueError(f"a number is not between -{_MAX_NUMBER:g} and {_MAX_NUMBER:g}")
+            if isinstance(value, dict):
+                following += value
+                following += value.values()
+            elif isinstance(value, list):
+                following += value
+        if not following:
+            return
+        level = following
+    raise ValueError(f"it is nested more than {_MAX_DEPTH} levels deep")
+
+
+def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
+    references = {
+        key: str(message[key])[:_MAX_REFERENCE]
+        for key in ("headerId", "orderId", "orderUpdateId")
+        if isinstance(message, dict) and key in message
+    }
+    return RejectedError(
+        warning(
+            ErrorType.VALIDATION,
+            f"the message on {topic.value} {reason}"[:_MAX_REASON],
+            "correct the message and send it again",
+            topic=topic.value,
+            **references,
+        )
+    )

@@ -1,0 +1,336 @@
+"""The state of the vehicle, with its errors and information."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
+
+
+class ErrorLevel(Enum):
+    """Severity of an error."""
+
+    WARNING = "WARNING"
+    """The vehicle goes on."""
+    FATAL = "FATAL"
+    """The vehicle cannot go on without help."""
+
+
+class ErrorType(str, Enum):
+    """Types of errors of the connector. Each version of the standard may name them differently."""
+
+    VALIDATION = "validationError"
+    """A message is malformed."""
+    ORDER = "orderError"
+    """The vehicle cannot perform the order."""
+    UNSUPPORTED_PARAMETER = "unsupportedParameter"
+    """The vehicle cannot obey an optional field of the order."""
+    ORDER_ACTION = "orderActionError"
+    """The vehicle cannot perform an action of the order."""
+    OTHER_ORDER_ACTIVE = "otherOrderActive"
+    """The vehicle still executes another order."""
+    NOT_AVAILABLE = "notAvailable"
+    """The vehicle is in an operating mode in which it takes no orders."""
+    UNKNOWN_MAP = "unknownMap"
+    """A node is on a map that the vehicle does not have."""
+    NO_ROUTE = "noRouteError"
+    """The vehicle is too far away from the first node of the order."""
+    ORDER_UPDATE = "orderUpdateError"
+    """The order update does not fit the current order."""
+    OUTDATED_UPDATE = "outdatedUpdate"
+    """The vehicle has a later update of the order."""
+    CHANGED_UPDATE = "changedUpdate"
+    """The vehicle has an update with the same number and different content."""
+    UPDATE_AFTER_CANCEL = "updateAfterCancel"
+    """The order of the update was cancelled."""
+    NO_ORDER_TO_CANCEL = "noOrderToCancel"
+    """There is no order that could be cancelled."""
+    DRIVING = "drivingError"
+    """The robot did not reach the next node."""
+    INSTANT_ACTION = "instantActionError"
+    """The vehicle cannot perform an instant action."""
+    ACTION = "actionError"
+    """An action failed."""
+    DUPLICATE_MAP = "duplicateMap"
+    """The vehicle has the map already."""
+    INTERRUPTED = "interruptedError"
+    """The order was interrupted by a restart of the connector, or by people at the robot."""
+    ROBOT_CONNECTION = "robotConnectionError"
+    """The connector has no link to the robot."""
+    ROBOT_BUSY = "robotBusyError"
+    """The order waits: something else drives the robot, or the robot charges."""
+    OBSTACLE = "obstacleError"
+    """An obstacle blocks the way of the robot, which waits until it is gone."""
+    SECOND_CONNECTOR = "secondConnectorError"
+    """Another connector uses the topics of the vehicle."""
+    STATE_FILE = "stateFileError"
+    """The state file cannot be used."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference from an error to what it is about.
+
+    Attributes:
+        key: name of the field, e.g. `orderId`.
+        value: its value.
+    """
+
+    key: str
+    value: str
+
+
+@dataclass(frozen=True)
+class VehicleError:
+    """An error in the state of a vehicle.
+
+    Attributes:
+        type: type of the error.
+        level: severity.
+        description: what happened.
+        hint: what to do about it; may be empty.
+        references: what the error is about.
+    """
+
+    type: str
+    level: ErrorLevel
+    description: str
+    hint: str = ""
+    references: tuple[Reference, ...] = ()
+
+
+class RejectedError(Exception):
+    """An order or an action is rejected.
+
+    Attributes:
+        error: the error to report.
+    """
+
+    def __init__(self, error: VehicleError) -> None:
+        super().__init__(error.description)
+        self.error = error
+
+
+def warning(
+    kind: ErrorType, description: str, hint: str = "", **references: object
+) -> VehicleError:
+    """Return a warning. Keyword arguments are its references; a list gives one for each item."""
+    return VehicleError(
+        kind.value,
+        ErrorLevel.WARNING,
+        description,
+        hint,
+        tuple(
+            Reference(key, str(each))
+            for key, value in references.items()
+            for each in (value if isinstance(value, list) else [value])
+        ),
+    )
+
+
+def rejection(
+    kind: ErrorType, order: Order, description: str, hint: str, **references: object
+) -> RejectedError:
+    """Return the exception that rejects an order, with references to the order and others."""
+    error = warning(
+        kind, description, hint, orderId=order.id, orderUpdateId=order.update_id, **references
+    )
+    return RejectedError(error)
+
+
+class OperatingMode(Enum):
+    """Operating mode of a vehicle."""
+
+    AUTOMATIC = "AUTOMATIC"
+    MANUAL = "MANUAL"
+    SERVICE = "SERVICE"
+    TEACH_IN = "TEACHIN"
+
+
+class EmergencyStop(Enum):
+    """Emergency stop, by how it is acknowledged."""
+
+    NONE = "NONE"
+    """No emergency stop is active."""
+    MANUAL = "MANUAL"
+    """It must be acknowledged at the vehicle."""
+
+
+class ActionStatus(Enum):
+    """Status of an action."""
+
+    WAITING = "WAITING"
+    INITIALIZING = "INITIALIZING"
+    RUNNING = "RUNNING"
+    PAUSED = "PAUSED"
+    FINISHED = "FINISHED"
+    FAILED = "FAILED"
+
+    @property
+    def ended(self) -> bool:
+        """True if the action has finished or failed."""
+        return self in (ActionStatus.FINISHED, ActionStatus.FAILED)
+
+
+class ConnectionState(Enum):
+    """State of the connection between the vehicle and the broker."""
+
+    ONLINE = "ONLINE"
+    OFFLINE = "OFFLINE"
+    BROKEN = "CONNECTIONBROKEN"
+
+
+@dataclass(frozen=True)
+class ActionState:
+    """The state of an action.
+
+    Attributes:
+        id: id of the action.
+        type: name of the action.
+        status: its status.
+        result: result or reason of a failure; may be empty.
+        description: further information from the order; may be empty.
+        instant: it was requested by an instantActions message.
+    """
+
+    id: str
+    type: str
+    status: ActionStatus
+    result: str = ""
+    description: str = ""
+    instant: bool = False
+
+
+@dataclass(frozen=True)
+class Position:
+    """Position of the vehicle.
+
+    Attributes:
+        x: position in the map frame, in metres.
+        y: position in the map frame, in metres.
+        theta: heading, in radians.
+        map_id: id of the map.
+        initialised: the vehicle knows its position.
+    """
+
+    x: float
+    y: float
+    theta: float
+    map_id: str
+    initialised: bool
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Velocity of the vehicle: forward in m/s, and turn rate in rad/s."""
+
+    vx: float
+    omega: float
+
+
+@dataclass(frozen=True)
+class Battery:
+    """State of the battery.
+
+    Attributes:
+        charge: charge, in percent.
+        charging: the battery is being charged.
+        health: health, in percent; None if the robot does not report it.
+    """
+
+    charge: float
+    charging: bool
+    health: float | None = None
+
+
+@dataclass(frozen=True)
+class Map:
+    """A map on the vehicle.
+
+    Attributes:
+        id: id of the map.
+        version: version of its data; may be empty.
+        enabled: the vehicle uses it now.
+    """
+
+    id: str
+    version: str
+    enabled: bool
+
+
+@dataclass(frozen=True)
+class OrderStatus:
+    """Progress of an order.
+
+    Attributes:
+        order_id: id of the current or last order; empty without any.
+        update_id: number of its last update.
+        last_node_id: id of the last node that was reached; empty without any.
+        last_node_sequence_id: its sequence id.
+        nodes: nodes still to be reached, the horizon included.
+        edges: edges still to be left, the horizon included.
+        actions: states of the actions.
+        paused: the vehicle is paused.
+        new_base_request: the vehicle is about to reach the end of the base.
+        distance_since_last_node: distance driven since the last node, in metres; None if unknown.
+    """
+
+    order_id: str = ""
+    update_id: int = 0
+    last_node_id: str = ""
+    last_node_sequence_id: int = 0
+    nodes: tuple[Node, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    actions: tuple[ActionState, ...] = ()
+    paused: bool = False
+    new_base_request: bool = False
+    distance_since_last_node: float | None = None
+
+
+@dataclass(frozen=True)
+class RobotStatus:
+    """State of the robot, from its reports.
+
+    Attributes:
+        driving: the robot drives or turns.
+        mode: operating mode.
+        battery: state of the battery.
+        emergency_stop: the active emergency stop.
+        field_violation: an obstacle is in the protective field.
+        position: position; None if the robot did not report one.
+        velocity: velocity; None if the robot did not report one.
+        loaded: the robot carries a load; None if it does not detect loads.
+        maps: maps on the robot; None if unknown.
+        errors: errors of the robot.
+        blocked: the robot stands before an obstacle.
+        path: points of the path that the robot follows, in metres; empty without one.
+    """
+
+    driving: bool
+    mode: OperatingMode
+    battery: Battery
+    emergency_stop: EmergencyStop
+    field_violation: bool
+    position: Position | None = None
+    velocity: Velocity | None = None
+    loaded: bool | None = None
+    maps: tuple[Map, ...] | None = None
+    errors: tuple[VehicleError, ...] = ()
+    blocked: bool = False
+    path: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class VehicleState:
+    """The complete state of a vehicle.
+
+    Attributes:
+        order: progress of the order.
+        robot: state of the robot.
+        errors: errors about orders and actions, and those of the robot.
+    """
+
+    order: OrderStatus
+    robot: RobotStatus
+    errors: tuple[VehicleError, ...] = ()

@@ -1,1 +1,0 @@
-"""Orders, states and factsheets as Python values, independent of the version of the standard."""

@@ -1,1 +1,0 @@
-"""The messages of each version of the standard."""
