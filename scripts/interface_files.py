@@ -2,7 +2,7 @@
 
 The ROS messages mirror the protobuf messages:
 
-- The packages are those in `names.PACKAGES`; messages of others have a name in `names.OTHERS`.
+- The packages are those in `PACKAGES`; messages of others have a name in `OTHERS`.
   The message of a nested message `A.B` is `AB`.
 - An enum is a message with its values as `int32` constants and one field `int32 value`. The
   constant of `kRosSuccess` is `K_ROS_SUCCESS`.

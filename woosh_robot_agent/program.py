@@ -170,6 +170,9 @@ class _CheckedStdout:
         return getattr(self._stream, name)
 
 
+_NOT_COMPILED = (
+    "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
+)
 _OLDEST = {"websockets": "10.4", "protobuf": "3.21"}
 _DISTRIBUTIONS = {"google": "protobuf", "yaml": "pyyaml", "PIL": "pillow"}
 """Names of libraries for pip, by module, where the two differ."""
@@ -186,7 +189,7 @@ def import_problem(error: ImportError) -> str:
             f"ROS is not available ({reason}): source the setup files of ROS and of the workspace"
         )
     if module == __package__:
-        return reason if part == "pb" else ""
+        return _NOT_COMPILED if re.fullmatch(r"pb(\..*)?", part) else ""
     if not isinstance(error, ModuleNotFoundError):
         return ""
     name = _DISTRIBUTIONS.get(module, module)

@@ -27,12 +27,12 @@ TWIST = "woosh.robot.Twist"
 @pytest.fixture(autouse=True)
 def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no command be stalled or stale unless a test says so, even on a slow machine."""
-    monkeypatch.setattr(timeliness, "STALL", 3600.0)
+    monkeypatch.setattr(timeliness, "MAX_AGE", 3600.0)
 
 
 @pytest.fixture
 def short_stall(long_stall: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timeliness, "STALL", 0.1)
+    monkeypatch.setattr(timeliness, "MAX_AGE", 0.1)
 
 
 def drive(gate: MotionGate, speed: float, **options: Any) -> asyncio.Task[Any]:
@@ -54,7 +54,7 @@ async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Fram
 def stall(latest: LatestWins[Any]) -> None:
     """Backdate the unanswered commands, so that they count as stalled."""
     for serial in latest._unanswered:
-        latest._unanswered[serial] -= timeliness.STALL + 1
+        latest._unanswered[serial] -= timeliness.MAX_AGE + 1
     assert latest._stalled()
 
 
@@ -236,7 +236,7 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
         stop = asyncio.ensure_future(gate.request(Twist()))
         await turns()
         sent = loop.time()
-        await eventually(lambda: loop.time() > sent + timeliness.STALL)
+        await eventually(lambda: loop.time() > sent + timeliness.MAX_AGE)
         assert not stale.done()
         wire.thaw()
         with pytest.raises(SupersededError, match="too old"):

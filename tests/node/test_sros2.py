@@ -144,7 +144,7 @@ def secured(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_sros2
 @pytest.mark.timeout(900)
 def test_agent_and_clients_work_under_sros2(domain: int, client: Client, secured: None) -> None:
-    """`client` is started without sros2_policies, so it must not see the agent."""
+    """`client` is started without security, so it must not see the agent."""
     from woosh_robot_msgs.srv import PoseSpeed
 
     with running_chassis() as chassis:

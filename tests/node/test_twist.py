@@ -41,7 +41,7 @@ def speeds(simulator: SimulatorThread) -> list[float]:
 def test_velocities_arrive_in_order(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(timeliness, "STALL", 3600.0)  # no command is stale, even on a slow machine
+    monkeypatch.setattr(timeliness, "MAX_AGE", 3600.0)  # none is stale, even on a slow machine
     wanted = [round(0.01 * i, 4) for i in range(1, 31)]
     given = answers([drive(client, linear) for linear in wanted])
     assert all(answer.ok for answer in given)
@@ -114,12 +114,12 @@ def test_newest_velocity_wins_while_the_chassis_does_not_answer(
     client: Client, simulator: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Commands queue up neither in the agent nor in the chassis, and none follows the last one."""
-    monkeypatch.setattr(timeliness, "STALL", 2.0)  # the first is not stale even on a slow machine
+    monkeypatch.setattr(timeliness, "MAX_AGE", 2.0)  # the first is not stale even on a slow machine
     simulator.mute(TWIST)
     drive(client, 0.001)
     simulator.wait_received(TWIST)
     begun = time.monotonic()
-    wait_until(lambda: time.monotonic() - begun > 2 * timeliness.STALL)
+    wait_until(lambda: time.monotonic() - begun > 2 * timeliness.MAX_AGE)
     calls = [drive(client, 0.001 * i) for i in range(2, 12)]
     *held, last = answers(calls)
     assert not any(answer.ok for answer in (*held, last))

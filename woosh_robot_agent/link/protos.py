@@ -13,13 +13,7 @@ from typing import Any, NoReturn
 
 from google.protobuf.message import Message
 
-try:
-    from woosh_robot_agent import pb
-except ImportError as error:  # a checkout that has not been built
-    raise ImportError(
-        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto",
-        name="woosh_robot_agent.pb",
-    ) from error
+from woosh_robot_agent import pb
 
 
 @cache

@@ -58,7 +58,7 @@ Handler = Callable[[ServerTransport], Awaitable[None]]
 
 
 _CLOSE_TIMEOUT = 1.0
-"""Maximum wait for the listening sockets to close, in seconds."""
+"""Maximum wait for the listening sockets to close, and for a closing handshake, in seconds."""
 
 
 class Listener:

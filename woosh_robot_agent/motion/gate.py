@@ -37,7 +37,7 @@ from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, 
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.timeliness import STALL, LatestWins, StallWatch
+from woosh_robot_agent.motion.timeliness import MAX_AGE, LatestWins, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
@@ -108,7 +108,7 @@ def _reason(answer: Answer | LinkError) -> str:
 
 _LOG = logging.getLogger(__name__)
 
-DRIVING = 3 * STALL
+DRIVING = 3 * MAX_AGE
 """Time for which the robot may keep driving after a velocity command, in seconds.
 
 The chassis keeps a velocity for a while, and then slows down by itself.
@@ -198,7 +198,7 @@ class MotionGate:
             published: loop time (monotonic) at which a sender outside of this process published
                 it, as far as that is known; None for a command of this process.
             max_age: maximum age at which a velocity is sent, in seconds, if it is shorter than the
-                gate's own limit, `latest_wins.STALL`.
+                gate's own limit, `timeliness.MAX_AGE`.
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.

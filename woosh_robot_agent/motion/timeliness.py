@@ -21,6 +21,12 @@ as old for that time.
 """
 STALL = 0.5
 """Delay of a heartbeat that counts as a stall, in seconds."""
+MAX_AGE = 0.5
+"""Maximum age at which a velocity is sent, in seconds.
+
+It is also the time without an answer after which further velocities are held back. The chassis
+itself keeps the last velocity that it received for the same time.
+"""
 SETTLE = 0.5
 """Time after a stall in which commands may still come from before its end, in seconds."""
 _PERIOD = 0.25
@@ -144,7 +150,7 @@ class LatestWins(Generic[T]):
             send: sends it and returns its answer; called with the maximum time that it may wait to
                 be sent, in seconds.
             published: loop time at which its sender published it.
-            max_age: maximum age at which it is sent, in seconds, if that is less than `STALL`.
+            max_age: maximum age at which it is sent, in seconds, if that is less than `MAX_AGE`.
 
         Raises:
             SupersededError: a newer velocity replaced it, or it became too old.
@@ -152,7 +158,7 @@ class LatestWins(Generic[T]):
         """
         now = asyncio.get_running_loop().time
         moves = may_move(velocity)
-        limit = min(max_age, STALL)
+        limit = min(max_age, MAX_AGE)
         if moves and (age := now() - published) > limit:  # it does not replace a newer one
             raise SupersededError(f"not sent: it is {age:.2f} s old, and {limit:g} s are allowed")
         self._newest += 1
@@ -186,7 +192,7 @@ class LatestWins(Generic[T]):
 
     def _stalled(self) -> bool:
         now = asyncio.get_running_loop().time()
-        return any(now - sent > STALL for sent in self._unanswered.values())
+        return any(now - sent > MAX_AGE for sent in self._unanswered.values())
 
     async def _hold(self, timeout: float) -> None:
         held: asyncio.Future[None] = asyncio.get_running_loop().create_future()

@@ -67,7 +67,7 @@ class VelocityLimits:
         timeout: time without a velocity after which the robot is stopped, in seconds.
         override: drive even while a goal, a task or an action drives the robot.
         max_age: maximum age at which a velocity is sent, in seconds; never more than `timeout` and
-            `timeliness.STALL`.
+            `timeliness.MAX_AGE`.
     """
 
     max_linear: float
@@ -246,7 +246,7 @@ class VelocityDriver:
     @property
     def _max_age(self) -> float:
         limits = self._limits()
-        return min(limits.max_age, limits.timeout, timeliness.STALL)
+        return min(limits.max_age, limits.timeout, timeliness.MAX_AGE)
 
     def _has_to_stop(self) -> bool:
         """Return True if a zero would stop something."""

@@ -2,7 +2,7 @@
 
 Each name here works alike on all of them. Its description tells which release lacks what, so that
 it can be dropped together with the support of that release. What differs in the classes of messages
-is in `ros_types.extra_slots`, because conversion does not know rclpy.
+is in `convert.mapping.extra_slots`, because conversion does not know rclpy.
 """
 
 from __future__ import annotations

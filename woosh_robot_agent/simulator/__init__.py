@@ -7,10 +7,9 @@
 
 The packages and modules, each of which imports only those before it:
 
-- `agenda`, `scenario`, `yaml_fields`: calls that are due later, a schedule of faults, validation of
-  YAML files. `refusals`, `status_codes`: why the robot refuses a request, what it reports.
-- `profile`, `profile_files`: how a robot of some model behaves, read from a file. `config`: the
-  options.
+- `agenda`, `yaml_fields`: calls that are due later, validation of YAML files. `refusals`,
+  `status_codes`: why the robot refuses a request, what it reports.
+- `profile`: how a robot of some model behaves, read from a file. `config`: the options.
 - `world`: geometry, maps, obstacles, collisions, laser and path planner.
 - `body`: the parts of the robot. `scenes`: maps with marks and tasks, read from files.
 - `behaviour`: what the robot does over time. `behaviour.ownership` decides which job owns which
@@ -56,14 +55,14 @@ __all__ = [
 _MODULES = {
     "FaultError": "faults",
     "Injection": "faults",
-    "Interceptor": "serving.hooks",
-    "Outgoing": "serving.hooks",
+    "Interceptor": "serving.exchange",
+    "Outgoing": "serving.exchange",
     "Received": "serving.exchange",
     "Scenario": "faults",
     "SimulatedChassis": "server",
     "SimulatorConfig": "config",
     "SimulatorThread": "thread",
-    "Snapshot": "snapshot",
+    "Snapshot": "server",
     "load_scenario": "faults",
 }
 """Modules of the public names. They are imported on first use, because the program must handle
@@ -73,8 +72,6 @@ signals before it imports anything slow."""
 def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    # Imported first, for its helpful error if the protobuf modules are not compiled.
-    importlib.import_module("woosh_robot_agent.link.protos")
     value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
     globals()[name] = value
     return value

@@ -89,7 +89,8 @@ _LONGEST_PAUSE = 1.5
 _MIN_REPORT_INTERVAL = 0.01
 """Minimum interval between two reports from which an acceleration is derived, in seconds."""
 _MAX_INTERVAL = 0.5
-"""Maximum interval between two reports from which an acceleration is derived, in seconds."""
+"""Maximum interval between two reports from which an acceleration is derived, and upper bound of
+the interval between two reports of a moving robot, in seconds."""
 
 
 class Prediction:
