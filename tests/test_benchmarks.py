@@ -31,7 +31,7 @@ pytestmark = pytest.mark.timeout(600)
 """Long, because each test starts many processes."""
 FIGURES = (
     *("service_rtt", "service_rtt_p99", "service_cpu", "concurrent"),
-    *("push_latency", "push_cpu", "push_max"),
+    *("push_latency", "push_cpu", "push_max", "large_push"),
     *("cmd_vel_latency", "cmd_vel_cpu", "stop_latency", "goal_rtt", "scan_cpu"),
     *("convert_pose", "convert_scan", "convert_info"),
     *("map_download", "map_upload"),
