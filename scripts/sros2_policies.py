@@ -93,7 +93,9 @@ def client_policy(
     names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, AGENT_INFO, *ACTIONS, *STANDARD)}
     for pattern in only:
         if not _matching(names, [pattern]):
-            raise ValueError(f"no endpoint matches; docs/endpoints.md lists their names: {pattern!r}")
+            raise ValueError(
+                f"no endpoint matches; docs/endpoints.md lists their names: {pattern!r}"
+            )
     if read_only and only and not _matching((*_OUTPUTS, *_QUERIES), only):
         raise ValueError(
             "only commands and actions match, which --read-only excludes; drop --read-only or "

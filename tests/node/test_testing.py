@@ -177,11 +177,11 @@ def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> Non
 def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain() -> None:
     script = """
 import os
-from woosh_robot_agent.testing import domains
+from woosh_robot_agent.testing import agents
 from woosh_robot_agent.testing.agents import AgentProcess
-with domains.own_domain() as domain:
+with agents.own_domain() as domain:
     agent = AgentProcess(domain)
-    print(domains._LOCK_PORT + domain, agent.process.pid, flush=True)
+    print(agents._LOCK_PORT + domain, agent.process.pid, flush=True)
     os._exit(1)
 """
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as killed:

@@ -25,7 +25,6 @@ PROGRAMS = [
     "tools.replay {recording} --port 0",
     "simulator --port 0 --tcp-port 0",
     "simulator --list-faults",
-    "security client",
 ]
 """Programs that print, with their arguments."""
 

@@ -135,6 +135,18 @@ def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on()
     assert (robot.last, robot.nodes) == ("c", "de")
 
 
+def test_actions_of_a_node_that_the_robot_has_left_far_behind_without_a_link_fail() -> None:
+    robot = Robot()
+    lift, light = action("lift", NONE), action("light", NONE)
+    robot.give(path("abcdef", actions={"b": [lift], "d": [light]}))
+    robot.move(0.5)
+    robot.machine.lose_track()
+    robot.machine.moved(at(2.9), confirmed=True)
+    assert robot.jump(3.0) == [Perform(light)]
+    assert robot.last == "d"
+    assert robot.actions == {"lift": "FAILED", "light": "INITIALIZING"}
+
+
 @pytest.mark.parametrize(
     ("nodes", "back", "then", "passed"),
     [

@@ -11,7 +11,7 @@ from woosh_robot_agent.vda5050.actions.performer import VehicleControls
 from woosh_robot_agent.vda5050.actions.registry import Registry
 from woosh_robot_agent.vda5050.actions.robot_calls import Objection
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner
-from woosh_robot_agent.vda5050.actions.standard import StartPause
+from woosh_robot_agent.vda5050.actions.standard import StartPause, StopPause
 from woosh_robot_agent.vda5050.messages.factsheet import ActionType, Scope
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import (
@@ -86,6 +86,8 @@ class InstantActions:
     def receive(self, actions: Sequence[Action]) -> None:
         """Perform instant actions. One that is not performed because of its id gets an error."""
         for action in actions:
+            if action.type == StopPause.type.name:
+                self._pause_again.clear()
             if self._is_pausing(action):  # a stopPause may have come in between
                 self._pause_again[action.id] = action
                 continue

@@ -167,6 +167,11 @@ class OrderActions:
         """Trigger the actions of a node."""
         self._triggered += node.actions
 
+    def miss(self, node: Node) -> None:
+        """Let the actions of a node fail: the vehicle was seen only when it was far past it."""
+        for action in node.actions:
+            self.changed(action.id, ActionStatus.FAILED, "the vehicle passed the node unseen")
+
     def enter(self, edge: Edge) -> None:
         """Trigger the actions of an edge."""
         self._of_edge = edge.actions

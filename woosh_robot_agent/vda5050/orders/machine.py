@@ -229,7 +229,7 @@ class OrderMachine:
             return
         ahead = takewhile(lambda node: node is not leg.goal, tuple(self._nodes))
         for _ in range(self._place.reached(tuple(self._edges), ahead)):
-            self._reach()
+            self._reach(passing=True)
             self._enter_edge()
 
     def lose_track(self) -> None:
@@ -260,7 +260,7 @@ class OrderMachine:
             )
             return
         while self._last_node is not leg.goal:
-            self._reach()
+            self._reach(passing=self._nodes[0] is not leg.goal)
             if self._last_node is not leg.goal:
                 self._enter_edge()
 
@@ -440,15 +440,23 @@ class OrderMachine:
         self._edges += order.edges
         self._actions.add(_parts_of(nodes, order.edges))
 
-    def _reach(self) -> None:
-        """Leave the current edge, if any, and reach the next node."""
+    def _reach(self, *, passing: bool = False) -> None:
+        """Leave the current edge, if any, and reach the next node.
+
+        Args:
+            passing: the vehicle does not stop there, and may be past it by now.
+        """
         if self._on_edge:
             self._on_edge = False
             self._edges.popleft()
             self._commands += self._actions.leave_edge()
         self._last_node = self._nodes.popleft()
+        is_past = passing and self._place.is_far_from(self._last_node)
         self._place.left()
-        self._actions.reach(self._last_node)
+        if is_past:
+            self._actions.miss(self._last_node)
+        else:
+            self._actions.reach(self._last_node)
 
     def _enter_edge(self) -> None:
         self._on_edge = True

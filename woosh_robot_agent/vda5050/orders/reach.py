@@ -157,6 +157,20 @@ class Whereabouts:
             return False
         return _distance(self.position, place) >= _distance(self._before, place)
 
+    def is_far_from(self, node: Node) -> bool:
+        """Return True if the vehicle is so far from a node that it must have passed it unseen.
+
+        That is, further than it drives between two reports. Actions of the node would happen
+        somewhere else.
+        """
+        place, here = node.position, self.position
+        if place is None or here is None:
+            return False
+        radius = place.deviation_xy
+        if place.ellipse is not None:
+            radius = max(place.ellipse.a, place.ellipse.b)
+        return _distance(here, place) > max(radius, self._tolerance.xy) + _MAX_STEP
+
     def stands_on(self, node: Node) -> bool:
         """Return True if the vehicle stands on a node, within the permitted deviation."""
         if node.position is None or self.position is None:
